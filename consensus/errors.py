@@ -1,0 +1,125 @@
+"""The one catalogue of errors: code, HTTP status, meaning, next step, and whether trying again can help.
+
+Every refusal anywhere in BlockRobot raises `BlockRobotError` with a code from here, so that a log line, an HTTP
+problem document and a line on a terminal say the same thing. Must never carry secrets: `detail` is shown to users.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorEntry:
+    """One row of the catalogue. `status` is the HTTP status code (RFC 9110) used when the API reports it."""
+
+    code: str
+    status: int
+    meaning: str
+    next_step: str
+    retryable: bool = False
+
+
+def _table(*rows: ErrorEntry) -> dict[str, ErrorEntry]:
+    table = {row.code: row for row in rows}
+    if len(table) != len(rows):
+        raise AssertionError("an error code is listed twice")
+    return table
+
+
+CATALOGUE: dict[str, ErrorEntry] = _table(
+    # Encoding and signatures
+    ErrorEntry("ENCODING_INVALID", 400, "The bytes are not a valid message of the expected type.", "Build it with the BlockRobot client library of the same version."),
+    ErrorEntry("ENCODING_NOT_CANONICAL", 400, "The bytes decode, but not from their one canonical form.", "Encode again with fields in order and the shortest integers."),
+    ErrorEntry("VALUE_INVALID", 400, "A value is of a type or size the ledger does not store.", "Use None, bool, int below 2^256, str, bytes, list or dict."),
+    ErrorEntry("SIGNATURE_INVALID", 400, "The signature was not made by the stated key over these bytes.", "Sign again with the key named in the message."),
+    ErrorEntry("SIGNATURE_HIGH_S", 400, "The signature's s value is in the upper half; only the low form is accepted.", "Normalise s to the lower half of the curve order."),
+    ErrorEntry("KEY_INVALID", 400, "The bytes are not a valid key.", "Check that the key was copied whole."),
+    ErrorEntry("PROOF_INVALID", 400, "A proof does not lead to the root it is for.", "Ask another node; this one is damaged or dishonest."),
+    ErrorEntry("CERTIFICATE_INVALID", 400, "A certificate is not signed by a quorum of the producers.", "Ask another node; this one is damaged or dishonest."),
+    ErrorEntry("GENESIS_INVALID", 400, "The genesis file is damaged or its parts contradict each other.", "Get the genesis file again from your organisation."),
+    # Transactions
+    ErrorEntry("TRANSACTION_TOO_LARGE", 413, "The transaction is larger than the chain allows.", "Split it into smaller transactions."),
+    ErrorEntry("TRANSACTION_WRONG_CHAIN", 400, "The transaction was signed for another chain.", "Use the genesis file of the network you send it to."),
+    ErrorEntry("TRANSACTION_EXPIRED", 400, "The transaction's valid_until lies in the past.", "Sign it again with a later valid_until."),
+    ErrorEntry("TRANSACTION_TOO_FAR_AHEAD", 400, "valid_until is more than ten minutes ahead.", "Choose a valid_until within ten minutes; check your clock."),
+    ErrorEntry("TRANSACTION_REPLAYED", 409, "This transaction is already known.", "Nothing to do: look it up by its txid."),
+    ErrorEntry("TRANSACTION_CONTRACT_UNKNOWN", 404, "There is no such contract or entry.", "List the contracts of the chain and check the name."),
+    ErrorEntry("SENDER_WITHOUT_STANDING", 403, "The sender is no member, no owner of a finalized visit, and holds no voucher.", "Register first, with the code on your card."),
+    ErrorEntry("MEMPOOL_FULL", 503, "The node holds as many waiting transactions as it may.", "Try again in a few seconds.", retryable=True),
+    ErrorEntry("SENDER_LIMIT", 429, "This sender has too many transactions waiting.", "Wait until some are final.", retryable=True),
+    ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "Look it up by its txid later; do not sign it again before it expires.", retryable=True),
+    # API and sessions
+    ErrorEntry("REQUEST_INVALID", 400, "The request does not have the described form.", "See /v1/openapi.json for the form."),
+    ErrorEntry("REQUEST_TOO_LARGE", 413, "The request body is larger than this route takes.", "Send less at once."),
+    ErrorEntry("ROUTE_UNKNOWN", 404, "There is no such route.", "See /v1/openapi.json for the routes."),
+    ErrorEntry("METHOD_NOT_ALLOWED", 405, "The route does not take this method.", "See /v1/openapi.json for the methods."),
+    ErrorEntry("RATE_LIMITED", 429, "Too many requests from here.", "Wait a moment and try again.", retryable=True),
+    ErrorEntry("SESSION_REQUIRED", 401, "This route is for members and owners with a session.", "Open a session by signing a challenge."),
+    ErrorEntry("SESSION_EXPIRED", 401, "The session is over or was never opened on this node.", "Open a new session.", retryable=True),
+    ErrorEntry("CHALLENGE_INVALID", 401, "The challenge is unknown, used or too old.", "Ask for a new challenge.", retryable=True),
+    ErrorEntry("SESSION_REFUSED", 403, "The key is neither a member nor the owner of a finalized visit.", "Register first, with the code on your card."),
+    ErrorEntry("NOT_PERMITTED", 403, "This key may not do that.", "Use the key that the resource belongs to."),
+    ErrorEntry("NOT_FOUND", 404, "There is no such thing here.", "Check the identifier."),
+    ErrorEntry("NODE_NOT_READY", 503, "The node is starting or has lost its peers.", "Wait until /readyz answers 200.", retryable=True),
+    ErrorEntry("NODE_UNREACHABLE", 503, "No node of the network answered.", "Check `blockrobot status`; start the network with `blockrobot up`.", retryable=True),
+    ErrorEntry("INTERNAL", 500, "The node met a fault of its own; it is logged there.", "Try another node and report the fault.", retryable=True),
+    # Nodes and storage
+    ErrorEntry("DATA_DIRECTORY_IN_USE", 409, "Another process already runs on this data directory.", "Stop it first, or choose another directory."),
+    ErrorEntry("DATA_DIRECTORY_INVALID", 400, "The directory does not hold a node that this version can open.", "Make one with `blockrobot node init`, or name the right directory."),
+    ErrorEntry("PORT_IN_USE", 409, "Another program already listens on this port.", "Stop that program or choose other ports with --base-port."),
+    ErrorEntry("STORAGE_DAMAGED", 500, "The node's storage is damaged.", "Stop the node, keep the directory for inspection, and make the node anew."),
+    ErrorEntry("JOURNAL_DAMAGED", 500, "The voting journal is damaged in its middle.", "Keep the directory for inspection; the node must be made anew."),
+    ErrorEntry("CONFIGURATION_INVALID", 400, "The configuration is incomplete or contradicts itself.", "Compare it with the reference in docs/reference."),
+    ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
+    ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it, or stop it with `blockrobot down`."),
+    ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
+    ErrorEntry("PEER_REFUSED", 403, "The peer's certificate is not of an organisation of this network.", "Check the certificate and the genesis file."),
+    # Custody
+    ErrorEntry("UPLOAD_HASH_MISMATCH", 400, "The uploaded bytes do not have the hash they claim.", "Upload again; the bytes were damaged on the way."),
+    ErrorEntry("UPLOAD_CONFLICT", 409, "Another upload with this identifier is already there.", "Use a new random identifier."),
+    ErrorEntry("UPLOAD_INVALID", 400, "The upload is incomplete or too large.", "Build it with the robot client of the same version."),
+    ErrorEntry("CLIP_NOT_CONFIRMED", 409, "The clip's record is not final yet.", "Try again in a second.", retryable=True),
+    ErrorEntry("CLIP_ERASED", 410, "The clip was erased.", "Nothing to do: see the erasure receipts."),
+    ErrorEntry("ACCESS_NOT_GRANTED", 403, "There is no final access transaction of the owner for this record.", "Submit an access request and wait until it is final."),
+    ErrorEntry("ERASE_KEYS_DAMAGED", 500, "The custodian's erase-key file is damaged.", "Stop the custodian and restore the file from its own backup medium."),
+    ErrorEntry("STORE_UNAVAILABLE", 503, "The custodian's store does not answer.", "Check the store's server and its URI.", retryable=True),
+    # Records, robot and wallet
+    ErrorEntry("VOUCHER_INVALID", 400, "The enrolment code is damaged.", "Scan or type the code on the card again."),
+    ErrorEntry("VOUCHER_EXPIRED", 403, "The enrolment code is too old.", "Ask the registrar for a new card."),
+    ErrorEntry("ENVELOPE_INVALID", 400, "The sealed bytes do not open with this key.", "They were made for another person, or were changed."),
+    ErrorEntry("RENDITION_CORRUPTED", 409, "The picture is not the one that the robot committed to.", "Tell the hospital: the custodian's copy was changed."),
+    ErrorEntry("BAG_DAMAGED", 400, "The recording cannot be read.", "Check the file, or make it again."),
+    ErrorEntry("BAG_TOPIC_MISSING", 400, "The recording lacks a topic that the robot needs.", "Name the topics in the robot's configuration."),
+    ErrorEntry("FRAME_INVALID", 400, "The frame's size, encoding or step is not what it says.", "Check the camera driver's settings."),
+    ErrorEntry("ROSTER_INVALID", 400, "The roster cannot be opened or its signature is wrong.", "Ask the registrar for this robot's roster of today."),
+    ErrorEntry("ROSTER_EXPIRED", 403, "The roster is older than a day.", "Ask the registrar for this robot's roster of today."),
+    ErrorEntry("SPOOL_FULL", 507, "The robot's spool is full.", "Reconnect the robot to the network.", retryable=True),
+    ErrorEntry("SPOOL_DAMAGED", 500, "The robot's spool is damaged.", "Keep the directory for inspection and start with a new one."),
+    ErrorEntry("WALLET_EXISTS", 409, "There is already a wallet at this place.", "Choose another profile or restore elsewhere."),
+    ErrorEntry("WALLET_NOT_FOUND", 404, "There is no wallet at this place.", "Make one with `blockrobot wallet new`."),
+    ErrorEntry("WALLET_PASSPHRASE_WRONG", 403, "The passphrase does not open this wallet.", "Try again, or restore the wallet from its 24 words."),
+    ErrorEntry("WALLET_DAMAGED", 500, "The wallet file is damaged.", "Restore the wallet from its 24 words."),
+    ErrorEntry("WORDS_INVALID", 400, "The words are not a valid recovery phrase.", "Check spelling and order of the 24 words."),
+    ErrorEntry("NOT_REGISTERED", 409, "This wallet is not registered yet.", "Register with the code on your card: `blockrobot wallet register CODE`."),
+    ErrorEntry("CONTRACT_SOURCE_INVALID", 400, "The contract's source is not in the contract language.", "See the diagnostics: each has a line and a fix."),
+)
+
+
+class BlockRobotError(Exception):
+    """A refusal with a code of the catalogue and a plain sentence of what happened this time.
+
+    `detail` must be fit for users' eyes: no secrets, no stack traces.
+    """
+
+    def __init__(self, code: str, detail: str = "", **context: str | int) -> None:
+        self.entry = CATALOGUE[code]
+        self.code = code
+        self.detail = detail or self.entry.meaning
+        self.context = context
+        super().__init__(f"{code}: {self.detail}")
+
+    @property
+    def next_step(self) -> str:
+        """What the reader can do about it."""
+        return self.entry.next_step

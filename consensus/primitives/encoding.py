@@ -1,0 +1,130 @@
+"""The canonical encoding: MessagePack, one byte string for one value. Must never accept a second form of anything.
+
+Two families: *structs* (`Wire` subclasses, arrays in field order) for protocol messages, and *values* for contract
+state, arguments and events (None, bool, int below 2^256 in magnitude, str, bytes, list, dict).
+Whatever does not encode again to the very same bytes is rejected.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+
+VALUE_DEPTH_MAX = 16
+VALUE_INT_BITS_MAX = 256
+_DICT_KEY_BITS_MAX = 60
+_BIG_INT_EXTENSION = 1
+
+W = TypeVar("W", bound="Wire")
+
+
+class Wire(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=True, gc=False):
+    """Base of every protocol message: an immutable array in field order."""
+
+
+_encoder = msgspec.msgpack.Encoder()
+_decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
+
+
+def encode(message: Wire) -> bytes:
+    """Return the canonical bytes of a struct."""
+    return _encoder.encode(message)
+
+
+def decode(data: bytes, kind: type[W]) -> W:
+    """Read a struct of type `kind` from its canonical bytes.
+
+    Raises ENCODING_INVALID if the bytes are not such a struct, ENCODING_NOT_CANONICAL if they are not its one form.
+    """
+    decoder = _decoders.get(kind)
+    if decoder is None:
+        decoder = _decoders[kind] = msgspec.msgpack.Decoder(kind)
+    try:
+        message: W = decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BlockRobotError("ENCODING_INVALID", f"These bytes are not a {kind.__name__}: {error}.") from None
+    if _encoder.encode(message) != data:
+        raise BlockRobotError("ENCODING_NOT_CANONICAL", f"These bytes are not the canonical form of a {kind.__name__}.")
+    return message
+
+
+def _prepare_int(value: int) -> Any:
+    if -(1 << 63) <= value < (1 << 64):
+        return value
+    if value.bit_length() > VALUE_INT_BITS_MAX:
+        raise BlockRobotError("VALUE_INVALID", "An integer is larger than 256 bits.")
+    size = (value.bit_length() + 8) // 8 if value >= 0 else ((value + 1).bit_length() + 8) // 8
+    return msgspec.msgpack.Ext(_BIG_INT_EXTENSION, value.to_bytes(size, "big", signed=True))
+
+
+def _prepare_dict(value: dict[Any, Any], depth: int) -> Any:
+    for key in value:
+        if type(key) is int:
+            if key.bit_length() > _DICT_KEY_BITS_MAX:
+                raise BlockRobotError("VALUE_INVALID", "A dict key is an integer of more than 60 bits.")
+        elif type(key) is not str and type(key) is not bytes:
+            raise BlockRobotError("VALUE_INVALID", f"A dict key is of type {type(key).__name__}.")
+    return {key: _prepare(value[key], depth + 1) for key in sorted(value, key=_encoder.encode)}
+
+
+def _prepare(value: Any, depth: int) -> Any:
+    kind = type(value)
+    if kind is bytes or kind is str or value is None or kind is bool:
+        return value
+    if kind is int:
+        return _prepare_int(value)
+    if depth >= VALUE_DEPTH_MAX:
+        raise BlockRobotError("VALUE_INVALID", f"A value is nested deeper than {VALUE_DEPTH_MAX} levels.")
+    if kind is list or kind is tuple:
+        return [_prepare(item, depth + 1) for item in value]
+    if kind is dict:
+        return _prepare_dict(value, depth)
+    raise BlockRobotError("VALUE_INVALID", f"A value of type {kind.__name__} cannot be stored.")
+
+
+def encode_value(value: Any) -> bytes:
+    """Return the canonical bytes of a contract value. Raises VALUE_INVALID for what is none.
+
+    Dicts are sorted by encoded key; integers beyond 64 bits are extension 1, minimal two's complement.
+    """
+    try:
+        return _encoder.encode(_prepare(value, 0))
+    except UnicodeEncodeError:
+        raise BlockRobotError("VALUE_INVALID", "A text holds a lone surrogate.") from None
+
+
+def _read_extension(code: int, data: memoryview) -> int:
+    if code != _BIG_INT_EXTENSION:
+        raise BlockRobotError("ENCODING_INVALID", f"Extension type {code} is unknown.")
+    return int.from_bytes(bytes(data), "big", signed=True)
+
+
+_value_decoder = msgspec.msgpack.Decoder(ext_hook=_read_extension)
+
+
+def decode_value(data: bytes) -> Any:
+    """Read a contract value from its canonical bytes (lists for arrays). Raises ENCODING_* as `decode` does."""
+    try:
+        value = _value_decoder.decode(data)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError, TypeError) as error:
+        raise BlockRobotError("ENCODING_INVALID", f"These bytes are not a value: {error}.") from None
+    try:
+        again = encode_value(value)
+    except BlockRobotError as error:
+        raise BlockRobotError("ENCODING_INVALID", error.detail) from None
+    if again != data:
+        raise BlockRobotError("ENCODING_NOT_CANONICAL", "These bytes are not the canonical form of a value.")
+    return value
+
+
+def u32(number: int) -> bytes:
+    """Return `number` as 4 bytes, big-endian (so that keys sort as numbers do)."""
+    return number.to_bytes(4, "big")
+
+
+def u64(number: int) -> bytes:
+    """Return `number` as 8 bytes, big-endian (so that keys sort as numbers do)."""
+    return number.to_bytes(8, "big")

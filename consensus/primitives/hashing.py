@@ -1,0 +1,33 @@
+"""SHA-256 and tagged hashes (BIP-340 style). Must never hash two kinds of thing under one tag."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import lru_cache
+from typing import Any
+
+HASH_SIZE_BYTES = 32
+
+
+def sha256(data: bytes) -> bytes:
+    """Return the 32-byte SHA-256 of `data`."""
+    return hashlib.sha256(data).digest()
+
+
+@lru_cache(maxsize=256)
+def _tag_state(tag: str) -> Any:
+    digest = sha256(tag.encode())
+    return hashlib.sha256(digest + digest)
+
+
+def tagged_hash(tag: str, *parts: bytes) -> bytes:
+    """Return SHA256(SHA256(tag) || SHA256(tag) || parts...), 32 bytes.
+
+    The tag separates the domains (BIP-340): equal bytes under two tags never collide. Parts are concatenated as they
+    are, so callers pass at most one part of variable length, and that one last.
+    """
+    state = _tag_state(tag).copy()
+    for part in parts:
+        state.update(part)
+    result: bytes = state.digest()
+    return result
