@@ -1,0 +1,129 @@
+"""What happens to the consensus core: its only inputs. Must never carry anything that the core could not replay."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from consensus.block import Block, QuorumCertificate
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The node begins (or begins again). `now_ms` is the node's wall clock, as in every event."""
+
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalReceived:
+    """A peer's proposal. `sender` is the producer index behind the authenticated connection, or None."""
+
+    proposal: Proposal
+    sender: int | None
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class VoteReceived:
+    """A peer's vote."""
+
+    vote: Vote
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeoutReceived:
+    """A peer's timeout. `sender` is the producer index of the connection, or None."""
+
+    timeout: Timeout
+    sender: int | None
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class NoticeReceived:
+    """A peer's highest certificates."""
+
+    notice: CertificateNotice
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class BlockExecuted:
+    """The answer to `ExecuteBlock`. `valid`: executed, transactions admissible on that branch, roots equal.
+
+    `fault` marks an exception that nobody foresaw: a voter withholds its vote; a certified block halts the node.
+    """
+
+    block_id: bytes
+    valid: bool
+    now_ms: int
+    fault: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class BlockBuilt:
+    """The answer to `BuildBlock`: the signed block, already executed, or None if none could be built."""
+
+    round: int
+    block: Block | None
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class BlocksFetched:
+    """Blocks that were asked for by `FetchBlocks`, oldest first. They are checked like any others."""
+
+    blocks: tuple[Block, ...]
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class FinalizedElsewhere:
+    """Sync installed finalized blocks (checked against their certificates): the core continues above them."""
+
+    head: Block
+    qc: QuorumCertificate
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimerFired:
+    """A timer that the core had set ran out. `kind` and `round` are those of the `SetTimer`."""
+
+    kind: str
+    round: int
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class WorkChanged:
+    """Whether the mempool holds an admissible transaction outside the certified branch."""
+
+    pending: bool
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class PeerConnected:
+    """A producer's connection came up: the core sends it what it may have missed."""
+
+    index: int
+    now_ms: int
+
+
+Event = (
+    Started
+    | ProposalReceived
+    | VoteReceived
+    | TimeoutReceived
+    | NoticeReceived
+    | BlockExecuted
+    | BlockBuilt
+    | BlocksFetched
+    | FinalizedElsewhere
+    | TimerFired
+    | WorkChanged
+    | PeerConnected
+)

@@ -1,0 +1,179 @@
+"""The genesis file: all that a client must trust. Must never hold a secret or anything that is not the same everywhere.
+
+It names the organisations with their certificate authorities, the nodes, the first schedule, the chain's settings, the
+contracts by the hash of their source, and the state root after the contracts' genesis entries ran.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+from consensus.block import HEADER_VERSION, NO_BLOCK, Block, Header, QuorumCertificate, compute_header_id
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire, encode
+from consensus.primitives.hashing import tagged_hash
+from consensus.primitives.merkle import merkle_root
+from consensus.schedule import Schedule
+
+GENESIS_VERSION = 1
+
+
+class ChainSettings(Wire, frozen=True):
+    """Settings that all nodes share. `production` is `on-demand`, `interval:MS` or `manual`."""
+
+    base_timeout_ms: int = 500
+    timeout_cap_ms: int = 8_000
+    heartbeat_ms: int = 30_000
+    min_block_interval_ms: int = 5
+    max_clock_drift_ms: int = 5_000
+    blocks_per_turn: int = 1
+    production: str = "on-demand"
+
+
+class Organisation(Wire, frozen=True):
+    """An organisation: its name, its CA certificate (PEM), its admins' and registrars' member keys (33 bytes)."""
+
+    name: str
+    ca_certificate: str
+    admins: tuple[bytes, ...]
+    registrars: tuple[bytes, ...]
+
+
+class NodeEntry(Wire, frozen=True):
+    """A node: who runs it, where it is, and its keys (33 bytes; empty if it is no producer or no custodian)."""
+
+    name: str
+    organisation: str
+    host: str
+    p2p_port: int
+    api_url: str
+    producer_key: bytes
+    producer_possession: bytes
+    custodian_key: bytes
+
+
+class ContractEntry(Wire, frozen=True):
+    """A contract that is there from genesis: its name and the SHA-256 of its source."""
+
+    name: str
+    source_hash: bytes
+
+
+class Genesis(Wire, frozen=True):
+    """The whole file. `state_root` is that after the genesis entries; it is no part of the chain id."""
+
+    version: int
+    network: str
+    created_at_ms: int
+    settings: ChainSettings
+    organisations: tuple[Organisation, ...]
+    nodes: tuple[NodeEntry, ...]
+    contracts: tuple[ContractEntry, ...]
+    purposes: tuple[str, ...]
+    state_root: bytes
+
+    @property
+    def chain_id(self) -> bytes:
+        """The 32-byte chain id: a hash of everything but the state root."""
+        return tagged_hash("blockrobot/chain", encode(msgspec.structs.replace(self, state_root=b"")))
+
+    @property
+    def schedule(self) -> Schedule:
+        """The schedule of epoch 0: the nodes with a producer key, in file order."""
+        producers = tuple(node.producer_key for node in self.nodes if node.producer_key)
+        return Schedule(epoch=0, producers=producers, blocks_per_turn=self.settings.blocks_per_turn)
+
+    @property
+    def custodians(self) -> tuple[NodeEntry, ...]:
+        """The nodes that keep off-chain data."""
+        return tuple(node for node in self.nodes if node.custodian_key)
+
+    def node(self, name: str) -> NodeEntry:
+        """Return the node of this name. Raises GENESIS_INVALID."""
+        for node in self.nodes:
+            if node.name == name:
+                return node
+        raise BlockRobotError("GENESIS_INVALID", f"The genesis file names no node {name!r}.")
+
+    def block(self) -> Block:
+        """Return the genesis block: height 0, round 0, no producer, the genesis state."""
+        empty_root = merkle_root([])
+        header = Header(
+            version=HEADER_VERSION,
+            chain_id=self.chain_id,
+            epoch=0,
+            height=0,
+            round=0,
+            parent_id=NO_BLOCK,
+            qc=QuorumCertificate(epoch=0, round=0, block_id=NO_BLOCK, votes=()),
+            tc=None,
+            producer=0,
+            timestamp_ms=self.created_at_ms,
+            transactions_root=empty_root,
+            receipts_root=empty_root,
+            state_root=self.state_root,
+            next_schedule_hash=None,
+            gas_used=0,
+        )
+        return Block(header_bytes=encode(header), signature=b"", transactions=())
+
+    @property
+    def block_id(self) -> bytes:
+        """The id of the genesis block."""
+        return compute_header_id(self.block().header)
+
+
+def _bytes_to_hex(value: Any) -> Any:
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, msgspec.Struct):
+        return {name: _bytes_to_hex(getattr(value, name)) for name in value.__struct_fields__}
+    if isinstance(value, tuple | list):
+        return [_bytes_to_hex(item) for item in value]
+    return value
+
+
+def genesis_to_json(genesis: Genesis) -> str:
+    """Return the file's text: JSON with named fields, bytes in lower-case hex."""
+    return json.dumps(_bytes_to_hex(genesis), indent=2, ensure_ascii=False) + "\n"
+
+
+def _named(kind: type[Wire], value: Any) -> list[Any]:
+    """Turn a JSON object with named fields into the array form of `kind`, refusing unknown and missing fields."""
+    names = kind.__struct_fields__
+    if not isinstance(value, dict) or set(value) != set(names):
+        raise BlockRobotError(
+            "GENESIS_INVALID", f"The part {kind.__name__} of the genesis file has wrong fields."
+        )
+    return [_from_hex(field.type, value[field.name]) for field in msgspec.structs.fields(kind)]
+
+
+def _from_hex(kind: Any, value: Any) -> Any:
+    """Read hexadecimal text where the field's type says bytes."""
+    if kind is bytes:
+        return bytes.fromhex(value)
+    if kind == tuple[bytes, ...]:
+        return [bytes.fromhex(item) for item in value]
+    return value
+
+
+def genesis_from_json(text: str) -> Genesis:
+    """Read a genesis file. Raises GENESIS_INVALID with what is wrong."""
+    try:
+        raw = json.loads(text)
+        fields = dict(zip(Genesis.__struct_fields__, _named(Genesis, raw), strict=True))
+        fields["settings"] = _named(ChainSettings, fields["settings"])
+        fields["organisations"] = [_named(Organisation, part) for part in fields["organisations"]]
+        fields["nodes"] = [_named(NodeEntry, part) for part in fields["nodes"]]
+        fields["contracts"] = [_named(ContractEntry, part) for part in fields["contracts"]]
+        genesis = msgspec.convert(list(fields.values()), Genesis, builtin_types=(bytes,))
+    except (ValueError, TypeError) as error:
+        raise BlockRobotError("GENESIS_INVALID", f"The genesis file cannot be read: {error}.") from None
+    if genesis.version != GENESIS_VERSION:
+        raise BlockRobotError(
+            "GENESIS_INVALID", f"The genesis file has version {genesis.version}, not {GENESIS_VERSION}."
+        )
+    return genesis

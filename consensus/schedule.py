@@ -1,0 +1,98 @@
+"""The schedule: who leads which round, and how many make a quorum. Must never look at anything but its arguments."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from consensus.block import QuorumCertificate, TimeoutCertificate
+from consensus.errors import BlockRobotError
+from consensus.limits import PRODUCERS_MAX_COUNT
+from consensus.messages import TIMEOUT_TAG, VOTE_TAG, timeout_parts, vote_parts
+from consensus.primitives.encoding import u32
+from consensus.primitives.hashing import tagged_hash
+from consensus.primitives.keys import verify
+
+
+@dataclass(frozen=True, slots=True)
+class Schedule:
+    """The producers of one epoch in the order of their turns (33-byte public keys)."""
+
+    epoch: int
+    producers: tuple[bytes, ...]
+    blocks_per_turn: int = 1
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.producers) <= PRODUCERS_MAX_COUNT or len(set(self.producers)) != len(
+            self.producers
+        ):
+            raise BlockRobotError(
+                "GENESIS_INVALID", f"A schedule has 1 to {PRODUCERS_MAX_COUNT} different producers."
+            )
+
+    @property
+    def quorum(self) -> int:
+        """q = n - f with f = (n-1)//3: any two quorums share an honest producer."""
+        count = len(self.producers)
+        return count - (count - 1) // 3
+
+    @property
+    def faults_tolerated(self) -> int:
+        """f = (n-1)//3."""
+        return (len(self.producers) - 1) // 3
+
+    def leader(self, round_number: int) -> int:
+        """Return the index of the leader of a round: round robin, `blocks_per_turn` rounds each."""
+        return (round_number // self.blocks_per_turn) % len(self.producers)
+
+    def index_of(self, public_key: bytes) -> int | None:
+        """Return the producer's index, or None for a key that is not in the schedule."""
+        return self.producers.index(public_key) if public_key in self.producers else None
+
+    def hash(self) -> bytes:
+        """Return the 32-byte hash that a boundary block's header names."""
+        return tagged_hash("blockrobot/schedule", u32(self.epoch), u32(self.blocks_per_turn), *self.producers)
+
+
+def _require_indexes(indexes: list[int], schedule: Schedule) -> None:
+    if (
+        len(indexes) != schedule.quorum
+        or any(first >= second for first, second in zip(indexes, indexes[1:], strict=False))
+        or indexes[0] < 0
+        or indexes[-1] >= len(schedule.producers)
+    ):
+        raise BlockRobotError(
+            "CERTIFICATE_INVALID", "A certificate is not signed by exactly a quorum, in order."
+        )
+
+
+def verify_qc(qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_zero_id: bytes) -> None:
+    """Check a quorum certificate. Round 0 certifies only `round_zero_id` (genesis, or the epoch's boundary).
+
+    Raises CERTIFICATE_INVALID.
+    """
+    if qc.epoch != schedule.epoch:
+        raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
+    if qc.round == 0:
+        if qc.block_id != round_zero_id or qc.votes:
+            raise BlockRobotError("CERTIFICATE_INVALID", "Round 0 certifies the epoch's first parent only.")
+        return
+    _require_indexes([vote.index for vote in qc.votes], schedule)
+    parts = vote_parts(chain_id, qc.epoch, qc.round, qc.block_id)
+    for vote in qc.votes:
+        if not verify(schedule.producers[vote.index], VOTE_TAG, vote.signature, *parts):
+            raise BlockRobotError("CERTIFICATE_INVALID", f"The vote of producer {vote.index} is not genuine.")
+
+
+def verify_tc(tc: TimeoutCertificate, schedule: Schedule, chain_id: bytes) -> None:
+    """Check a timeout certificate: q different timeouts for its round. Raises CERTIFICATE_INVALID."""
+    if tc.epoch != schedule.epoch:
+        raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
+    _require_indexes([timeout.index for timeout in tc.timeouts], schedule)
+    for timeout in tc.timeouts:
+        parts = timeout_parts(chain_id, tc.epoch, tc.round, timeout.qc_round)
+        if timeout.qc_round >= tc.round or not verify(
+            schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts
+        ):
+            raise BlockRobotError(
+                "CERTIFICATE_INVALID", f"The timeout of producer {timeout.index} is not genuine."
+            )
