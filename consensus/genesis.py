@@ -145,9 +145,7 @@ def _named(kind: type[Wire], value: Any) -> list[Any]:
     """Turn a JSON object with named fields into the array form of `kind`, refusing unknown and missing fields."""
     names = kind.__struct_fields__
     if not isinstance(value, dict) or set(value) != set(names):
-        raise BlockRobotError(
-            "GENESIS_INVALID", f"The part {kind.__name__} of the genesis file has wrong fields."
-        )
+        raise BlockRobotError("GENESIS_INVALID", f"The part {kind.__name__} of the genesis file has wrong fields.")
     return [_from_hex(field.type, value[field.name]) for field in msgspec.structs.fields(kind)]
 
 

@@ -59,9 +59,7 @@ def timeout_parts(chain_id: bytes, epoch: int, round_number: int, qc_round: int)
     return (chain_id, u32(epoch), u64(round_number), u64(qc_round))
 
 
-def sign_vote(
-    key: PrivateKey, chain_id: bytes, epoch: int, round_number: int, block_id: bytes, index: int
-) -> Vote:
+def sign_vote(key: PrivateKey, chain_id: bytes, epoch: int, round_number: int, block_id: bytes, index: int) -> Vote:
     """Sign a vote. The caller has journalled it, or journals it before sending."""
     signature = key.sign_compact(VOTE_TAG, *vote_parts(chain_id, epoch, round_number, block_id))
     return Vote(epoch=epoch, round=round_number, block_id=block_id, index=index, signature=signature)
@@ -85,9 +83,7 @@ def sign_timeout(
     """Sign a timeout for `round_number`, naming the round of the highest known QC."""
     parts = timeout_parts(chain_id, epoch, round_number, qc.round)
     signature = key.sign_compact(TIMEOUT_TAG, *parts)
-    return Timeout(
-        epoch=epoch, round=round_number, index=index, signature=signature, qc=qc, entered_by=entered_by
-    )
+    return Timeout(epoch=epoch, round=round_number, index=index, signature=signature, qc=qc, entered_by=entered_by)
 
 
 def is_valid_timeout_signature(timeout: Timeout, chain_id: bytes, public_key: bytes) -> bool:

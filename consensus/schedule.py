@@ -22,12 +22,8 @@ class Schedule:
     blocks_per_turn: int = 1
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.producers) <= PRODUCERS_MAX_COUNT or len(set(self.producers)) != len(
-            self.producers
-        ):
-            raise BlockRobotError(
-                "GENESIS_INVALID", f"A schedule has 1 to {PRODUCERS_MAX_COUNT} different producers."
-            )
+        if not 1 <= len(self.producers) <= PRODUCERS_MAX_COUNT or len(set(self.producers)) != len(self.producers):
+            raise BlockRobotError("GENESIS_INVALID", f"A schedule has 1 to {PRODUCERS_MAX_COUNT} different producers.")
 
     @property
     def quorum(self) -> int:
@@ -60,9 +56,7 @@ def _require_indexes(indexes: list[int], schedule: Schedule) -> None:
         or indexes[0] < 0
         or indexes[-1] >= len(schedule.producers)
     ):
-        raise BlockRobotError(
-            "CERTIFICATE_INVALID", "A certificate is not signed by exactly a quorum, in order."
-        )
+        raise BlockRobotError("CERTIFICATE_INVALID", "A certificate is not signed by exactly a quorum, in order.")
 
 
 def verify_qc(qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_zero_id: bytes) -> None:
@@ -93,6 +87,4 @@ def verify_tc(tc: TimeoutCertificate, schedule: Schedule, chain_id: bytes) -> No
         if timeout.qc_round >= tc.round or not verify(
             schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts
         ):
-            raise BlockRobotError(
-                "CERTIFICATE_INVALID", f"The timeout of producer {timeout.index} is not genuine."
-            )
+            raise BlockRobotError("CERTIFICATE_INVALID", f"The timeout of producer {timeout.index} is not genuine.")

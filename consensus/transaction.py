@@ -93,9 +93,7 @@ def sign_transaction(
     body_bytes = encode(body)
     signature = key.sign(_SIGN_TAG, body_bytes)
     wire = encode(TransactionWire(body=body_bytes, signature=signature))
-    return Transaction(
-        wire=wire, body=body, signature=signature, txid=compute_txid(body_bytes), body_bytes=body_bytes
-    )
+    return Transaction(wire=wire, body=body, signature=signature, txid=compute_txid(body_bytes), body_bytes=body_bytes)
 
 
 def decode_transaction(wire: bytes) -> Transaction:

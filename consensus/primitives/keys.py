@@ -79,7 +79,7 @@ def recover(tag: str, signature: bytes, *parts: bytes) -> bytes:
         key = _CurvePublicKey.from_signature_and_message(signature, tagged_hash(tag, *parts), hasher=None)
     except Exception:  # noqa: BLE001 - coincurve raises bare Exception for a signature without a point
         raise BlockRobotError("SIGNATURE_INVALID") from None
-    return key.format()
+    return bytes(key.format())
 
 
 def verify(public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
@@ -88,7 +88,7 @@ def verify(public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool
         return False
     try:
         der = cdata_to_der(deserialize_compact(signature))
-        return _parse_cached(public_key).verify(der, tagged_hash(tag, *parts), hasher=None)
+        return bool(_parse_cached(public_key).verify(der, tagged_hash(tag, *parts), hasher=None))
     except ValueError:
         return False
 
@@ -121,7 +121,7 @@ def is_public_key(data: bytes) -> bool:
 def point_add(first: bytes, second: bytes) -> bytes:
     """Return the sum of two compressed points. Raises KEY_INVALID if either is none, or the sum is infinity."""
     try:
-        return _CurvePublicKey.combine_keys([_CurvePublicKey(first), _CurvePublicKey(second)]).format()
+        return bytes(_CurvePublicKey.combine_keys([_CurvePublicKey(first), _CurvePublicKey(second)]).format())
     except ValueError:
         raise BlockRobotError("KEY_INVALID", "A public key is not a point of the curve.") from None
 
@@ -129,7 +129,7 @@ def point_add(first: bytes, second: bytes) -> bytes:
 def point_multiply(point: bytes, scalar: bytes) -> bytes:
     """Return scalar * point, compressed. Raises KEY_INVALID for a bad point or a scalar outside [1, n-1]."""
     try:
-        return _CurvePublicKey(point).multiply(scalar).format()
+        return bytes(_CurvePublicKey(point).multiply(scalar).format())
     except ValueError:
         raise BlockRobotError("KEY_INVALID", "A public key is not a point of the curve.") from None
 
