@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 from consensus.block import QuorumCertificate, TimeoutCertificate
@@ -52,7 +53,7 @@ class Schedule:
 def _require_indexes(indexes: list[int], schedule: Schedule) -> None:
     if (
         len(indexes) != schedule.quorum
-        or any(first >= second for first, second in zip(indexes, indexes[1:], strict=False))
+        or any(first >= second for first, second in itertools.pairwise(indexes))
         or indexes[0] < 0
         or indexes[-1] >= len(schedule.producers)
     ):
