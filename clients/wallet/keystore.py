@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import secrets
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -53,10 +53,10 @@ class WalletContent(msgspec.Struct):
     words: str
     handle: bytes = b""
     role: str = ""
-    visits: list[KnownVisit] = field(default_factory=list)
+    visits: list[KnownVisit] = msgspec.field(default_factory=list)
     scanned_count: int = 0
     pinned_header: bytes = b""
-    asked_erasures: list[bytes] = field(default_factory=list)
+    asked_erasures: list[bytes] = msgspec.field(default_factory=list)
 
 
 def _derive_key(passphrase: str, salt: bytes, cost: PassphraseCost) -> bytes:
