@@ -1,0 +1,120 @@
+"""The robot's event log, with the paper's activity names. Must never hold a tag's UID, a handle or an owner key.
+
+A tag is spoken of by an alias that is drawn anew for each run, so that two logs cannot be joined. One line of JSON an
+event: `{"time_ms", "activity", "case", "alias"?, "detail"?}`; `case` is the frame's sequence number or the record.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import secrets
+from collections.abc import Iterable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, TextIO
+from xml.sax.saxutils import quoteattr
+
+IMAGE_RETRIEVE = "IMAGE_RETRIEVE"
+RFID_RETRIEVE = "RFID_RETRIEVE"
+IMAGE_NOT_PAIRED_NOT_EXIST_RFID = "IMAGE_NOT_PAIRED_NOT_EXIST_RFID"
+IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID = "IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"
+IMAGE_PAIRED = "IMAGE_PAIRED"
+IMAGE_WITHHELD = "IMAGE_WITHHELD"
+BLOCKCHAIN_TRANSACTION = "BLOCKCHAIN_TRANSACTION"
+DATABASE_PERSISTANCE = "DATABASE_PERSISTANCE"
+
+ACTIVITIES = (
+    IMAGE_RETRIEVE,
+    RFID_RETRIEVE,
+    IMAGE_NOT_PAIRED_NOT_EXIST_RFID,
+    IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID,
+    IMAGE_PAIRED,
+    IMAGE_WITHHELD,
+    BLOCKCHAIN_TRANSACTION,
+    DATABASE_PERSISTANCE,
+)
+
+
+class AliasBook:
+    """Draws a fresh alias for each tag of one run. Lives in memory only."""
+
+    def __init__(self) -> None:
+        self._aliases: dict[bytes, str] = {}
+
+    def alias(self, tag: bytes) -> str:
+        """Return this run's alias of a tag."""
+        if tag not in self._aliases:
+            self._aliases[tag] = f"tag-{secrets.token_hex(3)}"
+        return self._aliases[tag]
+
+
+class EventLog:
+    """An append-only file of JSON lines."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: TextIO | None = None
+        self.counts: dict[str, int] = dict.fromkeys(ACTIVITIES, 0)
+
+    def __enter__(self) -> EventLog:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._path.open("a", encoding="utf-8")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def write(self, time_ms: int, activity: str, case: str, *, alias: str = "", **detail: str | int | float) -> None:
+        """Append one event. `time_ms` is the wall clock in milliseconds."""
+        if self._file is None:
+            raise ValueError("the event log is closed")
+        self.counts[activity] += 1
+        line: dict[str, Any] = {"time_ms": time_ms, "activity": activity, "case": case}
+        if alias:
+            line["alias"] = alias
+        if detail:
+            line["detail"] = detail
+        self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system."""
+        if self._file is not None:
+            self._file.flush()
+
+
+def read_events(path: Path) -> list[dict[str, Any]]:
+    """Return the events of a log, in file order."""
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+
+
+def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
+    """Write events as CSV with the columns case, activity, time_ms, alias."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["case", "activity", "time_ms", "alias"])
+        for event in events:
+            writer.writerow([event["case"], event["activity"], event["time_ms"], event.get("alias", "")])
+
+
+def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
+    """Write events as XES (IEEE 1849-2016), one trace a case, times in milliseconds since the epoch."""
+    traces: dict[str, list[dict[str, Any]]] = {}
+    for event in events:
+        traces.setdefault(event["case"], []).append(event)
+    with path.open("w", encoding="utf-8") as file:
+        file.write(
+            '<?xml version="1.0" encoding="UTF-8"?>\n<log xes.version="1.0" xmlns="http://www.xes-standard.org/">\n'
+        )
+        for case, rows in traces.items():
+            file.write(f' <trace>\n  <string key="concept:name" value={quoteattr(case)}/>\n')
+            for row in rows:
+                name = quoteattr(row["activity"])
+                file.write(f'  <event><string key="concept:name" value={name}/>')
+                file.write(f'<int key="time:epoch_ms" value="{row["time_ms"]}"/></event>\n')
+            file.write(" </trace>\n")
+        file.write("</log>\n")

@@ -1,0 +1,62 @@
+"""A rendition's frame as it is sealed: its owner's pixels, and which recorded empty frame they stand on.
+
+Must never hold a pixel that is not its owner's: everything outside the silhouette is 0 and is filled, when it is shown,
+from the empty frame named by `background_id`.
+"""
+
+from __future__ import annotations
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire, decode, encode
+
+RENDITION_VERSION = 1
+ENCODING_PNG16 = "png16"
+PICTURE_SIDE_MAX_PIXELS = 8192
+
+
+class Rendition(Wire, frozen=True):
+    """One frame as its owner may see it.
+
+    `pixels` is a PNG of 16 bits (millimetres) of the box at (x, y) with box_width x box_height pixels, 0 where the pixel
+    is not the owner's. `width` x `height` is the whole frame. A box of no pixels says: withheld, nothing to show.
+    `background_id` is the SHA-256 of the empty frame's PNG bytes. Times are the robot's wall clock.
+    """
+
+    version: int
+    captured_at_ms: int
+    sequence: int
+    width: int
+    height: int
+    x: int
+    y: int
+    box_width: int
+    box_height: int
+    background_id: bytes
+    encoding: str
+    pixels: bytes
+
+
+def encode_rendition(rendition: Rendition) -> bytes:
+    """Return the plaintext that is committed to, padded and sealed."""
+    return encode(rendition)
+
+
+def decode_rendition(plaintext: bytes) -> Rendition:
+    """Read a rendition and check that its box lies in its frame. Raises RENDITION_CORRUPTED."""
+    try:
+        rendition = decode(plaintext, Rendition)
+    except BlockRobotError as error:
+        raise BlockRobotError("RENDITION_CORRUPTED", error.detail) from None
+    inside = (
+        0 < rendition.width <= PICTURE_SIDE_MAX_PIXELS
+        and 0 < rendition.height <= PICTURE_SIDE_MAX_PIXELS
+        and rendition.x >= 0
+        and rendition.y >= 0
+        and rendition.box_width >= 0
+        and rendition.box_height >= 0
+        and rendition.x + rendition.box_width <= rendition.width
+        and rendition.y + rendition.box_height <= rendition.height
+    )
+    if not inside or rendition.version != RENDITION_VERSION or rendition.encoding != ENCODING_PNG16:
+        raise BlockRobotError("RENDITION_CORRUPTED", "The rendition's box or version is not one this wallet knows.")
+    return rendition
