@@ -1,0 +1,174 @@
+"""What the HTTP interface needs of its node, as Protocols owned by this side. Must never import the node's other parts.
+
+Everything that is read comes from one finalized snapshot: nothing that could still be undone is ever shown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+from consensus.block import Block, FinalityProof, Header, Receipt
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.records.clips import ClipDownload, ClipUpload
+
+PoolStatus = Literal["pending", "unknown", "expired"]
+
+
+@dataclass(frozen=True, slots=True)
+class TransactionPlace:
+    """Where a finalized transaction stands: the block's height and the index within it."""
+
+    height: int
+    index: int
+
+
+@dataclass(frozen=True, slots=True)
+class SubmitResult:
+    """What became of one submitted wire. `txid` is empty if the bytes are no transaction at all."""
+
+    txid: bytes
+    error: BlockRobotError | None
+
+
+class LedgerSnapshot(Protocol):
+    """The ledger at one finalized block. It does not change while it is open."""
+
+    @property
+    def header(self) -> Header:
+        """The header of the newest finalized block."""
+        ...
+
+    @property
+    def finality(self) -> FinalityProof | None:
+        """The proof that `header` is final; None only at genesis, which needs none."""
+        ...
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key, or None."""
+        ...
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
+        ...
+
+    def prove(self, key: bytes) -> bytes:
+        """Return the proof of the key's presence or absence under `header.state_root`."""
+        ...
+
+    def block(self, height: int) -> Block | None:
+        """Return the finalized block of this height, or None above the head (or if it was pruned)."""
+        ...
+
+    def receipts(self, height: int) -> Sequence[Receipt] | None:
+        """Return the receipts of the block of this height, in its order, or None."""
+        ...
+
+    def locate(self, txid: bytes) -> TransactionPlace | None:
+        """Return where a finalized transaction stands, or None."""
+        ...
+
+
+class LedgerReader(Protocol):
+    """The finalized ledger."""
+
+    def snapshot(self) -> AbstractContextManager[LedgerSnapshot]:
+        """Open a snapshot of the newest finalized block; close it soon (it holds a reader's slot of the store)."""
+        ...
+
+    async def wait_above(self, height: int, timeout_ms: int) -> bool:
+        """Wait until a block above `height` is final; tell whether one is, or the time ran out."""
+        ...
+
+
+class ViewRunner(Protocol):
+    """Runs the read-only entries of contracts."""
+
+    def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+        """Return the encoded result of a view on this snapshot.
+
+        Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CALL_REFUSED if the contract refuses.
+        """
+        ...
+
+
+class TransactionPool(Protocol):
+    """The node's pool of waiting transactions."""
+
+    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
+        """Check and admit transactions; one result for each wire, in order. An already known one is no error."""
+        ...
+
+    def status(self, txid: bytes) -> PoolStatus:
+        """Tell what the pool knows of a transaction that is not final."""
+        ...
+
+    async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
+        """Wait until the transaction is final; tell whether it is, or the time ran out (or it expired)."""
+        ...
+
+
+class CustodyService(Protocol):
+    """The node's custodian."""
+
+    async def stage(self, upload: ClipUpload, robot: bytes) -> None:
+        """Keep an uploaded clip of the robot with this member key until its record is final. Repeating is harmless.
+
+        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE.
+        """
+        ...
+
+    async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
+        """Return a clip to its owner under a final access transaction of hers.
+
+        Raises NOT_FOUND, ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED, CLIP_ERASED, STORE_UNAVAILABLE.
+        """
+        ...
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """Keep a recorded empty frame under its SHA-256 (already checked). Repeating is harmless."""
+        ...
+
+    async def get_background(self, digest: bytes) -> bytes | None:
+        """Return a recorded empty frame, or None."""
+        ...
+
+
+class NodeStatus(Protocol):
+    """What the operator's listener shows. Must never hold a secret."""
+
+    def is_ready(self) -> bool:
+        """Tell whether the node is in touch with a quorum and serves."""
+        ...
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return name, height, round, peers and the like as a JSON-ready mapping."""
+        ...
+
+    def metrics(self) -> bytes:
+        """Return the metrics in the Prometheus text format."""
+        ...
+
+
+class Clock(Protocol):
+    """The node's wall clock."""
+
+    def now_ms(self) -> int:
+        """Return milliseconds since 1970 UTC."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class ApiServices:
+    """All that `create_api` needs. `custody` is None at a node without a custodian."""
+
+    genesis: Genesis
+    node_name: str
+    clock: Clock
+    ledger: LedgerReader
+    views: ViewRunner
+    pool: TransactionPool
+    custody: CustodyService | None
