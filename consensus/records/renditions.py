@@ -17,8 +17,8 @@ PICTURE_SIDE_MAX_PIXELS = 8192
 class Rendition(Wire, frozen=True):
     """One frame as its owner may see it.
 
-    `pixels` is a PNG of 16 bits (millimetres) of the box at (x, y) with box_width x box_height pixels, 0 where the pixel
-    is not the owner's. `width` x `height` is the whole frame. A box of no pixels says: withheld, nothing to show.
+    `pixels` is a PNG of 16 bits (millimetres) of the box at (x, y) with box_width x box_height pixels, 0 where a pixel
+    is not the owner's. `width` x `height` is the whole frame. A box of no pixels: withheld, nothing to show.
     `background_id` is the SHA-256 of the empty frame's PNG bytes. Times are the robot's wall clock.
     """
 
