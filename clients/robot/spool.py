@@ -29,11 +29,16 @@ _SUFFIX = ".clip"
 class SpooledClip(Wire, frozen=True):
     """A sealed clip and what its record will say. The transaction is signed at delivery, since it expires.
 
-    `owner` is the visit's owner key; `decided_at_ms` is when the clip's last frame was decided.
+    `owner` is the visit's owner key; with `ephemeral`, `view_tag` and `purpose` it can still be announced after a
+    restart. `decided_at_ms` is when the clip's last frame was decided.
     """
 
     upload: ClipUpload
     owner: bytes
+    ephemeral: bytes
+    view_tag: int
+    purpose: str
+    visit_bucket_ms: int
     commitment_root: bytes
     ciphertext_root: bytes
     sealed_metadata: bytes

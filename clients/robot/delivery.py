@@ -1,0 +1,186 @@
+"""Brings spooled clips to custodians and chain: upload, record, confirm. Must never forget a clip that is not final.
+
+Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
+not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a
+crash or a cut the spool's clips are delivered again, and the chain refuses a second record of the same id.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import msgspec
+import structlog
+
+from clients.robot.spool import Spool, SpooledClip
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipUpload
+from consensus.transaction import Transaction
+
+SUBMIT_DELAY_MAX_MS = 500
+DELIVERIES_AT_ONCE_MAX_COUNT = 8
+RETRY_FIRST_MS = 200
+RETRY_MAX_MS = 5_000
+
+_log = structlog.get_logger("delivery")
+
+
+class DeliveryNetwork(Protocol):
+    """What delivery needs of the network, signed as the robot."""
+
+    def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        """Sign a call as the robot."""
+
+    async def submit_and_wait(self, transaction: Transaction) -> Confirmation:
+        """Submit and wait until the transaction is final. Raises what the network refuses."""
+
+    async def upload(self, upload: ClipUpload) -> None:
+        """Bring a clip to the custodians. Raises when fewer than required took it."""
+
+    def now_ms(self) -> int:
+        """The wall clock."""
+
+
+class Confirmation(Protocol):
+    """A final receipt."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the call succeeded."""
+
+    @property
+    def code(self) -> str:
+        """`OK`, or the contract's code."""
+
+
+@dataclass(frozen=True, slots=True)
+class Delivered:
+    """One clip whose record is final. Times are the robot's wall clock."""
+
+    clip: SpooledClip
+    txid: bytes
+    submitted_at_ms: int
+    final_at_ms: int
+
+
+class Delivery:
+    """Delivers clips from a spool until each is final, several at once."""
+
+    def __init__(
+        self,
+        spool: Spool,
+        network: DeliveryNetwork,
+        *,
+        on_delivered: Callable[[Delivered], None],
+        at_once: bool = False,
+    ) -> None:
+        self._spool = spool
+        self._network = network
+        self._on_delivered = on_delivered
+        self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
+        self._slots = asyncio.Semaphore(DELIVERIES_AT_ONCE_MAX_COUNT)
+        self._announcements: dict[bytes, asyncio.Task[None]] = {}
+        self._tasks: dict[str, asyncio.Task[None]] = {}
+        self.failure: BaseException | None = None
+
+    def start(self, name: str) -> None:
+        """Begin to deliver a clip of the spool."""
+        task = asyncio.create_task(self._deliver(name))
+        self._tasks[name] = task
+        task.add_done_callback(lambda done: self._finished(name, done))
+
+    def _finished(self, name: str, task: asyncio.Task[None]) -> None:
+        self._tasks.pop(name, None)
+        if not task.cancelled() and task.exception() is not None:
+            self.failure = task.exception()
+
+    def announce(self, clip_or_visit: SpooledClip) -> asyncio.Task[None]:
+        """Open the visit on the chain, once."""
+        owner = clip_or_visit.owner
+        if owner not in self._announcements:
+            self._announcements[owner] = asyncio.create_task(self._open_visit(clip_or_visit))
+        return self._announcements[owner]
+
+    async def _open_visit(self, clip: SpooledClip) -> None:
+        arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
+        await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"))
+
+    async def close_visit(self, owner: bytes, record_count: int) -> None:
+        """Say on the chain how many records the visit has, so that a missing tail is noticed."""
+        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED"))
+
+    async def drain(self) -> None:
+        """Wait until every started clip is final. Raises what stopped one for good."""
+        while self._tasks:
+            await asyncio.wait(list(self._tasks.values()))
+        if self.failure is not None:
+            raise self.failure
+
+    async def stop(self) -> None:
+        """Stop without waiting; the clips stay in the spool."""
+        tasks = [*self._tasks.values(), *self._announcements.values()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def _final(
+        self,
+        contract: str,
+        entry: str,
+        arguments: list[Any],
+        *,
+        accepted: tuple[str, ...],
+        upload: ClipUpload | None = None,
+    ) -> tuple[bytes, int]:
+        """Submit until final, over cuts and expiries; what goes with it is uploaded first.
+
+        Returns (txid, when it was submitted). Raises NOT_PERMITTED if the contract refuses.
+        """
+        wait_ms = RETRY_FIRST_MS
+        while True:
+            transaction = self._network.sign(contract, entry, arguments)
+            try:
+                if upload is not None:
+                    expiry = transaction.body.valid_until_ms
+                    await self._network.upload(
+                        msgspec.structs.replace(upload, txid=transaction.txid, valid_until_ms=expiry)
+                    )
+                submitted = self._network.now_ms()
+                confirmation = await self._network.submit_and_wait(transaction)
+            except BlockRobotError as error:
+                if not error.entry.retryable and error.code != "TRANSACTION_EXPIRED":
+                    raise
+                _log.warning("retry", entry=entry, code=error.code)
+                await asyncio.sleep(wait_ms / 1000)
+                wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
+                continue
+            if confirmation.code not in accepted:
+                raise BlockRobotError("NOT_PERMITTED", f"The chain refused {contract}.{entry}: {confirmation.code}.")
+            return transaction.txid, submitted
+
+    async def _deliver(self, name: str) -> None:
+        clip = self._spool.get(name)
+        await asyncio.shield(self.announce(clip))
+        if self._delay_max_ms:
+            await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
+        arguments = [
+            clip.upload.record_id,
+            clip.owner,
+            clip.commitment_root,
+            clip.ciphertext_root,
+            clip.sealed_metadata,
+            clip.bucket_ms,
+            clip.expires_at_ms,
+        ]
+        async with self._slots:
+            txid, submitted = await self._final(
+                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
+            )
+        self._spool.remove(name)
+        self._on_delivered(
+            Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
+        )
