@@ -1,0 +1,79 @@
+"""What sensors tell a robot: frames and sightings, as plain values in memory.
+
+A `Sighting` carries the tag's UID. It must never be written, logged or sent: outside the robot's memory a tag is
+known by the alias that was drawn for it in this run.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from consensus.errors import BlockRobotError
+
+DEPTH_WIDTH_MAX_PX = 4096
+DEPTH_HEIGHT_MAX_PX = 4096
+
+Depth = npt.NDArray[np.uint16]
+Mask = npt.NDArray[np.bool_]
+
+
+class Facing(StrEnum):
+    """Which way the antenna that read a tag looks, seen from the camera."""
+
+    FRONT = "front"
+    BACK = "back"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One depth image. `depth` is uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement."""
+
+    captured_at_ms: int
+    sequence: int
+    depth: Depth
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """One reading of a tag, over the interval in which the reader saw it.
+
+    `distance_m` is from the camera to the tag, with standard deviation `sigma_m`; both are None when the reader
+    cannot tell. The UID is left out of the printed form on purpose.
+    """
+
+    first_seen_ms: int
+    last_seen_ms: int
+    uid: str = field(repr=False)
+    antenna: int = 0
+    facing: Facing = Facing.UNKNOWN
+    rssi_dbm: float = 0.0
+    distance_m: float | None = None
+    sigma_m: float | None = None
+    read_count: int = 1
+
+    @property
+    def middle_ms(self) -> int:
+        """The time that stands for the whole reading."""
+        return (self.first_seen_ms + self.last_seen_ms) // 2
+
+
+Event = Frame | Sighting
+
+
+def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:
+    """Return `depth` if it is a two-dimensional uint16 image (of `shape`, if given); raises FRAME_INVALID otherwise."""
+    if depth.dtype != np.uint16 or depth.ndim != 2:
+        raise BlockRobotError("FRAME_INVALID", "A depth frame must be a two-dimensional image of 16-bit millimetres.")
+    height, width = depth.shape
+    if not (0 < height <= DEPTH_HEIGHT_MAX_PX and 0 < width <= DEPTH_WIDTH_MAX_PX):
+        raise BlockRobotError("FRAME_INVALID", f"A frame of {width}x{height} pixels is empty or too large.")
+    if shape is not None and (height, width) != shape:
+        raise BlockRobotError(
+            "FRAME_INVALID", f"The frame has {width}x{height} pixels where {shape[1]}x{shape[0]} were expected."
+        )
+    return depth.astype(np.uint16, copy=False)

@@ -1,0 +1,1 @@
+"""A synthetic corridor with walking people and a depth camera's noise; rendered beforehand, never live."""

@@ -1,0 +1,125 @@
+"""The empty corridor as true depth, and the drawing of capsules into it. Pure geometry, no noise."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.scenario import Scenario
+from clients.robot.synthetic.body import Capsules
+
+Image = npt.NDArray[np.float32]
+Labels = npt.NDArray[np.uint8]
+
+HALF_WIDTH_M = 2.6
+CEILING_M = 2.7
+FAR_WALL_M = 7.5
+DOOR_M = (-0.62, 0.52, 2.1)  # left, right, height of the doorway in the far wall
+BEYOND_M = 14.0
+NEAR_M = 0.4
+# Boxes that stand along the walls: x, y (up from the floor) and z ranges.
+FURNITURE_M = (
+    ((2.05, 2.6), (0.0, 0.48), (4.4, 6.2)),
+    ((-2.6, -2.52), (0.85, 0.95), (3.2, 7.5)),
+    ((-2.6, -2.25), (0.0, 1.9), (6.0, 6.9)),
+    ((2.48, 2.6), (1.2, 2.0), (4.9, 5.7)),
+)
+
+
+class Camera:
+    """A pinhole at the robot's height looking straight ahead; `rays` are (x, y down) for z = 1."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.height_m = scenario.camera_height_m
+        self.focal = np.float32(scenario.focal_px)
+        self.shape = (scenario.height, scenario.width)
+        self.centre = (np.float32((scenario.width - 1) / 2), np.float32((scenario.height - 1) / 2))
+        self.ray_x: Image = ((np.arange(scenario.width, dtype=np.float32) - self.centre[0]) / self.focal)[None, :]
+        self.ray_y: Image = ((np.arange(scenario.height, dtype=np.float32) - self.centre[1]) / self.focal)[:, None]
+
+
+def empty_corridor(camera: Camera) -> Image:
+    """Return the depth in metres of the corridor without people."""
+    rx = np.broadcast_to(camera.ray_x, camera.shape)
+    ry = np.broadcast_to(camera.ray_y, camera.shape)
+    with np.errstate(divide="ignore"):
+        sides = HALF_WIDTH_M / np.abs(rx)
+        vertical = np.where(ry > 0, camera.height_m / ry, (camera.height_m - CEILING_M) / ry)
+    left, right, top = DOOR_M
+    at_wall_x, at_wall_up = rx * FAR_WALL_M, camera.height_m - ry * FAR_WALL_M
+    in_door = (at_wall_x > left) & (at_wall_x < right) & (at_wall_up < top)
+    far = np.where(in_door, BEYOND_M, FAR_WALL_M)
+    depth = np.minimum(np.minimum(sides, np.abs(vertical)), far)
+    for box in FURNITURE_M:
+        depth = np.minimum(depth, _box(rx, ry, camera.height_m, box))
+    return depth.astype(np.float32)
+
+
+def _box(rx: Image, ry: Image, height_m: float, box: tuple[tuple[float, float], ...]) -> Image:
+    (x0, x1), (up0, up1), (z0, z1) = box
+    entry = np.full(rx.shape, z0, dtype=np.float32)
+    leave = np.full(rx.shape, z1, dtype=np.float32)
+    for ray, low, high in ((rx, x0, x1), (ry, height_m - up1, height_m - up0)):
+        safe = np.where(np.abs(ray) < 1e-6, np.float32(1e-6), ray)
+        first, second = low / safe, high / safe
+        entry = np.maximum(entry, np.minimum(first, second))
+        leave = np.minimum(leave, np.maximum(first, second))
+    return np.where((entry <= leave) & (entry > NEAR_M), entry, np.inf).astype(np.float32)
+
+
+def draw(camera: Camera, depth: Image, labels: Labels, capsules: Capsules, label: int) -> None:
+    """Draw a body into `depth` (metres) and `labels` where it is nearer than what is there. In place."""
+    for start, end, radius in zip(capsules.start, capsules.end, capsules.radius, strict=True):
+        a = np.array([start[0], camera.height_m - start[1], start[2]], dtype=np.float32)
+        b = np.array([end[0], camera.height_m - end[1], end[2]], dtype=np.float32)
+        _draw_capsule(camera, depth, labels, a, b, np.float32(radius), label)
+
+
+def _draw_capsule(
+    camera: Camera, depth: Image, labels: Labels, a: Image, b: Image, radius: np.float32, label: int
+) -> None:
+    nearest = float(min(a[2], b[2]) - radius)
+    if nearest < NEAR_M:
+        return
+    height, width = camera.shape
+    pad = float(radius) / nearest * float(camera.focal) + 2
+    us = [float(p[0] / p[2] * camera.focal + camera.centre[0]) for p in (a, b)]
+    vs = [float(p[1] / p[2] * camera.focal + camera.centre[1]) for p in (a, b)]
+    left, right = max(0, int(min(us) - pad)), min(width, int(max(us) + pad) + 1)
+    top, bottom = max(0, int(min(vs) - pad)), min(height, int(max(vs) + pad) + 1)
+    if left >= right or top >= bottom:
+        return
+    box = (slice(top, bottom), slice(left, right))
+    hit = _hit_capsule(camera.ray_x[:, left:right], camera.ray_y[top:bottom], a, b, radius)
+    nearer = hit < depth[box]
+    depth[box][nearer] = hit[nearer]
+    labels[box][nearer] = label
+
+
+def _hit_capsule(rx: Image, ry: Image, a: Image, b: Image, radius: np.float32) -> Image:
+    """Return the depth at which rays through the origin meet a capsule; infinity where they miss."""
+    ba = b - a
+    baba = float(ba @ ba) + 1e-9
+    baoa = -float(ba @ a)
+    aa, bb = float(a @ a), float(b @ b)
+    r2 = float(radius) ** 2
+    rdrd = rx * rx + ry * ry + 1
+    bard = rx * ba[0] + ry * ba[1] + ba[2]
+    rda = -(rx * a[0] + ry * a[1] + a[2])
+    k2 = baba * rdrd - bard * bard
+    k1 = baba * rda - baoa * bard
+    k0 = baba * aa - baoa * baoa - r2 * baba
+    root = k1 * k1 - k2 * k0
+    miss = root < 0
+    t = (-k1 - np.sqrt(np.maximum(root, 0))) / np.maximum(k2, 1e-9)
+    along = baoa + t * bard
+    at_start = along <= 0
+    rdb = -(rx * b[0] + ry * b[1] + b[2])
+    c1 = np.where(at_start, rda, rdb)
+    c0 = np.where(at_start, np.float32(aa - r2), np.float32(bb - r2))
+    cap_root = c1 * c1 - rdrd * c0
+    cap = (-c1 - np.sqrt(np.maximum(cap_root, 0))) / rdrd
+    side = (along > 0) & (along < baba)
+    result = np.where(side, t, np.where(cap_root >= 0, cap, np.inf))
+    result[miss] = np.inf
+    return result.astype(np.float32)

@@ -1,0 +1,81 @@
+"""What a structured-light depth camera does to true depth: jitter, axial noise, disparity steps, holes.
+
+The same noise is laid on empty and peopled frames. Deterministic: one seed and one index make one noise.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from clients.robot.events import Depth
+from clients.robot.synthetic.corridor import Image, Labels
+
+AXIAL_FLOOR_M = 0.0012
+AXIAL_SLOPE = 0.0019
+AXIAL_FROM_M = 0.4
+JITTER_PX = 0.45
+BASELINE_M = 0.075
+DISPARITY_STEPS_PER_PX = 8
+RANGE_MIN_M, RANGE_MAX_M = 0.4, 9.0
+EDGE_JUMP_M = 0.12
+EDGE_LOSS = 0.55
+SHADOW_STEPS_PX = (2, 4, 6, 8, 11)
+POOL_COUNT = 6
+POOL_MARGIN_PX = 96
+
+
+class CameraNoise:
+    """Fields of random numbers drawn once and shifted by a new random offset for each frame, which is 20 times cheaper."""
+
+    def __init__(self, shape: tuple[int, int], focal_px: float, seed: int) -> None:
+        self._shape = shape
+        self._seed = seed
+        self._disparity = np.float32(focal_px * BASELINE_M)
+        rng = np.random.default_rng([seed, 0xFEED])
+        large = (shape[0] + POOL_MARGIN_PX, shape[1] + POOL_MARGIN_PX)
+        self._normal = [rng.standard_normal(large, dtype=np.float32) for _ in range(POOL_COUNT)]
+        self._uniform = [rng.random(large, dtype=np.float32) for _ in range(POOL_COUNT)]
+        rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
+        self._jitters = []
+        for _ in range(POOL_COUNT):
+            dx = np.rint(rng.normal(0, JITTER_PX, shape)).astype(np.int16)
+            dy = np.rint(rng.normal(0, JITTER_PX, shape)).astype(np.int16)
+            x = np.clip(columns + dx, 0, shape[1] - 1).astype(np.int16)
+            y = np.clip(rows + dy, 0, shape[0] - 1).astype(np.int16)
+            self._jitters.append(np.ascontiguousarray(np.stack([x, y], axis=-1)))
+
+    def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
+        """Return the frame in millimetres as the camera would publish it, and `labels` moved along with its pixels."""
+        rng = np.random.default_rng([self._seed, 1, index])
+        disparity = self._disparity / depth
+        lost = self._shadow(disparity)
+        edges = cv2.morphologyEx(np.minimum(depth, RANGE_MAX_M + 1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+        lost |= (edges > EDGE_JUMP_M) & (self._field(self._uniform, rng) < EDGE_LOSS)
+        jitter = self._jitters[int(rng.integers(POOL_COUNT))]
+        moved = cv2.remap(depth, jitter, None, cv2.INTER_NEAREST)
+        if labels is not None:
+            labels = cv2.remap(labels, jitter, None, cv2.INTER_NEAREST).astype(np.uint8, copy=False)
+        beyond = moved - np.float32(AXIAL_FROM_M)
+        sigma = np.float32(AXIAL_FLOOR_M) + np.float32(AXIAL_SLOPE) * beyond * beyond
+        noisy = moved + sigma * self._field(self._normal, rng)
+        scale = self._disparity * DISPARITY_STEPS_PER_PX
+        stepped = scale / np.rint(scale / np.maximum(noisy, np.float32(0.2)))
+        lost |= (moved > RANGE_MAX_M) | (stepped < RANGE_MIN_M) | (stepped > RANGE_MAX_M)
+        millimetres = np.rint(stepped * 1000)
+        millimetres[lost] = 0
+        return millimetres.astype(np.uint16), labels
+
+    def _field(self, pool: list[Image], rng: np.random.Generator) -> Image:
+        field = pool[int(rng.integers(POOL_COUNT))]
+        top, left = (int(v) for v in rng.integers(POOL_MARGIN_PX, size=2))
+        cut = field[top : top + self._shape[0], left : left + self._shape[1]]
+        return cut[:, ::-1] if rng.integers(2) else cut
+
+    @staticmethod
+    def _shadow(disparity: Image) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+        """Return where a nearer surface to the right keeps the projector's pattern away."""
+        lost = np.zeros(disparity.shape, dtype=bool)
+        for step in SHADOW_STEPS_PX:
+            lost[:, :-step] |= (disparity[:, step:] - disparity[:, :-step]) > step
+        return lost
