@@ -1,0 +1,120 @@
+"""`blockrobot up | down | status | logs`: a local cluster from the command line. Must never touch a node's keys."""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from pathlib import Path
+
+import click
+from rich.table import Table
+
+from consensus.errors import BlockRobotError
+from network.cli.terminal import console, home_folder, json_option, plain_errors, print_json
+from network.cluster import Cluster, NodeStatusReport
+from network.layout import create_network
+
+DEFAULT_BASE_PORT = 7272
+
+
+def network_folder(folder: Path | None) -> Path:
+    """Return the folder that a command means: the one given, or the user's own network."""
+    return folder or home_folder() / "network"
+
+
+folder_option = click.option(
+    "--dir", "folder", type=click.Path(path_type=Path, file_okay=False), help="The network's folder."
+)
+
+
+@click.command()
+@folder_option
+@click.option(
+    "--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="How many nodes a new network has."
+)
+@click.option("--base-port", default=DEFAULT_BASE_PORT, show_default=True, help="The first of ten ports a node.")
+@click.option(
+    "--store", default="sqlite", show_default=True, help="Where custodians keep data: sqlite or mongodb://..."
+)
+@click.option("--ephemeral", is_flag=True, help="Begin with an empty network, forgetting the last one.")
+@json_option
+@plain_errors
+def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: bool, as_json: bool) -> None:
+    """Start the local network, making it first if there is none. Its state survives down and up.
+
+    Example: blockrobot up --nodes 4
+    """
+    place = network_folder(folder)
+    if ephemeral and place.exists():
+        Cluster(place).stop_all()
+        shutil.rmtree(place)
+    if not (place / "genesis.json").exists():
+        create_network(place, nodes=nodes, base_port=base_port, store=store)
+    cluster = Cluster(place)
+    cluster.start_all()
+    try:
+        with console.status("Waiting for the nodes to be ready ..."):
+            asyncio.run(cluster.wait_ready())
+    except BlockRobotError:
+        cluster.stop_all()
+        raise
+    report(asyncio.run(cluster.status()), place, as_json=as_json)
+
+
+@click.command()
+@folder_option
+@json_option
+@plain_errors
+def down(folder: Path | None, as_json: bool) -> None:
+    """Stop the local network. Nothing final is lost."""
+    stopped = Cluster(network_folder(folder)).stop_all()
+    if as_json:
+        print_json({"ok": True, "stopped": stopped})
+    else:
+        console.print(f"Stopped: {', '.join(stopped)}." if stopped else "Nothing was running.")
+
+
+@click.command()
+@folder_option
+@json_option
+@plain_errors
+def status(folder: Path | None, as_json: bool) -> None:
+    """Show each node's height, finalized height, round, peers and custody checkpoint."""
+    place = network_folder(folder)
+    report(asyncio.run(Cluster(place).status()), place, as_json=as_json)
+
+
+@click.command()
+@click.argument("node", required=False)
+@folder_option
+@click.option("--lines", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many lines of each.")
+@plain_errors
+def logs(node: str | None, folder: Path | None, lines: int) -> None:
+    """Show the last log lines of one node, or of all."""
+    cluster = Cluster(network_folder(folder))
+    for name in [node] if node else cluster.names:
+        config = cluster.config(name)
+        for path in (config.log_path, config.data_dir / "output.log"):
+            if path.exists():
+                for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[-lines:]:
+                    click.echo(f"{name} {line}")
+
+
+def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
+    """Print the state of every node."""
+    if as_json:
+        nodes = [{"name": row.name, "running": row.running, **(row.status or {})} for row in reports]
+        print_json({"ok": all(row.status for row in reports), "directory": str(folder), "nodes": nodes})
+        return
+    table = Table(title=f"Network in {folder}", title_justify="left")
+    for column in ("node", "state", "height", "final", "round", "leads", "peers", "waiting", "custody"):
+        table.add_column(column, justify="left" if column in {"node", "state", "leads"} else "right")
+    for row in reports:
+        seen = row.status or {}
+        state = "ready" if seen.get("ready") else "starting" if row.running else "stopped"
+        values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
+        peers = len(seen["peers"]) if "peers" in seen else None
+        custody = seen.get("custody_checkpoint")
+        cells = [*values, peers, seen.get("mempool_count"), custody]
+        table.add_row(row.name, state, *("-" if cell is None else str(cell) for cell in cells))
+    console.print(table)

@@ -1,0 +1,68 @@
+"""How every command speaks: plain lines or one JSON object, and errors with a code and a next step. Must never traceback.
+
+Exit codes: 0 done, 1 failed, 2 usage (click's own), 3 not found, 4 refused, 5 not final in time.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.console import Console
+
+from consensus.errors import BlockRobotError
+
+EXIT_FAILED = 1
+EXIT_NOT_FOUND = 3
+EXIT_REFUSED = 4
+EXIT_NOT_FINAL = 5
+
+_STATUS_TO_EXIT = {404: EXIT_NOT_FOUND, 401: EXIT_REFUSED, 403: EXIT_REFUSED, 504: EXIT_NOT_FINAL}
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+console = Console(highlight=False, soft_wrap=True)
+
+
+def home_folder() -> Path:
+    """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place."""
+    return Path(os.environ.get("BLOCKROBOT_HOME") or click.get_app_dir("blockrobot"))
+
+
+def json_option(command: F) -> F:
+    """Add `--json`: print one JSON object instead of lines for people."""
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")(command)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on standard output."""
+    click.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
+    """Print what went wrong, its code and the next step, on standard error; return the exit code."""
+    if as_json:
+        problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+        click.echo(json.dumps({"ok": False, "error": problem}, ensure_ascii=False))
+    else:
+        click.echo(f"{error.detail}\n  {error.code}. Next step: {error.next_step}", err=True)
+    return _STATUS_TO_EXIT.get(error.entry.status, EXIT_FAILED)
+
+
+def plain_errors(command: F) -> F:
+    """Turn a refusal into a sentence, a code, a next step and an exit code."""
+
+    @functools.wraps(command)
+    def wrapped(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return command(*args, **kwargs)
+        except BlockRobotError as error:
+            sys.exit(fail(error, as_json=bool(kwargs.get("as_json"))))
+
+    return wrapped  # type: ignore[return-value]

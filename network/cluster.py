@@ -1,0 +1,213 @@
+"""A local cluster: real node processes on loopback, started, watched and stopped. Must never hold a node's secrets.
+
+A network lives in one folder: `genesis.json`, `nodes/<name>/` (each a node's data directory) and `organisations/`.
+What runs is told by the processes themselves: each node's operator listener answers, or it does not. The only state of
+the cluster's own is `cluster.json`, the process ids of the last start.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
+from node.config import NodeConfig, load_config
+
+READY_TIMEOUT_S = 40.0
+STOP_TIMEOUT_S = 15.0
+_POLL_S = 0.05
+_STATE_FILE = "cluster.json"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeStatusReport:
+    """One line of `blockrobot status`: the node's own words, or None if it does not answer."""
+
+    name: str
+    running: bool
+    status: dict[str, Any] | None
+
+
+class Cluster:
+    """The nodes of one network folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Open a network folder. Raises CLUSTER_NOT_RUNNING if there is no network in it."""
+        self.folder = folder
+        path = folder / "genesis.json"
+        if not path.exists():
+            raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
+        self.genesis: Genesis = genesis_from_json(path.read_text(encoding="utf-8"))
+        self.configs: dict[str, NodeConfig] = {
+            node.name: load_config(folder / "nodes" / node.name) for node in self.genesis.nodes
+        }
+        self._children: dict[str, subprocess.Popen[bytes]] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """The nodes' names, in the order of the genesis file."""
+        return list(self.configs)
+
+    def start(self, name: str) -> None:
+        """Start one node's process, apart from this one's terminal and life."""
+        config = self.config(name)
+        output = (config.data_dir / "output.log").open("ab")
+        with output:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        self._children[name] = child
+        self._write_pid(name, child.pid)
+
+    def config(self, name: str) -> NodeConfig:
+        """Return a node's configuration. Raises NOT_FOUND."""
+        if name not in self.configs:
+            raise BlockRobotError("NOT_FOUND", f"There is no node {name!r}; there are {', '.join(self.names)}.")
+        return self.configs[name]
+
+    def start_all(self) -> None:
+        """Start every node. Raises CLUSTER_ALREADY_RUNNING if one of them runs."""
+        running = [name for name in self.names if self.is_running(name)]
+        if running:
+            raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(running)}.")
+        for name in self.names:
+            self.start(name)
+
+    def kill(self, name: str) -> None:
+        """Send SIGKILL to a node: no last word, nothing flushed."""
+        self._signal(name, signal.SIGKILL)
+        self._reap(name, STOP_TIMEOUT_S)
+
+    def stop(self, name: str) -> None:
+        """Stop a node cleanly; after fifteen seconds, not so cleanly."""
+        self._signal(name, signal.SIGTERM)
+        if not self._reap(name, STOP_TIMEOUT_S):
+            self.kill(name)
+
+    def stop_all(self) -> list[str]:
+        """Stop every running node cleanly, all at once. Returns the names of those that ran."""
+        running = [name for name in self.names if self.is_running(name)]
+        for name in running:
+            self._signal(name, signal.SIGTERM)
+        for name in running:
+            if not self._reap(name, STOP_TIMEOUT_S):
+                self.kill(name)
+        (self.folder / _STATE_FILE).unlink(missing_ok=True)
+        return running
+
+    def is_running(self, name: str) -> bool:
+        """Tell whether the node's process is alive."""
+        pid = self._read_pids().get(name)
+        child = self._children.get(name)
+        if child is not None and child.pid == pid:
+            return child.poll() is None
+        return pid is not None and _is_node_process(pid, self.config(name).data_dir)
+
+    def _signal(self, name: str, number: signal.Signals) -> None:
+        pid = self._read_pids().get(name)
+        if pid is not None and self.is_running(name):
+            os.kill(pid, number)
+
+    def _reap(self, name: str, timeout_s: float) -> bool:
+        deadline = time.monotonic() + timeout_s
+        while self.is_running(name):
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+    def _read_pids(self) -> dict[str, int]:
+        try:
+            pids: dict[str, int] = json.loads((self.folder / _STATE_FILE).read_text(encoding="utf-8"))["pids"]
+        except (FileNotFoundError, ValueError, KeyError):
+            return {}
+        return pids
+
+    def _write_pid(self, name: str, pid: int) -> None:
+        pids = self._read_pids() | {name: pid}
+        path = self.folder / _STATE_FILE
+        temporary = path.with_suffix(".tmp")
+        temporary.write_text(json.dumps({"pids": pids}), encoding="utf-8")
+        temporary.replace(path)
+
+    async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
+        """Wait until these nodes (all unless said) answer 200 on /readyz. Raises CLUSTER_START_FAILED with why not."""
+        deadline = time.monotonic() + timeout_s
+        waiting = list(names or self.names)
+        async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
+            while waiting:
+                for name in list(waiting):
+                    if not self.is_running(name):
+                        raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
+                    if await _answers_ready(session, self.configs[name]):
+                        waiting.remove(name)
+                if waiting and time.monotonic() > deadline:
+                    raise BlockRobotError("CLUSTER_START_FAILED", f"Not ready in time: {', '.join(waiting)}.")
+                if waiting:
+                    await asyncio.sleep(_POLL_S)
+
+    def last_words(self, name: str) -> str:
+        """Return the last line that a node printed outside its log."""
+        path = self.config(name).data_dir / "output.log"
+        lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines() if path.exists() else []
+        return lines[-1] if lines else "it printed nothing."
+
+    async def status(self) -> list[NodeStatusReport]:
+        """Ask every node's operator listener."""
+        async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
+            answers = await asyncio.gather(*(_fetch_status(session, config) for config in self.configs.values()))
+        return [
+            NodeStatusReport(name=name, running=self.is_running(name), status=answer)
+            for name, answer in zip(self.names, answers, strict=True)
+        ]
+
+
+def _operator_url(config: NodeConfig, path: str) -> str:
+    return f"http://{config.host}:{config.operator_port}{path}"
+
+
+async def _answers_ready(session: aiohttp.ClientSession, config: NodeConfig) -> bool:
+    try:
+        async with session.get(_operator_url(config, "/readyz")) as response:
+            return response.status == 200
+    except (aiohttp.ClientError, TimeoutError):
+        return False
+
+
+async def _fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
+    try:
+        async with session.get(_operator_url(config, "/status")) as response:
+            status: dict[str, Any] = await response.json()
+            return status
+    except (aiohttp.ClientError, TimeoutError, ValueError):
+        return None
+
+
+def _is_node_process(pid: int, data_dir: Path) -> bool:
+    """Tell whether `pid` is a node on this data directory, not a stranger who got the number later."""
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return False
+    try:
+        command = Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return True  # no /proc here (macOS): the number is all there is to go by
+    return str(data_dir).encode() in command
