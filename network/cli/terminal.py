@@ -1,4 +1,4 @@
-"""How every command speaks: plain lines or one JSON object; errors with code and next step. Must never show a traceback.
+"""How every command speaks: lines or one JSON object; errors with code and next step. Must never show a traceback.
 
 Exit codes: 0 done, 1 failed, 2 usage (click's own), 3 not found, 4 refused, 5 not final in time.
 """
