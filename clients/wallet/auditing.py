@@ -1,0 +1,59 @@
+"""Puts together what happened to a person's records, from the chain. Must never leave an entry out without saying so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.wallet import Wallet
+from consensus.primitives.encoding import u32
+
+_PAGE_COUNT = 100
+
+
+@dataclass(frozen=True, slots=True)
+class AuditEntry:
+    """One event of one visit, proven. `time_ms` is the block's timestamp; `data` depends on the kind."""
+
+    owner: bytes
+    index: int
+    record_id: bytes
+    kind: str
+    time_ms: int
+    height: int
+    data: dict[str, Any]
+
+
+async def audit_visit(wallet: Wallet, visit: KnownVisit) -> list[AuditEntry]:
+    """Return all events of a visit in order. The count and each entry are proven, so none can be left out."""
+    key = wallet.owner_key(visit)
+    count_key = b"audit\x00count/" + visit.owner
+    count = (await wallet.network.state_values([count_key], key))[count_key] or 0
+    entries = []
+    for start in range(0, count, _PAGE_COUNT):
+        indexes = range(start, min(count, start + _PAGE_COUNT))
+        keys = [b"audit\x00entry/" + visit.owner + u32(index) for index in indexes]
+        values = await wallet.network.state_values(keys, key)
+        for index, state_key in zip(indexes, keys, strict=True):
+            value = values[state_key]
+            entries.append(
+                AuditEntry(
+                    owner=visit.owner,
+                    index=index,
+                    record_id=value["record_id"],
+                    kind=value["kind"],
+                    time_ms=value["time"],
+                    height=value["height"],
+                    data=value["data"],
+                )
+            )
+    return entries
+
+
+async def audit_all(wallet: Wallet) -> list[AuditEntry]:
+    """Return the events of all visits, in the order of the chain."""
+    entries = []
+    for visit in await wallet.scan():
+        entries.extend(await audit_visit(wallet, visit))
+    return sorted(entries, key=lambda entry: (entry.height, entry.index))

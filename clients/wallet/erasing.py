@@ -1,0 +1,84 @@
+"""Erases records or frames of them, and shows the custodians' receipts. Must never call erased what is only asked for."""
+
+from __future__ import annotations
+
+import asyncio
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+
+RECORDS_A_REQUEST_MAX_COUNT = 64
+_POLL_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class ErasureReport:
+    """One erasure request and its receipts so far. `receipts` maps a custodian's key (hex) to what it said."""
+
+    erasure_id: bytes
+    visit: KnownVisit
+    status: str
+    custodians: tuple[bytes, ...]
+    receipts: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every custodian has confirmed."""
+        return self.status == "complete"
+
+
+class Erasing:
+    """Erasure of one person's records."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
+        """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
+        if frames and len(records) != 1:
+            raise BlockRobotError("REQUEST_INVALID", "Frames can be erased of one record at a time.")
+        key = self._wallet.owner_key(visit)
+        ids = []
+        for start in range(0, len(records), RECORDS_A_REQUEST_MAX_COUNT):
+            part = records[start : start + RECORDS_A_REQUEST_MAX_COUNT]
+            transaction = self._wallet.transactions.sign(key, "erasure", "request", [part, frames])
+            receipt = await self._wallet.network.submit_and_wait(transaction)
+            if not receipt.ok:
+                raise BlockRobotError("NOT_PERMITTED", f"The chain refused the erasure: {receipt.code}.")
+            ids.append(transaction.txid)
+            self._wallet.store.content.asked_erasures.append(transaction.txid)
+        self._wallet.store.save()
+        return ids
+
+    async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
+        """Return one request's state, proven against a finalized header."""
+        state_key = b"erasure\x00erasure/" + erasure_id
+        values = await self._wallet.network.state_values([state_key], self._wallet.owner_key(visit))
+        state = values[state_key]
+        if state is None:
+            raise BlockRobotError("NOT_FOUND", "The chain knows no such erasure request.")
+        return ErasureReport(
+            erasure_id=erasure_id,
+            visit=visit,
+            status=state["status"],
+            custodians=tuple(state["custodians"]),
+            receipts={custodian.hex(): receipt for custodian, receipt in state["receipts"].items()},
+        )
+
+    async def wait_complete(self, visit: KnownVisit, erasure_ids: list[bytes], timeout_s: float) -> list[ErasureReport]:
+        """Wait until all requests are complete. Raises TRANSACTION_NOT_FINAL_IN_TIME, naming who is overdue."""
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + timeout_s
+        while True:
+            reports = [await self.report(visit, erasure_id) for erasure_id in erasure_ids]
+            if all(report.complete for report in reports):
+                return reports
+            if loop.time() > deadline:
+                waiting = sum(len(report.custodians) - len(report.receipts) for report in reports)
+                raise BlockRobotError(
+                    "TRANSACTION_NOT_FINAL_IN_TIME", f"{waiting} receipts of custodians are still missing."
+                )
+            await asyncio.sleep(_POLL_S)

@@ -1,0 +1,125 @@
+"""Sees a record: access on the chain first, then fetch, decrypt, verify on this machine. Must never show what is unproven.
+
+Every frame is judged by itself. A frame whose bytes are not those that the robot committed to is named as corrupted; the
+others still open. If one custodian's copy is damaged, the next custodian is asked before a frame is called corrupted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clients.wallet.wallet import RecordEntry, Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload, check_clip_download
+from consensus.records.commitments import frame_commitment
+from consensus.records.envelopes import open_data_key, open_frame
+from consensus.records.renditions import Rendition, decode_rendition
+
+STATUS_OK = "ok"
+STATUS_CORRUPTED = "corrupted"
+STATUS_ERASED = "erased"
+
+
+@dataclass(frozen=True, slots=True)
+class FrameView:
+    """One frame of a record as it was found: `rendition` is there only if every check passed."""
+
+    index: int
+    status: str
+    rendition: Rendition | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordView:
+    """A record with all its frames, and the custodians whose copies were used."""
+
+    entry: RecordEntry
+    frames: tuple[FrameView, ...]
+    custodians: tuple[str, ...]
+
+    @property
+    def corrupted(self) -> list[int]:
+        """The indexes of frames that no custodian has whole."""
+        return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
+
+    @property
+    def verdict(self) -> str:
+        """`verified` or `corrupted`, as the verdict on the chain says it."""
+        return "corrupted" if self.corrupted else "verified"
+
+
+class Viewing:
+    """Access to the records of one visit, under one access transaction."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def request_access(self, entries: list[RecordEntry], purpose: str) -> bytes:
+        """Put an access request of the owner key on the chain and wait until it is final. Returns the access id."""
+        key = self._wallet.owner_key(entries[0].visit)
+        ids = [entry.record_id for entry in entries]
+        transaction = self._wallet.transactions.sign(key, "access", "request", [ids, purpose])
+        receipt = await self._wallet.network.submit_and_wait(transaction)
+        if not receipt.ok:
+            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the access: {receipt.code}.")
+        return transaction.txid
+
+    async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
+        """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
+        frames: dict[int, FrameView] = {}
+        used: list[str] = []
+        refusal: BlockRobotError | None = None
+        for custodian in self._wallet.genesis.custodians:
+            try:
+                found = await self._view_at(custodian.name, entry, access_id)
+            except BlockRobotError as error:
+                refusal = error
+                continue
+            used.append(custodian.name)
+            for frame in found:
+                if frame.index not in frames or frames[frame.index].status == STATUS_CORRUPTED:
+                    frames[frame.index] = frame
+            if all(frame.status != STATUS_CORRUPTED for frame in frames.values()):
+                break
+        if not frames:
+            raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
+        ordered = tuple(frames[index] for index in sorted(frames))
+        return RecordView(entry=entry, frames=ordered, custodians=tuple(used))
+
+    async def _view_at(self, custodian: str, entry: RecordEntry, access_id: bytes) -> list[FrameView]:
+        key = self._wallet.owner_key(entry.visit)
+        clip = await self._wallet.network.download_clip(custodian, entry.record_id, access_id, key)
+        state = entry.state
+        damaged = set(check_clip_download(clip, state["commitment_root"], state["ciphertext_root"]))
+        return [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
+
+    def _open(self, entry: RecordEntry, clip: ClipDownload, index: int, *, damaged: bool) -> FrameView:
+        frame = clip.frames[index]
+        if frame.erased:
+            return FrameView(index=index, status=STATUS_ERASED, rendition=None)
+        if damaged:
+            return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
+        try:
+            data_key = open_data_key(self._wallet.keys.sealing, frame.sealed_key)
+            plaintext = open_frame(data_key, entry.record_id, index, frame.ciphertext)
+            if frame_commitment(data_key, index, plaintext) != clip.commitment_leaves[index]:
+                raise BlockRobotError("RENDITION_CORRUPTED")
+            rendition = decode_rendition(plaintext)
+        except BlockRobotError:
+            return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
+        return FrameView(index=index, status=STATUS_OK, rendition=rendition)
+
+    async def put_verdict(self, view: RecordView) -> bytes:
+        """Put what was found on the chain, signed by the owner key. Returns the txid."""
+        key = self._wallet.owner_key(view.entry.visit)
+        arguments = [view.entry.record_id, view.verdict, view.corrupted]
+        transaction = self._wallet.transactions.sign(key, "access", "verdict", arguments)
+        receipt = await self._wallet.network.submit_and_wait(transaction)
+        if not receipt.ok:
+            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the verdict: {receipt.code}.")
+        return transaction.txid
+
+    async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes:
+        """Return the PNG of the recorded empty frame that a rendition stands on, checked against its hash."""
+        key = self._wallet.owner_key(entry.visit)
+        return await self._wallet.network.get_background(rendition.background_id, key)

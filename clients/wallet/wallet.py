@@ -1,0 +1,182 @@
+"""A person's wallet: register, find, list. Must never trust a node: what it shows was proven against a finalized header.
+
+Two kinds of session are kept apart. In the member's session the wallet does what everyone does (read all announcements);
+whatever concerns one visit is asked in the session of that visit's owner key, on a connection of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.http import NetworkClient
+from clients.sdk.transactions import TransactionBuilder
+from clients.wallet.keys import WalletKeys, derive_keys
+from clients.wallet.keystore import Keystore, KnownVisit
+from clients.wallet.visits import Announcement, find_own_visits, owner_key
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode
+from consensus.primitives.keys import PrivateKey
+from consensus.records.envelopes import open_metadata
+from consensus.records.metadata import RecordMetadata
+from consensus.records.vouchers import decode_card_code, sign_card
+
+SCAN_PAGE_COUNT = 200
+VISIT_RECORDS_MAX_COUNT = 2_000
+
+
+@dataclass(frozen=True, slots=True)
+class RecordEntry:
+    """One record of the wallet's owner, proven and opened. Times are the robot's wall clock, in milliseconds."""
+
+    record_id: bytes
+    visit: KnownVisit
+    state: dict[str, Any]
+    metadata: RecordMetadata
+
+    @property
+    def erased(self) -> bool:
+        """Whether the whole record is erased."""
+        return bool(self.state["status"] == "erased")
+
+
+@dataclass(frozen=True, slots=True)
+class VisitReport:
+    """A visit as the wallet knows it: its records in order, and whether any is missing."""
+
+    visit: KnownVisit
+    records: tuple[RecordEntry, ...]
+    erased_ids: tuple[bytes, ...]
+    closed: bool
+    missing_count: int
+
+
+class Wallet:
+    """An open wallet on a network. Use as `async with`."""
+
+    def __init__(self, store: Keystore, genesis: Genesis) -> None:
+        self.store = store
+        self.genesis = genesis
+        self.keys: WalletKeys = derive_keys(store.content.words)
+        self.network = NetworkClient(genesis, pinned_header=store.content.pinned_header)
+        self.transactions = TransactionBuilder(genesis.chain_id)
+
+    async def __aenter__(self) -> Wallet:
+        await self.network.__aenter__()
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        self.store.content.pinned_header = self.network.light_client.pinned_header_bytes
+        self.store.save()
+        await self.network.__aexit__(*exception)
+
+    def owner_key(self, visit: KnownVisit) -> PrivateKey:
+        """Derive the private key of one visit."""
+        return owner_key(visit, self.keys, self.genesis.chain_id)
+
+    async def register(self, code: str, purposes: list[str]) -> bytes:
+        """Register with the code on the card, consenting to the purposes. Returns the txid.
+
+        Raises VOUCHER_INVALID for a damaged code, NOT_PERMITTED with the contract's code if the chain refuses.
+        """
+        card = decode_card_code(code)
+        keys = self.keys
+        card_signature = sign_card(
+            card,
+            chain_id=self.genesis.chain_id,
+            member=keys.identity.public_key,
+            spend=keys.spend.public_key,
+            view=keys.view.public_key,
+            sealing=keys.sealing_public,
+        )
+        arguments = [
+            card.handle,
+            card.card_public,
+            card.role,
+            card.not_after_ms,
+            card.voucher_signature,
+            keys.spend.public_key,
+            keys.view.public_key,
+            keys.sealing_public,
+            card_signature,
+            purposes,
+        ]
+        transaction = self.transactions.sign(keys.identity, "identity", "register", arguments)
+        receipt = await self.network.submit_and_wait(transaction)
+        if not receipt.ok:
+            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the registration: {receipt.code}.")
+        content = self.store.content
+        content.handle, content.role = card.handle, card.role
+        self.store.save()
+        return transaction.txid
+
+    def require_registered(self) -> None:
+        """Raise NOT_REGISTERED unless this wallet has been registered."""
+        if not self.store.content.handle:
+            raise BlockRobotError("NOT_REGISTERED")
+
+    async def scan(self) -> list[KnownVisit]:
+        """Read the announcements that are new since last time and return all visits that are this person's."""
+        self.require_registered()
+        content = self.store.content
+        while True:
+            page = await self.network.announcements(content.scanned_count, SCAN_PAGE_COUNT, self.keys.identity)
+            if not page:
+                break
+            items = [
+                Announcement(
+                    sequence=item.sequence,
+                    owner=item.owner,
+                    ephemeral=item.ephemeral,
+                    view_tag=item.view_tag,
+                    robot=item.robot,
+                    bucket_ms=item.bucket_ms,
+                )
+                for item in page
+            ]
+            content.visits.extend(find_own_visits(items, self.keys, self.genesis.chain_id))
+            content.scanned_count = items[-1].sequence + 1
+        self.store.save()
+        return list(content.visits)
+
+    async def visit_report(self, visit: KnownVisit) -> VisitReport:
+        """List a visit's records, each proven, opened and chained; say how many are missing.
+
+        The node's list is only a hint: every record is proven by itself, the chain of hashes shows a gap, and the
+        visit's closing shows a missing tail.
+        """
+        key = self.owner_key(visit)
+        ids: list[bytes] = await self.network.query("records", "of_visit", [visit.owner], key)
+        state_keys = [b"records\x00record/" + record_id for record_id in ids[:VISIT_RECORDS_MAX_COUNT]]
+        visit_key = b"records\x00visit/" + visit.owner
+        values = await self.network.state_values([visit_key, *state_keys], key)
+        visit_state = values[visit_key]
+        if visit_state is None:
+            raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
+        entries, erased = [], []
+        for record_id, state_key in zip(ids, state_keys, strict=False):
+            state = values[state_key]
+            if state is None or state["owner"] != visit.owner:
+                continue
+            if not state["sealed_metadata"]:
+                erased.append(record_id)
+                continue
+            metadata = decode(open_metadata(self.keys.sealing, state["sealed_metadata"]), RecordMetadata)
+            entries.append(RecordEntry(record_id=record_id, visit=visit, state=state, metadata=metadata))
+        entries.sort(key=lambda entry: entry.metadata.index_in_visit)
+        closed = visit_state["status"] == "closed"
+        expected = (
+            visit_state["record_count"] if closed else max((e.metadata.index_in_visit + 1 for e in entries), default=0)
+        )
+        return VisitReport(
+            visit=visit,
+            records=tuple(entries),
+            erased_ids=tuple(erased),
+            closed=closed,
+            missing_count=max(0, expected - len(entries) - len(erased)),
+        )
+
+    async def records(self) -> list[VisitReport]:
+        """Return every visit of this person with its records, oldest first."""
+        return [await self.visit_report(visit) for visit in await self.scan()]
