@@ -1,0 +1,135 @@
+"""Certificate authorities of organisations and certificates of their nodes. Must never leave a key readable by others.
+
+Each organisation has one CA (ECDSA P-256). Its certificate stands in the genesis file; a node proves who it is with a
+certificate whose common name is the node's name, signed by the CA of the node's own organisation.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import ipaddress
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+AUTHORITY_LIFETIME_DAYS = 10 * 365
+NODE_LIFETIME_DAYS = 2 * 365
+_BACKDATED_HOURS = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """An organisation's CA: its certificate and its private key."""
+
+    organisation: str
+    certificate: x509.Certificate
+    key: ec.EllipticCurvePrivateKey
+
+    @property
+    def certificate_pem(self) -> str:
+        """The CA certificate as PEM text, as the genesis file holds it."""
+        return self.certificate.public_bytes(serialization.Encoding.PEM).decode()
+
+
+@dataclass(frozen=True, slots=True)
+class NodeCertificate:
+    """A node's TLS certificate and key, both PEM."""
+
+    certificate_pem: bytes
+    key_pem: bytes
+
+
+def _name(organisation: str, common_name: str) -> x509.Name:
+    return x509.Name(
+        [
+            x509.NameAttribute(NameOID.ORGANIZATION_NAME, organisation),
+            x509.NameAttribute(NameOID.COMMON_NAME, common_name),
+        ]
+    )
+
+
+def _builder(subject: x509.Name, issuer: x509.Name, lifetime_days: int) -> x509.CertificateBuilder:
+    now = dt.datetime.now(dt.UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - dt.timedelta(hours=_BACKDATED_HOURS))
+        .not_valid_after(now + dt.timedelta(days=lifetime_days))
+    )
+
+
+def _key_usage(*, signs_certificates: bool) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=True,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=signs_certificates,
+        crl_sign=signs_certificates,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def create_authority(organisation: str) -> Authority:
+    """Make a new CA for an organisation."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = _name(organisation, f"{organisation} node authority")
+    certificate = (
+        _builder(name, name, AUTHORITY_LIFETIME_DAYS)
+        .public_key(key.public_key())
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(_key_usage(signs_certificates=True), critical=True)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .sign(key, hashes.SHA256())
+    )
+    return Authority(organisation=organisation, certificate=certificate, key=key)
+
+
+def issue_node_certificate(authority: Authority, node: str, host: str = "127.0.0.1") -> NodeCertificate:
+    """Issue a certificate for a node: common name and DNS name are its name, the address is `host` (an IP)."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    names: list[x509.GeneralName] = [x509.DNSName(node), x509.IPAddress(ipaddress.ip_address(host))]
+    issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
+    certificate = (
+        _builder(_name(authority.organisation, node), authority.certificate.subject, NODE_LIFETIME_DAYS)
+        .public_key(key.public_key())
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_key_usage(signs_certificates=False), critical=True)
+        .add_extension(
+            x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]), critical=False
+        )
+        .add_extension(x509.SubjectAlternativeName(names), critical=False)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        .add_extension(
+            x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(issuer_key),
+            critical=False,
+        )
+        .sign(authority.key, hashes.SHA256())
+    )
+    return NodeCertificate(
+        certificate_pem=certificate.public_bytes(serialization.Encoding.PEM), key_pem=encode_private_key(key)
+    )
+
+
+def encode_private_key(key: ec.EllipticCurvePrivateKey) -> bytes:
+    """Return a TLS or CA key as unencrypted PKCS#8 PEM (the file's mode protects it)."""
+    return key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    )
+
+
+def write_secret(path: Path, data: bytes) -> None:
+    """Write a new file that only its owner may read (mode 0600). Raises FileExistsError rather than overwrite."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "wb") as file:
+        file.write(data)

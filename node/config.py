@@ -1,0 +1,202 @@
+"""A node's configuration: `node.toml` in its data directory. Must never hold or print key material, only paths.
+
+Every path in the file is relative to the data directory, so that a directory can be moved.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
+from consensus.primitives.keys import PrivateKey
+
+CONFIG_FILE = "node.toml"
+_PORT_MAX = 65_535
+_LOG_LEVELS = ("debug", "info", "warning", "error")
+_SECTIONS: dict[str, frozenset[str]] = {
+    "node": frozenset({"name", "genesis"}),
+    "listen": frozenset({"host", "p2p_port", "api_port", "operator_port"}),
+    "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
+    "custody": frozenset({"store"}),
+    "log": frozenset({"level"}),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class NodeConfig:
+    """All that a node is told at its start. Ports are TCP; paths are absolute."""
+
+    data_dir: Path
+    name: str
+    genesis_path: Path
+    host: str
+    p2p_port: int
+    api_port: int
+    operator_port: int
+    tls_certificate_path: Path
+    tls_key_path: Path
+    producer_key_path: Path | None
+    custodian_key_path: Path | None
+    custody_store: str
+    log_level: str
+
+    @property
+    def ledger_dir(self) -> Path:
+        """Where the finalized chain and state are (LMDB)."""
+        return self.data_dir / "ledger"
+
+    @property
+    def journal_dir(self) -> Path:
+        """Where the voting journal is."""
+        return self.data_dir / "journal"
+
+    @property
+    def custody_dir(self) -> Path:
+        """Where an embedded custodian store is."""
+        return self.data_dir / "custody"
+
+    @property
+    def erase_keys_dir(self) -> Path:
+        """Where the custodian's erase-key file is: outside the database and its backups."""
+        return self.data_dir / "erase-keys"
+
+    @property
+    def log_path(self) -> Path:
+        """Where JSON log lines go."""
+        return self.data_dir / "node.log"
+
+
+def _invalid(detail: str) -> BlockRobotError:
+    return BlockRobotError("CONFIGURATION_INVALID", f"{CONFIG_FILE}: {detail}")
+
+
+class _Section:
+    """One table of the file, read field by field with plain complaints."""
+
+    def __init__(self, document: dict[str, Any], name: str) -> None:
+        table = document.get(name, {})
+        if not isinstance(table, dict):
+            raise _invalid(f"[{name}] is not a table.")
+        unknown = sorted(set(table) - _SECTIONS[name])
+        if unknown:
+            raise _invalid(f"[{name}] has an unknown field {unknown[0]!r}.")
+        self._name, self._table = name, table
+
+    def text(self, field: str, default: str | None = None) -> str:
+        value = self._table.get(field, default)
+        if not isinstance(value, str) or not value:
+            raise _invalid(f"[{self._name}] needs the text {field!r}.")
+        return value
+
+    def optional_text(self, field: str) -> str | None:
+        return self.text(field) if field in self._table else None
+
+    def port(self, field: str) -> int:
+        value = self._table.get(field)
+        if not isinstance(value, int) or isinstance(value, bool) or not 0 < value <= _PORT_MAX:
+            raise _invalid(f"[{self._name}] needs a port number {field!r}.")
+        return value
+
+
+def load_config(data_dir: Path) -> NodeConfig:
+    """Read and check `node.toml` of a data directory.
+
+    Raises DATA_DIRECTORY_INVALID if there is no such file, CONFIGURATION_INVALID for what is wrong in it.
+    """
+    path = data_dir / CONFIG_FILE
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {data_dir}.") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise _invalid(f"it is not TOML: {error}.") from None
+    unknown = sorted(set(document) - set(_SECTIONS))
+    if unknown:
+        raise _invalid(f"there is an unknown table [{unknown[0]}].")
+    node, listen, keys, custody, log = (_Section(document, name) for name in _SECTIONS)
+    ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
+    if len(set(ports)) != len(ports):
+        raise _invalid("[listen] names a port twice.")
+    level = log.text("level", "info")
+    if level not in _LOG_LEVELS:
+        raise _invalid(f"[log] level is one of {', '.join(_LOG_LEVELS)}.")
+    producer, custodian = keys.optional_text("producer"), keys.optional_text("custodian")
+    return NodeConfig(
+        data_dir=data_dir,
+        name=node.text("name"),
+        genesis_path=data_dir / node.text("genesis", "genesis.json"),
+        host=listen.text("host", "127.0.0.1"),
+        p2p_port=ports[0],
+        api_port=ports[1],
+        operator_port=ports[2],
+        tls_certificate_path=data_dir / keys.text("tls_certificate"),
+        tls_key_path=data_dir / keys.text("tls_key"),
+        producer_key_path=data_dir / producer if producer else None,
+        custodian_key_path=data_dir / custodian if custodian else None,
+        custody_store=custody.text("store", "sqlite"),
+        log_level=level,
+    )
+
+
+def config_to_toml(config: NodeConfig) -> str:
+    """Return the text of `node.toml` for this configuration, paths relative to its data directory."""
+    relative = {
+        "tls_certificate": config.tls_certificate_path,
+        "tls_key": config.tls_key_path,
+        "producer": config.producer_key_path,
+        "custodian": config.custodian_key_path,
+    }
+    lines = [
+        "[node]",
+        f'name = "{config.name}"',
+        f'genesis = "{config.genesis_path.relative_to(config.data_dir)}"',
+        "",
+        "[listen]",
+        f'host = "{config.host}"',
+        f"p2p_port = {config.p2p_port}",
+        f"api_port = {config.api_port}",
+        f"operator_port = {config.operator_port}",
+        "",
+        "[keys]",
+        *(f'{name} = "{path.relative_to(config.data_dir)}"' for name, path in relative.items() if path),
+        "",
+        "[custody]",
+        f'store = "{config.custody_store}"',
+        "",
+        "[log]",
+        f'level = "{config.log_level}"',
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def load_genesis(config: NodeConfig) -> Genesis:
+    """Read the genesis file and check that it names this node. Raises GENESIS_INVALID or CONFIGURATION_INVALID."""
+    try:
+        genesis = genesis_from_json(config.genesis_path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise _invalid(f"the genesis file {config.genesis_path.name} is missing.") from None
+    if config.name not in {node.name for node in genesis.nodes}:
+        raise _invalid(f"the genesis file names no node {config.name!r}.")
+    return genesis
+
+
+def load_key(path: Path, expected: bytes, role: str) -> PrivateKey:
+    """Read a raw 32-byte key file and check it against the genesis file's public key (33 bytes).
+
+    Raises CONFIGURATION_INVALID; the message never holds a byte of the file.
+    """
+    try:
+        secret = path.read_bytes()
+    except FileNotFoundError:
+        raise _invalid(f"the {role} key file {path.name} is missing.") from None
+    try:
+        key = PrivateKey(secret)
+    except BlockRobotError:
+        raise _invalid(f"the {role} key file {path.name} does not hold a key.") from None
+    if key.public_key != expected:
+        raise _invalid(f"the {role} key is not the one that the genesis file names for this node.")
+    return key

@@ -1,0 +1,232 @@
+"""One TLS connection to one peer: frames in, frames out, requests and answers. Must never buffer without bound.
+
+Gossip that does not fit waits in a short queue whose oldest entry is dropped. Consensus messages are never dropped in
+silence: a peer so slow that they do not fit loses its connection, which both sides notice and repair.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Coroutine
+from typing import Any, Protocol, cast
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from node.p2p.wire import (
+    GOSSIP_KINDS,
+    FrameDecoder,
+    FrameKind,
+    RequestKind,
+    decode_request,
+    encode_frame,
+    encode_request,
+)
+
+SEND_BUFFER_MAX_BYTES = 32 * 1024 * 1024
+GOSSIP_ABOVE_BYTES = 1024 * 1024
+GOSSIP_QUEUE_MAX_COUNT = 256
+REQUESTS_SERVED_MAX_COUNT = 8
+_ANSWERED, _REFUSED = 0, 1
+
+log = structlog.get_logger(__name__)
+
+
+class LinkShaper(Protocol):
+    """Where link faults can be put in: decides when, and whether, the bytes of a frame go out."""
+
+    def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
+        """Call `send` now, later or never."""
+        ...
+
+
+class ConnectionOwner(Protocol):
+    """What a connection tells the network that it belongs to."""
+
+    def connection_made(self, connection: PeerConnection) -> None:
+        """The TLS handshake is over."""
+        ...
+
+    def connection_lost(self, connection: PeerConnection) -> None:
+        """The connection is gone."""
+        ...
+
+    def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None:
+        """A whole frame came (no request or response)."""
+        ...
+
+    async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Return the answer to a peer's request. Raises BlockRobotError to refuse."""
+        ...
+
+
+class PeerConnection(asyncio.Protocol):
+    """A connection, dialled or accepted. `peer` is empty until the certificate was looked at."""
+
+    def __init__(self, owner: ConnectionOwner, shaper: LinkShaper | None, dialled: str | None) -> None:
+        self.peer = ""
+        self.dialled = dialled
+        self.greeted = False
+        self.closed = asyncio.get_running_loop().create_future()
+        self.gossip_dropped_count = 0
+        self._owner = owner
+        self._shaper = shaper
+        self._decoder = FrameDecoder()
+        self._transport: asyncio.Transport | None = None
+        self._gossip: deque[bytes] = deque(maxlen=GOSSIP_QUEUE_MAX_COUNT)
+        self._requests: dict[int, asyncio.Future[bytes]] = {}
+        self._next_request = 0
+        self._serving: set[asyncio.Task[None]] = set()
+
+    @property
+    def transport(self) -> asyncio.Transport:
+        """The transport below. Raises PEER_UNAVAILABLE once the connection is closed."""
+        if self._transport is None:
+            raise BlockRobotError("PEER_UNAVAILABLE", "The connection is closed.")
+        return self._transport
+
+    @property
+    def is_open(self) -> bool:
+        """Tell whether bytes can be sent."""
+        return self._transport is not None and not self._transport.is_closing()
+
+    def certificate_der(self) -> bytes | None:
+        """Return the peer's certificate (DER), or None."""
+        ssl_object = self.transport.get_extra_info("ssl_object")
+        return cast("bytes | None", ssl_object.getpeercert(binary_form=True)) if ssl_object else None
+
+    # asyncio.Protocol
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take the transport."""
+        self._transport = cast("asyncio.Transport", transport)
+        self._transport.set_write_buffer_limits(high=GOSSIP_ABOVE_BYTES)
+        self._owner.connection_made(self)
+
+    def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
+        """Fail what waits for an answer and tell the owner."""
+        self._transport = None
+        for future in self._requests.values():
+            if not future.done():
+                future.set_exception(BlockRobotError("PEER_UNAVAILABLE", "The connection to the peer was lost."))
+        self._requests.clear()
+        for task in self._serving:
+            task.cancel()
+        if not self.closed.done():
+            self.closed.set_result(None)
+        self._owner.connection_lost(self)
+
+    def data_received(self, data: bytes) -> None:
+        """Cut bytes into frames and pass them on; a peer that breaks the framing is cut off."""
+        try:
+            for kind, payload in self._decoder.feed(data):
+                self._dispatch(kind, payload)
+                if not self.is_open:
+                    return
+        except BlockRobotError as error:
+            log.warning("peer_message_refused", peer=self.peer, code=error.code, detail=error.detail)
+            self.close()
+
+    def resume_writing(self) -> None:
+        """The send buffer has room again: gossip goes on."""
+        while self._gossip and self.is_open and self.transport.get_write_buffer_size() < GOSSIP_ABOVE_BYTES:
+            self._write(self._gossip.popleft())
+
+    # Frames
+
+    def _dispatch(self, kind: FrameKind, payload: bytes) -> None:
+        if not self.greeted and kind is not FrameKind.HELLO:
+            raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer spoke before it said hello.")
+        if kind is FrameKind.REQUEST:
+            self._serve(payload)
+        elif kind is FrameKind.RESPONSE:
+            self._resolve(payload)
+        else:
+            self._owner.frame_received(self, kind, payload)
+
+    def send(self, kind: FrameKind, frame: bytes) -> None:
+        """Send the bytes of a frame made by `encode_frame`."""
+        if not self.is_open:
+            return
+        waiting = self.transport.get_write_buffer_size()
+        if kind in GOSSIP_KINDS and (self._gossip or waiting > GOSSIP_ABOVE_BYTES):
+            self.gossip_dropped_count += len(self._gossip) == GOSSIP_QUEUE_MAX_COUNT
+            self._gossip.append(frame)
+            return
+        if waiting + len(frame) > SEND_BUFFER_MAX_BYTES:
+            log.warning("peer_too_slow", peer=self.peer, waiting_bytes=waiting)
+            self.abort()
+            return
+        if self._shaper is not None:
+            self._shaper.deliver(self.peer, frame, self._write)
+        else:
+            self._write(frame)
+
+    def _write(self, frame: bytes) -> None:
+        if self.is_open:
+            self.transport.write(frame)
+
+    def close(self) -> None:
+        """Close after what is buffered was sent."""
+        if self._transport is not None:
+            self._transport.close()
+
+    def abort(self) -> None:
+        """Close at once."""
+        if self._transport is not None:
+            self._transport.abort()
+
+    # Requests
+
+    async def request(self, kind: RequestKind, body: bytes, timeout_s: float) -> bytes:
+        """Ask the peer and wait for its answer. Raises PEER_UNAVAILABLE if it refuses or does not answer."""
+        if not self.is_open:
+            raise BlockRobotError("PEER_UNAVAILABLE")
+        self._next_request = number = (self._next_request + 1) & 0xFFFFFFFF
+        future = self._requests[number] = asyncio.get_running_loop().create_future()
+        try:
+            self.send(FrameKind.REQUEST, encode_frame(FrameKind.REQUEST, encode_request(number, kind, body)))
+            async with asyncio.timeout(timeout_s):
+                answer: bytes = await future
+                return answer
+        except TimeoutError:
+            raise BlockRobotError("PEER_UNAVAILABLE", f"{self.peer} did not answer in {timeout_s} s.") from None
+        finally:
+            self._requests.pop(number, None)
+
+    def _resolve(self, payload: bytes) -> None:
+        number, status, body = decode_request(payload)
+        future = self._requests.get(number)
+        if future is None or future.done():
+            return
+        if status == _ANSWERED:
+            future.set_result(body)
+        else:
+            future.set_exception(BlockRobotError("PEER_UNAVAILABLE", f"{self.peer} refused the request."))
+
+    def _serve(self, payload: bytes) -> None:
+        number, kind, body = decode_request(payload)
+        try:
+            request_kind = RequestKind(kind)
+        except ValueError:
+            raise BlockRobotError("PEER_MESSAGE_INVALID", f"A request of unknown kind {kind}.") from None
+        if len(self._serving) >= REQUESTS_SERVED_MAX_COUNT:
+            self._respond(number, _REFUSED, b"")
+            return
+        self._spawn(self._answer(number, request_kind, body))
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._serving.add(task)
+        task.add_done_callback(self._serving.discard)
+
+    async def _answer(self, number: int, kind: RequestKind, body: bytes) -> None:
+        try:
+            self._respond(number, _ANSWERED, await self._owner.answer(self.peer, kind, body))
+        except BlockRobotError as error:
+            log.info("peer_request_refused", peer=self.peer, kind=kind.name, code=error.code)
+            self._respond(number, _REFUSED, b"")
+
+    def _respond(self, number: int, status: int, body: bytes) -> None:
+        self.send(FrameKind.RESPONSE, encode_frame(FrameKind.RESPONSE, encode_request(number, status, body)))

@@ -1,0 +1,167 @@
+"""Frames between nodes: length, type, payload. Must never read more of a peer's bytes than a limit allows.
+
+A frame is a 4-byte big-endian length (of type and payload), one byte of type, and the payload. Payloads are canonical
+bytes; what arrives is kept as it is and never encoded again.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from enum import IntEnum
+
+from consensus.block import FinalityProof
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire
+
+PROTOCOL_VERSION = 1
+HEADER_SIZE_BYTES = 5
+SMALL_FRAME_MAX_BYTES = 64 * 1024
+BLOCK_FRAME_MAX_BYTES = 2 * 1024 * 1024
+BULK_FRAME_MAX_BYTES = 8 * 1024 * 1024
+REQUEST_HEADER_SIZE_BYTES = 5
+
+_LENGTH = struct.Struct(">IB")
+_REQUEST = struct.Struct(">IB")
+
+
+class FrameKind(IntEnum):
+    """The type byte of a frame."""
+
+    HELLO = 1
+    PROPOSAL = 2
+    VOTE = 3
+    TIMEOUT = 4
+    NOTICE = 5
+    TRANSACTIONS = 6
+    HEIGHT = 7
+    REQUEST = 8
+    RESPONSE = 9
+
+
+class RequestKind(IntEnum):
+    """What a request asks for: the byte behind its number."""
+
+    BRANCH = 1
+    FINALIZED = 2
+    CLIP = 3
+    BACKGROUND = 4
+
+
+FRAME_MAX_BYTES: dict[int, int] = {
+    FrameKind.HELLO: 1024,
+    FrameKind.PROPOSAL: BLOCK_FRAME_MAX_BYTES,
+    FrameKind.VOTE: 1024,
+    FrameKind.TIMEOUT: SMALL_FRAME_MAX_BYTES,
+    FrameKind.NOTICE: SMALL_FRAME_MAX_BYTES,
+    FrameKind.TRANSACTIONS: BLOCK_FRAME_MAX_BYTES,
+    FrameKind.HEIGHT: 64,
+    FrameKind.REQUEST: 1024,
+    FrameKind.RESPONSE: BULK_FRAME_MAX_BYTES,
+}
+GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
+
+
+class Hello(Wire, frozen=True):
+    """The first frame of both sides: who speaks which protocol on which chain, and how far it is."""
+
+    version: int
+    chain_id: bytes
+    name: str
+    finalized_height: int
+
+
+class HeightNotice(Wire, frozen=True):
+    """The sender's finalized height."""
+
+    finalized_height: int
+
+
+class TransactionBatch(Wire, frozen=True):
+    """The wire bytes of transactions, as they were received or signed."""
+
+    transactions: tuple[bytes, ...]
+
+
+class BranchRequest(Wire, frozen=True):
+    """Ask for a block and its ancestors above a height."""
+
+    block_id: bytes
+    above_height: int
+
+
+class FinalizedRequest(Wire, frozen=True):
+    """Ask for finalized blocks from a height on, as many as fit."""
+
+    from_height: int
+
+
+class BlockBatch(Wire, frozen=True):
+    """Blocks, oldest first, each the canonical bytes of a `Block`. `proof`, if there, proves the last one final."""
+
+    blocks: tuple[bytes, ...]
+    proof: FinalityProof | None
+
+
+class ClipRequest(Wire, frozen=True):
+    """Ask another custodian for the bytes of an upload, from an offset on."""
+
+    record_id: bytes
+    offset: int
+
+
+class ClipPart(Wire, frozen=True):
+    """A part of an upload's canonical bytes, and how many bytes there are in all (0: none here)."""
+
+    total: int
+    data: bytes
+
+
+def encode_frame(kind: FrameKind, payload: bytes) -> bytes:
+    """Return the bytes of one frame. Raises PEER_MESSAGE_INVALID if it is larger than its kind may be."""
+    if len(payload) > FRAME_MAX_BYTES[kind]:
+        raise BlockRobotError("PEER_MESSAGE_INVALID", f"A {kind.name} of {len(payload)} bytes is too large.")
+    return _LENGTH.pack(len(payload) + 1, kind) + payload
+
+
+def encode_request(number: int, kind: int, body: bytes) -> bytes:
+    """Return the payload of a request, or (with a status as `kind`) of its response."""
+    return _REQUEST.pack(number, kind) + body
+
+
+def decode_request(payload: bytes) -> tuple[int, int, bytes]:
+    """Return (number, kind or status, body). Raises PEER_MESSAGE_INVALID."""
+    if len(payload) < REQUEST_HEADER_SIZE_BYTES:
+        raise BlockRobotError("PEER_MESSAGE_INVALID", "A request is shorter than its head.")
+    number, kind = _REQUEST.unpack_from(payload)
+    return number, kind, payload[REQUEST_HEADER_SIZE_BYTES:]
+
+
+class FrameDecoder:
+    """Cuts a stream of bytes into frames. Holds at most one frame, whose size it checks before it waits for it."""
+
+    def __init__(self) -> None:
+        self._buffer = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[tuple[FrameKind, bytes]]:
+        """Take bytes and yield each whole frame as (kind, payload).
+
+        Raises PEER_MESSAGE_INVALID for an unknown kind or a frame over its limit: the stream is then lost.
+        """
+        buffer = self._buffer
+        buffer += data
+        position = 0
+        try:
+            while len(buffer) - position >= HEADER_SIZE_BYTES:
+                length, kind = _LENGTH.unpack_from(buffer, position)
+                limit = FRAME_MAX_BYTES.get(kind)
+                if limit is None or not 1 <= length <= limit + 1:
+                    raise BlockRobotError("PEER_MESSAGE_INVALID", f"A frame of type {kind} and {length} bytes.")
+                end = position + 4 + length
+                if len(buffer) < end:
+                    break
+                payload = bytes(memoryview(buffer)[position + HEADER_SIZE_BYTES : end])
+                position = end
+                yield FrameKind(kind), payload
+        finally:
+            del buffer[:position]
