@@ -17,6 +17,7 @@ TIMER_ROUND = "round"
 TIMER_RESEND = "resend"
 TIMER_HEARTBEAT = "heartbeat"
 TIMER_PROPOSE = "propose"
+TIMER_FETCH = "fetch"
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from consensus.messages import TIMEOUT_TAG, VOTE_TAG, timeout_parts, vote_parts
 from consensus.primitives.encoding import u32
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import verify
+from consensus.signature_cache import SignatureCheck
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,13 +61,17 @@ def _require_indexes(indexes: list[int], schedule: Schedule) -> None:
         raise BlockRobotError("CERTIFICATE_INVALID", "A certificate is not signed by exactly a quorum, in order.")
 
 
-def verify_qc(qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_zero_id: bytes) -> None:
+def verify_qc(
+    qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_zero_id: bytes, check: SignatureCheck = verify
+) -> None:
     """Check a quorum certificate. Round 0 certifies only `round_zero_id` (genesis, or the epoch's boundary).
 
-    Raises CERTIFICATE_INVALID.
+    `check` may remember signatures. Raises CERTIFICATE_INVALID.
     """
     if qc.epoch != schedule.epoch:
         raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
+    if qc.round < 0:
+        raise BlockRobotError("CERTIFICATE_INVALID", "A round is never negative.")
     if qc.round == 0:
         if qc.block_id != round_zero_id or qc.votes:
             raise BlockRobotError("CERTIFICATE_INVALID", "Round 0 certifies the epoch's first parent only.")
@@ -74,18 +79,20 @@ def verify_qc(qc: QuorumCertificate, schedule: Schedule, chain_id: bytes, round_
     _require_indexes([vote.index for vote in qc.votes], schedule)
     parts = vote_parts(chain_id, qc.epoch, qc.round, qc.block_id)
     for vote in qc.votes:
-        if not verify(schedule.producers[vote.index], VOTE_TAG, vote.signature, *parts):
+        if not check(schedule.producers[vote.index], VOTE_TAG, vote.signature, *parts):
             raise BlockRobotError("CERTIFICATE_INVALID", f"The vote of producer {vote.index} is not genuine.")
 
 
-def verify_tc(tc: TimeoutCertificate, schedule: Schedule, chain_id: bytes) -> None:
+def verify_tc(tc: TimeoutCertificate, schedule: Schedule, chain_id: bytes, check: SignatureCheck = verify) -> None:
     """Check a timeout certificate: q different timeouts for its round. Raises CERTIFICATE_INVALID."""
     if tc.epoch != schedule.epoch:
         raise BlockRobotError("CERTIFICATE_INVALID", "The certificate is of another epoch.")
     _require_indexes([timeout.index for timeout in tc.timeouts], schedule)
     for timeout in tc.timeouts:
-        parts = timeout_parts(chain_id, tc.epoch, tc.round, timeout.qc_round)
-        if timeout.qc_round >= tc.round or not verify(
-            schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts
+        if not 0 <= timeout.qc_round < tc.round or not check(
+            schedule.producers[timeout.index],
+            TIMEOUT_TAG,
+            timeout.signature,
+            *timeout_parts(chain_id, tc.epoch, tc.round, timeout.qc_round),
         ):
             raise BlockRobotError("CERTIFICATE_INVALID", f"The timeout of producer {timeout.index} is not genuine.")

@@ -1,0 +1,77 @@
+"""What makes a block well formed, whoever looks at it. Must never depend on the state, the clock or the node.
+
+These checks bind a block's content to its id: the id covers the header only, so a relay could change transactions or
+signature without changing the id. A block that fails here was never that block, and says nothing about its producer.
+"""
+
+from __future__ import annotations
+
+from consensus.block import HEADER_VERSION, Block, Header, compute_transactions_root
+from consensus.errors import BlockRobotError
+from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT
+from consensus.messages import PROPOSAL_TAG
+from consensus.primitives.encoding import decode
+from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
+from consensus.schedule import Schedule, verify_qc, verify_tc
+from consensus.signature_cache import SignatureCheck
+from consensus.transaction import TransactionWire, compute_txid
+
+_ROUND_MAX = 1 << 53
+
+
+def _require(condition: bool, detail: str) -> None:
+    if not condition:
+        raise BlockRobotError("BLOCK_INVALID", detail)
+
+
+def is_safe_to_extend(header: Header) -> bool:
+    """Tell whether a header may stand in its round (R5): its QC is of the round before, or a TC of the round before
+    proves that a quorum knew of no QC higher than the header's.
+    """
+    if header.qc.round == header.round - 1:
+        return True
+    tc = header.tc
+    return tc is not None and tc.round == header.round - 1 and header.qc.round >= tc.highest_qc_round
+
+
+def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> None:
+    """Check all fields of a header that need no signature and no parent. Raises BLOCK_INVALID."""
+    _require(header.version == HEADER_VERSION, f"The block has version {header.version}.")
+    _require(header.chain_id == chain_id, "The block is of another chain.")
+    _require(header.epoch == schedule.epoch, "The block is of another epoch.")
+    _require(0 < header.round < _ROUND_MAX and 0 < header.height < _ROUND_MAX, "The round or height is impossible.")
+    _require(header.producer == schedule.leader(header.round), "The producer does not lead this round.")
+    _require(header.qc.block_id == header.parent_id, "The certificate is not the parent's.")
+    _require(0 <= header.qc.round < header.round, "The parent's round is not below the block's.")
+    _require(
+        header.tc is None or header.qc.round != header.round - 1, "A timeout certificate stands beside a fresh QC."
+    )
+    _require(0 <= header.timestamp_ms < 1 << 53 and 0 <= header.gas_used <= BLOCK_GAS_MAX, "A number is too large.")
+    roots = (header.parent_id, header.transactions_root, header.receipts_root, header.state_root)
+    _require(all(len(root) == HASH_SIZE_BYTES for root in roots), "A root has a wrong size.")
+    _require(header.next_schedule_hash is None, "The block changes the schedule, which this epoch does not allow.")
+
+
+def check_body(block: Block, header: Header) -> None:
+    """Check that the transactions are those of the header. Raises BLOCK_INVALID or ENCODING_*."""
+    _require(len(block.transactions) <= BLOCK_TRANSACTIONS_MAX_COUNT, "The block has too many transactions.")
+    _require(sum(map(len, block.transactions)) <= BLOCK_SIZE_MAX_BYTES, "The block is too large.")
+    txids = [compute_txid(decode(wire, TransactionWire).body) for wire in block.transactions]
+    _require(compute_transactions_root(txids) == header.transactions_root, "The transactions are not the header's.")
+
+
+def check_block(
+    block: Block, header: Header, *, chain_id: bytes, schedule: Schedule, round_zero_id: bytes, check: SignatureCheck
+) -> None:
+    """Check a block's form, body, signature and certificates. Raises BLOCK_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
+    check_header_form(header, chain_id, schedule)
+    producer_key = schedule.producers[header.producer]
+    _require(
+        check(producer_key, PROPOSAL_TAG, block.signature, sha256(block.header_bytes)),
+        "The block is not signed by its producer.",
+    )
+    check_body(block, header)
+    verify_qc(header.qc, schedule, chain_id, round_zero_id, check)
+    if header.tc is not None:
+        verify_tc(header.tc, schedule, chain_id, check)
+    _require(is_safe_to_extend(header), "Neither the QC nor a timeout certificate leads into the block's round.")

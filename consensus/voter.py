@@ -1,0 +1,144 @@
+"""The safety kernel: the only place that signs votes and timeouts. Must never say two things in one round, nor anything
+before the record of it.
+
+It holds what the journal must bring back: the last voted round, and the last words byte for byte.
+"""
+
+from __future__ import annotations
+
+from consensus.block import Block, QuorumCertificate, TimeoutCertificate
+from consensus.block_rules import is_safe_to_extend
+from consensus.blocktree import BlockNode
+from consensus.effects import Broadcast, Effect, Persist
+from consensus.genesis import ChainSettings
+from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
+from consensus.journalling import Journalist
+from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
+from consensus.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
+from consensus.primitives.keys import PrivateKey
+from consensus.schedule import Schedule
+
+
+class Voter:
+    """What one producer has said, and what it may still say. A follower may say nothing."""
+
+    def __init__(
+        self,
+        settings: ChainSettings,
+        chain_id: bytes,
+        schedule: Schedule,
+        key: PrivateKey | None,
+        restored: JournalState,
+    ) -> None:
+        self._settings, self._chain_id, self._epoch = settings, chain_id, schedule.epoch
+        self._key = key
+        self.index = None if key is None else schedule.index_of(key.public_key)
+        self.journalist = Journalist(schedule.epoch, restored)
+        self.last_voted_round = restored.last_voted_round
+        self.last_vote = restored.vote
+        self.last_timeout = restored.timeout
+        self.proposed_id = restored.proposed_id
+
+    def may_speak(self, round_number: int) -> bool:
+        """R4: tell whether nothing was said yet in this round or a later one, and the disk keeps up."""
+        return self.index is not None and round_number > self.last_voted_round and not self.journalist.is_behind
+
+    def has_timed_out(self, round_number: int) -> bool:
+        """Tell whether this producer gave the round up."""
+        return self.last_timeout is not None and self.last_timeout.round == round_number
+
+    def may_vote(self, node: BlockNode, branch: list[BlockNode], round_number: int, now_ms: int) -> bool:
+        """R4, R5: tell whether the executed block, at the end of `branch`, deserves this producer's vote now."""
+        header = node.header
+        return (
+            header.round == round_number
+            and self.may_speak(round_number)
+            and is_safe_to_extend(header)
+            and header.timestamp_ms <= now_ms + self._settings.max_clock_drift_ms
+            and not (node.block.transactions and len(branch) > UNFINALIZED_BLOCKS_MAX_COUNT)
+        )
+
+    def vote(
+        self,
+        branch: list[BlockNode],
+        high_qc: QuorumCertificate,
+        entered_by: TimeoutCertificate | None,
+        *,
+        is_own: bool = False,
+    ) -> tuple[Vote, list[Effect]]:
+        """R12: journal the last block of the branch and the vote for it, then speak; propose it first if it is own.
+
+        The caller has asked `may_vote` (or `may_speak`, for an own block).
+        """
+        node = branch[-1]
+        if self._key is None or self.index is None or not self.may_speak(node.header.round):
+            raise AssertionError("this producer may not speak in this round")
+        vote = sign_vote(self._key, self._chain_id, self._epoch, node.header.round, node.block_id, self.index)
+        self.last_voted_round = node.header.round
+        self.last_vote = vote
+        if is_own:
+            self.proposed_id = node.block_id
+        record = self.journalist.write(
+            KIND_PROPOSAL if is_own else KIND_VOTE,
+            branch=branch,
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            proposed_id=node.block_id if is_own else None,
+            vote=vote,
+        )
+        effects: list[Effect] = [Persist(records=(record,))]
+        if is_own:
+            effects.append(Broadcast(Proposal(block=node.block)))
+        effects.append(Broadcast(vote))
+        return vote, effects
+
+    def time_out(
+        self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
+    ) -> tuple[Timeout, list[Effect]] | None:
+        """R6: give the round up; from now on this producer votes for nothing in it. None if it may not sign."""
+        if self._key is None or self.index is None or self.journalist.is_behind or self.has_timed_out(round_number):
+            return None
+        timeout = sign_timeout(
+            self._key, self._chain_id, round_number, self.index, high_qc, entered_by, epoch=self._epoch
+        )
+        self.last_voted_round = max(self.last_voted_round, round_number)
+        self.last_timeout = timeout
+        record = self.journalist.write(
+            KIND_TIMEOUT,
+            branch=(),
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            timeout=timeout,
+        )
+        return timeout, [Persist(records=(record,)), Broadcast(timeout)]
+
+    def last_words(
+        self, round_number: int, high_qc_round: int, proposed: Block | None
+    ) -> list[Proposal | Vote | Timeout]:
+        """R13: return what was said last and still matters, byte for byte. `proposed` is the block of `proposed_id`."""
+        words: list[Proposal | Vote | Timeout] = []
+        if self.index is None:
+            return words
+        if proposed is not None and proposed.header.round == round_number:
+            words.append(Proposal(block=proposed))
+        if self.last_vote is not None and self.last_vote.round >= high_qc_round:
+            words.append(self.last_vote)
+        if self.last_timeout is not None and self.last_timeout.round == round_number:
+            words.append(self.last_timeout)
+        return words
+
+    def snapshot(
+        self, tree: list[BlockNode], high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
+    ) -> tuple[bytes, ...]:
+        """Return the fewest journal records that say what the journal must say now."""
+        state = JournalState(
+            last_voted_round=self.last_voted_round,
+            high_qc=high_qc,
+            entered_by=entered_by,
+            vote=self.last_vote,
+            timeout=self.last_timeout,
+            proposed_id=self.proposed_id,
+        )
+        return self.journalist.snapshot(tree, state)
