@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 from rich.table import Table
 
+from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from network.cli.terminal import console, home_folder, json_option, plain_errors, print_json
 from network.cluster import Cluster, NodeStatusReport
 from network.layout import create_network
 

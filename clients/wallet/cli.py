@@ -1,0 +1,390 @@
+"""`blockrobot wallet`: the wallet on the command line, in plain words. Must never print a key or take one as an argument.
+
+The passphrase is asked for at a terminal, or read from BLOCKROBOT_PASSPHRASE_FILE; it is never an argument, which other
+users of the machine could read.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
+from clients.wallet.auditing import audit_all
+from clients.wallet.erasing import Erasing, ErasureReport
+from clients.wallet.keys import derive_keys, draw_words
+from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.pictures import write_pictures
+from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
+
+T = TypeVar("T")
+
+_PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
+ERASE_WAIT_S = 60.0
+
+
+@click.group()
+@click.option("--profile", default="default", show_default=True, help="Which wallet, if there are several.")
+@click.option(
+    "--wallet-dir", type=click.Path(path_type=Path, file_okay=False), help="The folder of wallets (default: your own)."
+)
+@click.option(
+    "--genesis",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The network's genesis file: all that is trusted.",
+)
+@click.pass_context
+def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
+    """See, check, follow and erase what robots recorded of you.
+
+    Example: blockrobot wallet new; blockrobot wallet register BR1-...; blockrobot wallet records
+    """
+    if not profile.replace("-", "").replace("_", "").isalnum():
+        raise click.UsageError("A profile's name has letters, digits, - and _ only.")
+    ctx.obj = (
+        (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
+        genesis or home_folder() / "network" / "genesis.json",
+    )
+
+
+def _read_passphrase(*, confirm: bool = False) -> str:
+    path = os.environ.get(_PASSPHRASE_FILE)
+    if path:
+        return Path(path).read_text(encoding="utf-8").rstrip("\n")
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
+    text: str = click.prompt("Passphrase", hide_input=True, confirmation_prompt=confirm)
+    return text
+
+
+def _load_genesis(path: Path) -> Genesis:
+    try:
+        return genesis_from_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
+
+
+def _run(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    path, genesis_path = ctx.obj
+    genesis = _load_genesis(genesis_path)
+    store = Keystore.open(path, _read_passphrase())
+
+    async def main() -> T:
+        async with Wallet(store, genesis) as opened:
+            return await action(opened)
+
+    return asyncio.run(main())
+
+
+def _moment(time_ms: int) -> str:
+    return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone().strftime("%Y-%m-%d %H:%M:%S")
+
+
+@wallet.command()
+@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
+@json_option
+@click.pass_context
+@plain_errors
+def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
+    """Make a new wallet and show its 24 words once. Write them down: they are the wallet."""
+    path, _ = ctx.obj
+    if words_file is None and not sys.stdin.isatty():
+        raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+    words = draw_words()
+    passphrase = _read_passphrase(confirm=True)
+    Keystore.create(path, words, passphrase, _cost(fast_passphrase))
+    if words_file:
+        _write_secret(words_file, words + "\n")
+    else:
+        console.print("Your 24 words. Write them down now; they are shown this once:\n")
+        console.print(words, style="bold")
+    member = derive_keys(words).identity.public_key.hex()
+    if as_json:
+        print_json({"ok": True, "wallet": str(path), "member": member})
+    else:
+        console.print(f"\nYour wallet is {path}. Next: blockrobot wallet register CODE (the code on your card).")
+
+
+def _cost(fast: bool) -> PassphraseCost | None:
+    from nacl import pwhash  # noqa: PLC0415 - only for this constant
+
+    return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
+
+
+def _write_secret(path: Path, text: str) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        file.write(text)
+
+
+@wallet.command()
+@click.option("--words-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Read the words here.")
+@click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
+@json_option
+@click.pass_context
+@plain_errors
+def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
+    """Make the wallet again from its 24 words. Your visits are found again on the chain."""
+    path, _ = ctx.obj
+    if words_file:
+        words = words_file.read_text(encoding="utf-8")
+    elif sys.stdin.isatty():
+        words = click.prompt("The 24 words", hide_input=True)
+    else:
+        raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
+    keys = derive_keys(words)
+    Keystore.create(path, " ".join(words.lower().split()), _read_passphrase(confirm=True), _cost(fast_passphrase))
+    if as_json:
+        print_json({"ok": True, "wallet": str(path), "member": keys.identity.public_key.hex()})
+    else:
+        console.print(f"Your wallet is {path} again. Next: blockrobot wallet records.")
+
+
+@wallet.command()
+@click.argument("code")
+@click.option("--purpose", "purposes", multiple=True, default=("demo",), show_default=True, help="What you consent to.")
+@json_option
+@click.pass_context
+@plain_errors
+def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
+    """Register with the CODE on your card, and consent to the purposes named."""
+    txid = _run(ctx, lambda opened: opened.register(code, list(purposes)))
+    if as_json:
+        print_json({"ok": True, "txid": txid.hex(), "purposes": list(purposes)})
+    else:
+        console.print(f"You are registered, and consent to: {', '.join(purposes)}.")
+
+
+def _entry_json(entry: RecordEntry) -> dict[str, Any]:
+    meta = entry.metadata
+    return {
+        "record_id": entry.record_id.hex(),
+        "visit": entry.visit.owner.hex(),
+        "status": entry.state["status"],
+        "sensor": meta.sensor,
+        "started_at_ms": meta.started_at_ms,
+        "ended_at_ms": meta.ended_at_ms,
+        "frames": meta.frame_count,
+        "erased_frames": list(entry.state["erased_frames"]),
+        "index_in_visit": meta.index_in_visit,
+        "expires_at_ms": entry.state["expires_at_ms"],
+        "withheld": dict(meta.withheld),
+    }
+
+
+def _report_json(report: VisitReport) -> dict[str, Any]:
+    return {
+        "visit": report.visit.owner.hex(),
+        "robot": report.visit.robot.hex(),
+        "closed": report.closed,
+        "missing_records": report.missing_count,
+        "erased_records": [record_id.hex() for record_id in report.erased_ids],
+        "records": [_entry_json(entry) for entry in report.records],
+    }
+
+
+@wallet.command()
+@json_option
+@click.pass_context
+@plain_errors
+def records(ctx: click.Context, as_json: bool) -> None:
+    """List what was recorded of you, proven against the chain."""
+    reports = _run(ctx, lambda opened: opened.records())
+    if as_json:
+        print_json({"ok": True, "visits": [_report_json(report) for report in reports]})
+        return
+    if not reports:
+        console.print("Nothing was recorded of you.")
+    for number, report in enumerate(reports, 1):
+        frames = sum(entry.metadata.frame_count for entry in report.records)
+        state = "ended" if report.closed else "still open"
+        console.print(f"Visit {number} at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
+        for entry in report.records:
+            meta = entry.metadata
+            span = f"{_moment(meta.started_at_ms)}, {meta.frame_count} pictures ({meta.sensor})"
+            erased = f", {len(entry.state['erased_frames'])} of them erased" if entry.state["erased_frames"] else ""
+            console.print(f"  {entry.record_id.hex()}  {span}{erased}")
+        if report.erased_ids:
+            console.print(f"  {len(report.erased_ids)} records of this visit are erased.")
+        if report.missing_count:
+            console.print(f"  [red]{report.missing_count} records are missing. Ask the hospital why.[/red]")
+
+
+async def _chosen(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
+    """Return the named records (all if none is named). Raises NOT_FOUND for one that is not this person's."""
+    reports = await opened.records()
+    entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
+    missing = [record_id for record_id in record_ids if record_id not in entries]
+    if missing:
+        raise BlockRobotError("NOT_FOUND", f"You have no record {missing[0]}.")
+    return [entries[record_id] for record_id in record_ids] if record_ids else list(entries.values())
+
+
+async def _view_all(
+    opened: Wallet, entries: list[RecordEntry], purpose: str, *, verdict: bool, out: Path | None
+) -> list[RecordView]:
+    viewing = Viewing(opened)
+    views: list[RecordView] = []
+    for start in range(0, len(entries), 64):
+        for owner in {entry.visit.owner for entry in entries[start : start + 64]}:
+            part = [entry for entry in entries[start : start + 64] if entry.visit.owner == owner]
+            access_id = await viewing.request_access(part, purpose)
+            for entry in part:
+                view = await viewing.view(entry, access_id)
+                if verdict:
+                    await viewing.put_verdict(view)
+                if out:
+                    await write_pictures(viewing, view, out)
+                views.append(view)
+    return views
+
+
+def _view_json(view: RecordView) -> dict[str, Any]:
+    return {
+        "record_id": view.entry.record_id.hex(),
+        "verdict": view.verdict,
+        "custodians": list(view.custodians),
+        "frames": [{"index": frame.index, "status": frame.status} for frame in view.frames],
+    }
+
+
+def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) -> None:
+    if as_json:
+        print_json({"ok": True, "records": [_view_json(view) for view in views], "out": str(out) if out else None})
+        return
+    for view in views:
+        whole = sum(frame.status == "ok" for frame in view.frames)
+        line = f"{view.entry.record_id.hex()}: {whole} of {len(view.frames)} pictures are as the robot took them"
+        if view.corrupted:
+            line += f"; [red]changed since: {', '.join(map(str, view.corrupted))}[/red]"
+        console.print(line + ".")
+    if out:
+        console.print(f"The pictures are in {out}.")
+
+
+@wallet.command()
+@click.argument("record_ids", nargs=-1)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("pictures"), show_default=True)
+@click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@json_option
+@click.pass_context
+@plain_errors
+def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: str, as_json: bool) -> None:
+    """Fetch, check and decrypt records (all if none is named) and write them as PNG pictures."""
+
+    async def action(opened: Wallet) -> list[RecordView]:
+        entries = await _chosen(opened, record_ids)
+        return await _view_all(opened, entries, purpose, verdict=False, out=out)
+
+    _print_views(_run(ctx, action), as_json=as_json, out=out)
+
+
+@wallet.command()
+@click.argument("record_ids", nargs=-1)
+@click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@json_option
+@click.pass_context
+@plain_errors
+def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
+    """Check records against the chain on this machine, trusting no node, and put the verdict on the chain."""
+
+    async def action(opened: Wallet) -> list[RecordView]:
+        return await _view_all(opened, await _chosen(opened, record_ids), purpose, verdict=True, out=None)
+
+    _print_views(_run(ctx, action), as_json=as_json, out=None)
+
+
+@wallet.command()
+@json_option
+@click.pass_context
+@plain_errors
+def audit(ctx: click.Context, as_json: bool) -> None:
+    """Show everything that happened to your records, in order."""
+    entries = _run(ctx, audit_all)
+    if as_json:
+        rows = [
+            {
+                "visit": entry.owner.hex(),
+                "index": entry.index,
+                "record_id": entry.record_id.hex(),
+                "kind": entry.kind,
+                "time_ms": entry.time_ms,
+                "height": entry.height,
+            }
+            for entry in entries
+        ]
+        print_json({"ok": True, "entries": rows})
+        return
+    for entry in entries:
+        subject = f"record {entry.record_id.hex()}" if entry.record_id else f"visit {entry.owner.hex()[:12]}"
+        console.print(f"{_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}")
+
+
+@wallet.command()
+@click.argument("record_ids", nargs=-1)
+@click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
+@click.option("--frames", default="", help="Only these pictures of one record, as 0,3,4.")
+@click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def erase(
+    ctx: click.Context, record_ids: tuple[str, ...], everything: bool, frames: str, wait: bool, yes: bool, as_json: bool
+) -> None:
+    """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone."""
+    if not record_ids and not everything:
+        raise click.UsageError("Name the records to erase, or say --all.")
+    try:
+        frame_indexes = sorted({int(part) for part in frames.split(",") if part})
+    except ValueError:
+        raise click.UsageError("--frames takes numbers, as 0,3,4.") from None
+    if not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        click.confirm(
+            "The pictures will be gone for everyone, for ever. The trail of what happened stays. Erase?", abort=True
+        )
+
+    async def action(opened: Wallet) -> list[ErasureReport]:
+        entries = await _chosen(opened, () if everything else record_ids)
+        erasing = Erasing(opened)
+        reports: list[ErasureReport] = []
+        for owner in dict.fromkeys(entry.visit.owner for entry in entries):
+            part = [entry for entry in entries if entry.visit.owner == owner]
+            ids = await erasing.request(part[0].visit, [entry.record_id for entry in part], frame_indexes)
+            if wait:
+                reports.extend(await erasing.wait_complete(part[0].visit, ids, ERASE_WAIT_S))
+            else:
+                reports.extend([await erasing.report(part[0].visit, erasure_id) for erasure_id in ids])
+        return reports
+
+    reports = _run(ctx, action)
+    if as_json:
+        rows = [
+            {
+                "erasure_id": report.erasure_id.hex(),
+                "status": report.status,
+                "custodians": [custodian.hex() for custodian in report.custodians],
+                "confirmed": list(report.receipts),
+            }
+            for report in reports
+        ]
+        print_json({"ok": True, "erasures": rows})
+        return
+    for report in reports:
+        console.print(
+            f"Erasure {report.erasure_id.hex()[:16]}: {report.status}, "
+            f"confirmed by {len(report.receipts)} of {len(report.custodians)} custodians."
+        )
