@@ -116,7 +116,9 @@ def parse_scenario(text: str) -> Scenario:
     except KeyError as error:
         raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario lacks {error.args[0]!r}.") from error
     except (TypeError, ValueError) as error:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The scenario has a value of the wrong kind: {error}.") from error
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", f"The scenario has a value of the wrong kind: {error}."
+        ) from error
     _check(scenario)
     return scenario
 
@@ -193,7 +195,8 @@ def _check(scenario: Scenario) -> None:
         times = [point[0] for point in person.path]
         if len(times) < 2 or any(after <= before for before, after in zip(times, times[1:], strict=False)):
             raise BlockRobotError(
-                "CONFIGURATION_INVALID", f"Scenario: the path of {person.alias} needs two or more points in rising time."
+                "CONFIGURATION_INVALID",
+                f"Scenario: the path of {person.alias} needs two or more points in rising time.",
             )
         if any(person.place(at) is None for at in person.reading_times_s()):
             raise BlockRobotError("CONFIGURATION_INVALID", f"Scenario: {person.alias} is read while not there.")

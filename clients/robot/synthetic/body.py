@@ -20,7 +20,7 @@ Points = npt.NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class Capsules:
-    """Segments from `start` to `end` (shape (n, 3): x right, y up from the floor, z ahead; metres) with `radius` (n,)."""
+    """Segments from `start` to `end` (shape (n, 3): right, up from the floor, ahead; metres) with `radius` (n,)."""
 
     start: Points
     end: Points

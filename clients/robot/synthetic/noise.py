@@ -26,7 +26,7 @@ POOL_MARGIN_PX = 96
 
 
 class CameraNoise:
-    """Fields of random numbers drawn once and shifted by a new random offset for each frame, which is 20 times cheaper."""
+    """Fields of random numbers drawn once and shifted anew for each frame, which is 20 times cheaper."""
 
     def __init__(self, shape: tuple[int, int], focal_px: float, seed: int) -> None:
         self._shape = shape
@@ -36,6 +36,7 @@ class CameraNoise:
         large = (shape[0] + POOL_MARGIN_PX, shape[1] + POOL_MARGIN_PX)
         self._normal = [rng.standard_normal(large, dtype=np.float32) for _ in range(POOL_COUNT)]
         self._uniform = [rng.random(large, dtype=np.float32) for _ in range(POOL_COUNT)]
+        self._no_fractions = np.zeros((0,), dtype=np.uint16)
         rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
         self._jitters = []
         for _ in range(POOL_COUNT):
@@ -53,9 +54,9 @@ class CameraNoise:
         edges = cv2.morphologyEx(np.minimum(depth, RANGE_MAX_M + 1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
         lost |= (edges > EDGE_JUMP_M) & (self._field(self._uniform, rng) < EDGE_LOSS)
         jitter = self._jitters[int(rng.integers(POOL_COUNT))]
-        moved = cv2.remap(depth, jitter, None, cv2.INTER_NEAREST)
+        moved = cv2.remap(depth, jitter, self._no_fractions, cv2.INTER_NEAREST).astype(np.float32, copy=False)
         if labels is not None:
-            labels = cv2.remap(labels, jitter, None, cv2.INTER_NEAREST).astype(np.uint8, copy=False)
+            labels = cv2.remap(labels, jitter, self._no_fractions, cv2.INTER_NEAREST).astype(np.uint8, copy=False)
         beyond = moved - np.float32(AXIAL_FROM_M)
         sigma = np.float32(AXIAL_FLOOR_M) + np.float32(AXIAL_SLOPE) * beyond * beyond
         noisy = moved + sigma * self._field(self._normal, rng)

@@ -1,4 +1,4 @@
-"""Renders a scenario: frames, empty frames, true silhouettes and tag readings. Offline; a camera is faster than this."""
+"""Renders a scenario: frames, empty frames, true silhouettes and tag readings. Offline, ahead of use."""
 
 from __future__ import annotations
 
@@ -51,7 +51,9 @@ class Reading:
 
     __slots__ = ("alias", "antenna", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
 
-    def __init__(self, alias: str, at_s: float, distance_m: float, scenario: Scenario, rng: np.random.Generator) -> None:
+    def __init__(
+        self, alias: str, at_s: float, distance_m: float, scenario: Scenario, rng: np.random.Generator
+    ) -> None:
         reader = scenario.reader
         self.alias = alias
         self.at_s = at_s

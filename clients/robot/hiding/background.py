@@ -1,0 +1,84 @@
+"""The empty scene: the model that people are told apart from, and the bank of recorded empty frames for renditions.
+
+Must be learned from frames without people; it cannot tell by itself whether someone stood there.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from clients.robot.events import Depth, check_depth
+from consensus.errors import BlockRobotError
+
+MODEL_FRAMES_MAX_COUNT = 31
+BANK_FRAMES_MAX_COUNT = 64
+UNSEEN_MM = 12_000  # where the camera never measured anything, all that it measures is in front
+THRESHOLD_MIN_MM = 90.0
+SIGMA_FACTOR = 4.5
+STEADY_SHARE = 0.3
+PNG_LEVEL = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Background:
+    """Depth of the empty scene in millimetres and, per pixel, by how much a person must be nearer (both uint16)."""
+
+    depth: Depth
+    threshold: Depth
+    half_depth: Depth
+    half_threshold: Depth
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of the frames that it fits."""
+        return (self.depth.shape[0], self.depth.shape[1])
+
+
+def learn_background(frames: Sequence[Depth]) -> Background:
+    """Return the background of empty frames: the median of what was measured. Raises FRAME_INVALID."""
+    if not frames:
+        raise BlockRobotError("FRAME_INVALID", "A background needs at least one empty frame.")
+    shape = (frames[0].shape[0], frames[0].shape[1])
+    step = max(1, len(frames) // MODEL_FRAMES_MAX_COUNT)
+    stack = np.stack([check_depth(frame, shape=shape) for frame in frames[::step][:MODEL_FRAMES_MAX_COUNT]], axis=-1)
+    stack.sort(axis=-1)
+    count = stack.shape[-1]
+    measured = np.count_nonzero(stack, axis=-1)
+    steady = measured >= STEADY_SHARE * count
+    place = np.where(steady, count - measured + measured // 2, np.minimum(count - measured, count - 1))
+    depth = np.take_along_axis(stack, place[..., None], axis=-1)[..., 0]
+    depth[measured == 0] = UNSEEN_MM
+    beyond = depth.astype(np.float32) / 1000 - 0.4
+    sigma = 1000 * (0.0012 + 0.0019 * beyond * beyond)
+    threshold = np.maximum(THRESHOLD_MIN_MM, SIGMA_FACTOR * sigma).astype(np.uint16)
+    return Background(
+        depth=depth,
+        threshold=threshold,
+        half_depth=np.ascontiguousarray(depth[::2, ::2]),
+        half_threshold=np.ascontiguousarray(threshold[::2, ::2]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class EmptyFrame:
+    """One recorded empty frame as PNG16; `background_id` is the SHA-256 of `png`."""
+
+    background_id: bytes
+    png: bytes
+
+
+def empty_bank(frames: Sequence[Depth]) -> list[EmptyFrame]:
+    """Return empty frames as PNGs, at most `BANK_FRAMES_MAX_COUNT`, for the robot to choose from at random."""
+    bank = []
+    for frame in frames[:BANK_FRAMES_MAX_COUNT]:
+        done, data = cv2.imencode(".png", check_depth(frame), [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+        if not done:
+            raise BlockRobotError("FRAME_INVALID", "An empty frame could not be written as PNG.")
+        png = data.tobytes()
+        bank.append(EmptyFrame(hashlib.sha256(png).digest(), png))
+    return bank

@@ -1,0 +1,69 @@
+"""Cuts one silhouette out of a frame: a box in which only that person's pixels are left, as PNG16.
+
+The cut is all that remains of a frame: it must never hold a pixel of another silhouette.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from clients.robot.events import Depth
+from clients.robot.hiding.background import PNG_LEVEL, Background
+from clients.robot.hiding.segmentation import Segmented, Silhouette, foreground_of
+from consensus.errors import BlockRobotError
+
+REGROW_PX = 3
+BODY_DEPTH_MM = 650
+FAINT_SHARE = 0.5
+
+_REGROW = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REGROW_PX + 1, 2 * REGROW_PX + 1))
+_FENCE = np.ones((5, 5), np.uint8)
+
+
+@dataclass(frozen=True, slots=True)
+class Cut:
+    """The owner's box in the frame (pixels) and its PNG16, 0 where the pixel is not the owner's."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    pixels_png: bytes
+
+
+def cut(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> Cut:
+    """Return one silhouette's cut, its edge regrown by 3 px into what differs from the background. About 1-3 ms."""
+    assert segmented.labels is not None
+    left, top, width, height = silhouette.box
+    x0, y0 = max(0, 2 * left - 4), max(0, 2 * top - 4)
+    x1 = min(depth.shape[1], 2 * (left + width) + 4)
+    y1 = min(depth.shape[0], 2 * (top + height) + 4)
+    box = (slice(y0, y1), slice(x0, x1))
+    pixels = depth[box]
+    labels = segmented.labels[y0 // 2 : (y1 + 1) // 2, x0 // 2 : (x1 + 1) // 2]
+    size = (2 * labels.shape[1], 2 * labels.shape[0])
+    own = _enlarge((labels == silhouette.label).view(np.uint8), size, pixels.shape)
+    mask = np.asarray(cv2.dilate(own, _REGROW))
+    faint = (background.threshold[box] * np.float32(FAINT_SHARE)).astype(np.uint16)
+    mask = np.asarray(cv2.bitwise_and(mask, foreground_of(pixels, background.depth[box], faint)))
+    low, high = silhouette.median_mm - BODY_DEPTH_MM, silhouette.median_mm + BODY_DEPTH_MM
+    mask = np.asarray(cv2.bitwise_and(mask, cv2.inRange(pixels, max(low, 1), high)))
+    others = (labels != 0) & (labels != silhouette.label)
+    if others.any():
+        fence = cv2.dilate(_enlarge(others.view(np.uint8), size, pixels.shape), _FENCE)
+        mask[np.asarray(fence) > 0] = 0
+    kept = np.where(mask > 0, pixels, np.uint16(0))
+    done, data = cv2.imencode(".png", kept, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    if not done:
+        raise BlockRobotError("FRAME_INVALID", "A rendition could not be written as PNG.")
+    return Cut(x0, y0, x1 - x0, y1 - y0, data.tobytes())
+
+
+def _enlarge(
+    half: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], size: tuple[int, int], shape: tuple[int, ...]
+) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
+    large = np.asarray(cv2.resize(half, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
+    return np.ascontiguousarray(large[: shape[0], : shape[1]] * np.uint8(255))

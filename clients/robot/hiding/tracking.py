@@ -1,0 +1,131 @@
+"""Follows silhouettes from frame to frame in plan view. Pure.
+
+A track is one person for certain, or it ends: where two people may have been exchanged, both tracks end and new
+ones begin, so that no tag stays bound across a doubt.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
+from clients.robot.hiding.segmentation import Silhouette
+
+GATE_M = 0.55
+GATE_PER_M = 0.04
+LOST_AFTER_MS = 1_000
+SWALLOWED_M = 0.55
+SWALLOWED_WITHIN_MS = 400
+SMOOTHING = 0.25
+HISTORY_MS = 40_000
+NEAREST_RANGE_MS = 150
+FAR = 1e6
+
+
+@dataclass(slots=True, eq=False)
+class Track:
+    """One followed silhouette: identity, state of the follower, and its range (m) over time (ms)."""
+
+    number: int
+    began_ms: int
+    seen_ms: int
+    x_m: float
+    z_m: float
+    speed_x: float = 0.0
+    speed_z: float = 0.0
+    ended: bool = False
+    times: list[int] = field(default_factory=list)
+    ranges: list[float] = field(default_factory=list)
+
+    def predicted(self, at_ms: int) -> tuple[float, float]:
+        """Return where the person should be, for at most half a second of unseen walking."""
+        ahead = min(at_ms - self.seen_ms, 500) / 1000
+        return self.x_m + self.speed_x * ahead, self.z_m + self.speed_z * ahead
+
+    def range_at(self, at_ms: int) -> float | None:
+        """Return the measured range nearest in time, or None if there is none close enough."""
+        place = bisect_left(self.times, at_ms)
+        near = [i for i in (place - 1, place) if 0 <= i < len(self.times)]
+        best = min(near, key=lambda i: abs(self.times[i] - at_ms), default=None)
+        if best is None or abs(self.times[best] - at_ms) > NEAREST_RANGE_MS:
+            return None
+        return self.ranges[best]
+
+    def overlaps(self, other: Track) -> bool:
+        """Whether both were followed at some same time."""
+        return self.began_ms <= other.seen_ms and other.began_ms <= self.seen_ms
+
+    def _observe(self, seen: Silhouette, at_ms: int) -> None:
+        elapsed = (at_ms - self.seen_ms) / 1000
+        if elapsed > 0:
+            self.speed_x += SMOOTHING * ((seen.x_m - self.x_m) / elapsed - self.speed_x)
+            self.speed_z += SMOOTHING * ((seen.z_m - self.z_m) / elapsed - self.speed_z)
+        self.x_m, self.z_m, self.seen_ms = seen.x_m, seen.z_m, at_ms
+        self.times.append(at_ms)
+        self.ranges.append(seen.range_m)
+        if self.times[0] < at_ms - 2 * HISTORY_MS:
+            keep = bisect_left(self.times, at_ms - HISTORY_MS)
+            del self.times[:keep], self.ranges[:keep]
+
+
+class Tracker:
+    """All tracks of a camera. `step` once for each frame, in time order."""
+
+    def __init__(self) -> None:
+        self.live: list[Track] = []
+        self._count = 0
+
+    def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> list[Track | None]:
+        """Return the track of each silhouette; None for a merged one, which is nobody's for certain."""
+        for track in self.live:
+            track.ended = track.ended or at_ms - track.seen_ms > LOST_AFTER_MS
+        self.live = [track for track in self.live if not track.ended]
+        chosen: list[Track | None] = [None] * len(silhouettes)
+        single = [i for i, silhouette in enumerate(silhouettes) if silhouette.trouble != "merged"]
+        for i, track in self._assign([silhouettes[i] for i in single], at_ms):
+            chosen[single[i]] = track
+        self._end_doubtful(silhouettes, chosen, at_ms)
+        for i in single:
+            match = chosen[i]
+            if match is None or match.ended:
+                match = self._begin(silhouettes[i], at_ms)
+                chosen[i] = match
+            match._observe(silhouettes[i], at_ms)  # noqa: SLF001 - the tracker owns its tracks
+        return chosen
+
+    def _assign(self, silhouettes: list[Silhouette], at_ms: int) -> list[tuple[int, Track]]:
+        if not silhouettes or not self.live:
+            return []
+        cost = np.full((len(silhouettes), len(self.live)), FAR)
+        for column, track in enumerate(self.live):
+            x, z = track.predicted(at_ms)
+            for row, seen in enumerate(silhouettes):
+                distance = float(np.hypot(seen.x_m - x, seen.z_m - z))
+                if distance < GATE_M + GATE_PER_M * seen.z_m:
+                    cost[row, column] = distance
+        rows, columns = linear_sum_assignment(cost)
+        return [(int(r), self.live[int(c)]) for r, c in zip(rows, columns, strict=True) if cost[r, c] < FAR]
+
+    def _end_doubtful(self, silhouettes: tuple[Silhouette, ...], chosen: list[Track | None], at_ms: int) -> None:
+        """End tracks inside a merged blob, and both tracks where one has just vanished into the other's silhouette."""
+        taken = {track.number for track in chosen if track is not None}
+        for track in self.live:
+            if track.number in taken:
+                continue
+            x, z = track.predicted(at_ms)
+            for seen, matched in zip(silhouettes, chosen, strict=True):
+                if float(np.hypot(seen.x_m - x, seen.z_m - z)) > SWALLOWED_M + GATE_PER_M * seen.z_m:
+                    continue
+                if seen.trouble == "merged":
+                    track.ended = True
+                elif matched is not None and at_ms - track.seen_ms < SWALLOWED_WITHIN_MS:
+                    track.ended = matched.ended = True
+
+    def _begin(self, seen: Silhouette, at_ms: int) -> Track:
+        self._count += 1
+        track = Track(self._count, at_ms, at_ms, seen.x_m, seen.z_m)
+        self.live.append(track)
+        return track
