@@ -1,0 +1,106 @@
+"""The state trie as a verifier sees it: how pages hash and what a proof shows. Must never trust a page unhashed.
+
+A radix-16 trie over SHA-256(flat key), one nibble a level. A page exists wherever two or more keys share a nibble path
+(and at the root); a key that is alone below a slot stands inline in that slot. So the pages, and with them the root,
+follow from the content only, whatever the order of writes.
+
+A page is `leaf bitmap (u16) | branch bitmap (u16) | slots in order`; an inline leaf is `SHA-256(key) | value hash`
+(64 bytes), a branch is the hash of the page below (32 bytes). A page hashes whole, under its own tag. A proof is the
+pages from the root to the slot that decides.
+"""
+
+from __future__ import annotations
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire
+from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash
+
+PAGE_TAG = "blockrobot/trie-page"
+VALUE_TAG = "blockrobot/trie-value"
+PATH_NIBBLES_COUNT = 2 * HASH_SIZE_BYTES
+LEAF_SIZE_BYTES = 2 * HASH_SIZE_BYTES
+PAGE_HEADER_BYTES = 4
+EMPTY_PAGE = bytes(PAGE_HEADER_BYTES)
+
+
+class Proof(Wire, frozen=True):
+    """The pages from the root down to the slot that shows a key present or absent."""
+
+    pages: tuple[bytes, ...]
+
+
+def hash_page(page: bytes) -> bytes:
+    """Return the 32-byte hash by which the page above (or a header) refers to this page."""
+    return tagged_hash(PAGE_TAG, page)
+
+
+def hash_value(value: bytes) -> bytes:
+    """Return the 32-byte hash that stands for a value in a leaf."""
+    return tagged_hash(VALUE_TAG, value)
+
+
+EMPTY_ROOT = hash_page(EMPTY_PAGE)
+"""The root of a state without keys."""
+
+
+def read_slot(page: bytes, nibble: int) -> bytes | None:
+    """Return what stands in a slot: None, a branch's hash (32 bytes) or an inline leaf (64 bytes).
+
+    The page must be well formed: a writer reads only its own pages, a verifier checks with `is_page` first.
+    """
+    leaves = page[0] << 8 | page[1]
+    branches = page[2] << 8 | page[3]
+    bit = 1 << nibble
+    if not (leaves | branches) & bit:
+        return None
+    below = bit - 1
+    start = PAGE_HEADER_BYTES + HASH_SIZE_BYTES * (2 * (leaves & below).bit_count() + (branches & below).bit_count())
+    return page[start : start + (LEAF_SIZE_BYTES if leaves & bit else HASH_SIZE_BYTES)]
+
+
+def is_page(page: bytes) -> bool:
+    """Tell whether the bytes have the form of a page: disjoint bitmaps and exactly the slots that they name."""
+    if len(page) < PAGE_HEADER_BYTES:
+        return False
+    leaves = page[0] << 8 | page[1]
+    branches = page[2] << 8 | page[3]
+    size = PAGE_HEADER_BYTES + LEAF_SIZE_BYTES * leaves.bit_count() + HASH_SIZE_BYTES * branches.bit_count()
+    return not leaves & branches and len(page) == size
+
+
+def nibble_at(path: bytes, depth: int) -> int:
+    """Return nibble `depth` (0 to 63) of a 32-byte path."""
+    byte = path[depth >> 1]
+    return byte & 0x0F if depth & 1 else byte >> 4
+
+
+def _find_leaf(root: bytes, path: bytes, proof: Proof) -> bytes | None:
+    """Follow `path` through the proof's pages; return the leaf (of whatever key) or None for an empty slot."""
+    expected = root
+    last = len(proof.pages) - 1
+    if not 0 <= last < PATH_NIBBLES_COUNT:
+        raise BlockRobotError("PROOF_INVALID", "A state proof has no pages or too many.")
+    for depth, page in enumerate(proof.pages):
+        if not is_page(page) or hash_page(page) != expected:
+            raise BlockRobotError("PROOF_INVALID", f"Page {depth} of a state proof does not hash to what refers to it.")
+        slot = read_slot(page, nibble_at(path, depth))
+        if slot is None or len(slot) == LEAF_SIZE_BYTES:
+            if depth != last:
+                raise BlockRobotError("PROOF_INVALID", "A state proof goes on below the slot that decides.")
+            return slot
+        expected = slot
+    raise BlockRobotError("PROOF_INVALID", "A state proof ends above the slot that decides.")
+
+
+def verify_proof(root: bytes, key: bytes, value: bytes | None, proof: Proof) -> None:
+    """Check that under `root` (32 bytes) the flat key holds `value`, or is absent if `value` is None.
+
+    Raises PROOF_INVALID if the proof does not show exactly that.
+    """
+    path = sha256(key)
+    leaf = _find_leaf(root, path, proof)
+    if value is None:
+        if leaf is not None and leaf[:HASH_SIZE_BYTES] == path:
+            raise BlockRobotError("PROOF_INVALID", "The state holds a key that is claimed to be absent.")
+    elif leaf != path + hash_value(value):
+        raise BlockRobotError("PROOF_INVALID", "The state does not hold the claimed value under this key.")
