@@ -19,7 +19,7 @@ ABSENT_MOTIONS = ((0.0, 0.0, 0.4), (0.7, 0.02, 0.3), (0.7, 0.3, 0.3))
 # A tag in view is mostly heard by the antenna that faces as the camera does; an absent one mostly by the other,
 # but it may also be in front and out of the picture.
 VISIBLE_FRONT = ((18.0, 2.0, 1.0),)
-ABSENT_FRONT = ((2.0, 18.0, 0.85), (1.0, 1.0, 0.15))
+ABSENT_FRONT = ((2.0, 18.0, 0.95), (1.0, 1.0, 0.05))
 LOG_2PI = math.log(2 * math.pi)
 
 
