@@ -9,6 +9,7 @@ import hashlib
 import tomllib
 from dataclasses import dataclass
 from importlib import resources
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -193,7 +194,7 @@ def _check(scenario: Scenario) -> None:
             raise BlockRobotError("CONFIGURATION_INVALID", f"Scenario: {sentence}.")
     for person in scenario.people:
         times = [point[0] for point in person.path]
-        if len(times) < 2 or any(after <= before for before, after in zip(times, times[1:], strict=False)):
+        if len(times) < 2 or any(after <= before for before, after in pairwise(times)):
             raise BlockRobotError(
                 "CONFIGURATION_INVALID",
                 f"Scenario: the path of {person.alias} needs two or more points in rising time.",

@@ -1,4 +1,4 @@
-"""Binds tags to tracks by likelihood over the whole track, against every rival and against "the bearer is not here". Pure.
+"""Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
 
 A binding needs log-odds of 9.2 and ends below 0. Readings without distance bind nothing, since from them one person
 in the picture cannot be told from another, nor from someone outside it.
@@ -72,7 +72,7 @@ class Matcher:
                 tag.bound.pop(track.number, None)
 
     def bound_track(self, alias: str, present: Sequence[int]) -> int | None:
-        """Return the one track among `present` that the tag is bound to; None if none, several, or one shared with a tag."""
+        """Return the one track of `present` that the tag is bound to; None if none, several, or another tag's too."""
         tag = self._tags.get(alias)
         if tag is None:
             return None
@@ -115,7 +115,7 @@ class Matcher:
 
     @staticmethod
     def _ratio(sightings: Sequence[Sighting], track: Track) -> float | None:
-        """Return the log likelihood ratio of "this track wears it" to "absent" over the track's life; None if too little."""
+        """Return log(likelihood that this track wears the tag / that its bearer is absent); None with too few readings."""
         compared: list[RangeReading] = []
         front = back = 0
         for sighting in sightings:

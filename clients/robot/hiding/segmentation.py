@@ -17,6 +17,7 @@ from clients.robot.hiding.background import Background
 Bytes2D = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]
 
+MEASURED_MIN_MM, MEASURED_MAX_MM = 1, 65_535
 EMPTY_MAX_PX = 120  # half-resolution foreground pixels below which nobody is there
 PIECE_MIN_PX = 14
 DEPTH_EDGE_MM = 260
@@ -92,7 +93,7 @@ def segment(depth: Depth, background: Background, focal_px: float) -> Segmented:
 def foreground_of(depth: Depth, background: Depth, threshold: Depth) -> Bytes2D:
     """Return 255 where a measured depth is nearer than the background by more than the threshold, else 0."""
     nearer = cv2.compare(cv2.subtract(background, depth), threshold, cv2.CMP_GT)
-    return np.asarray(cv2.bitwise_and(nearer, cv2.compare(depth, 0, cv2.CMP_GT)), dtype=np.uint8)
+    return np.asarray(cv2.bitwise_and(nearer, cv2.inRange(depth, MEASURED_MIN_MM, MEASURED_MAX_MM)), dtype=np.uint8)
 
 
 def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:

@@ -58,7 +58,8 @@ class Track:
         """Whether both were followed at some same time."""
         return self.began_ms <= other.seen_ms and other.began_ms <= self.seen_ms
 
-    def _observe(self, seen: Silhouette, at_ms: int) -> None:
+    def observe(self, seen: Silhouette, at_ms: int) -> None:
+        """Take the silhouette that was matched to this track."""
         elapsed = (at_ms - self.seen_ms) / 1000
         if elapsed > 0:
             self.speed_x += SMOOTHING * ((seen.x_m - self.x_m) / elapsed - self.speed_x)
@@ -93,7 +94,7 @@ class Tracker:
             if match is None or match.ended:
                 match = self._begin(silhouettes[i], at_ms)
                 chosen[i] = match
-            match._observe(silhouettes[i], at_ms)  # noqa: SLF001 - the tracker owns its tracks
+            match.observe(silhouettes[i], at_ms)
         return chosen
 
     def _assign(self, silhouettes: list[Silhouette], at_ms: int) -> list[tuple[int, Track]]:
