@@ -1,1 +1,8 @@
 """The HTTP interface of one node. Must never answer a question that its caller may not ask."""
+
+from __future__ import annotations
+
+from node.api.application import create_api
+from node.api.services import ApiServices
+
+__all__ = ["ApiServices", "create_api"]

@@ -13,6 +13,7 @@ from typing import Any, Literal, Protocol
 from consensus.block import Block, FinalityProof, Header, Receipt
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
 
 PoolStatus = Literal["pending", "unknown", "expired"]
@@ -55,7 +56,7 @@ class LedgerSnapshot(Protocol):
         """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
         ...
 
-    def prove(self, key: bytes) -> bytes:
+    def prove(self, key: bytes) -> Proof:
         """Return the proof of the key's presence or absence under `header.state_root`."""
         ...
 

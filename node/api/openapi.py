@@ -1,0 +1,121 @@
+"""The OpenAPI 3.1 document, made from the route table. Must never describe a route that is not in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import msgspec
+
+from consensus.errors import CATALOGUE
+from node.api.documents import Document, Problem
+from node.api.problems import PROBLEM_TYPE
+from node.api.routing import Answer, Body, Parameter, Route
+
+API_VERSION = "1.0.0"
+EVERY_ROUTE_ERRORS = ("REQUEST_INVALID", "RATE_LIMITED", "INTERNAL")
+SESSION_ERRORS = ("SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED")
+_SCHEMA_PLACE = "#/components/schemas/{name}"
+
+
+def errors_of(route: Route) -> tuple[str, ...]:
+    """Return every code that the route may refuse with, sorted."""
+    codes = {*EVERY_ROUTE_ERRORS, *route.errors}
+    if route.access.needs_session:
+        codes |= set(SESSION_ERRORS)
+    if route.body is not None:
+        codes.add("REQUEST_TOO_LARGE")
+    return tuple(sorted(codes))
+
+
+def _parameter(parameter: Parameter) -> dict[str, Any]:
+    if parameter.size_bytes is not None:
+        schema: dict[str, Any] = {"type": "string", "pattern": f"^[0-9a-f]{{{2 * parameter.size_bytes}}}$"}
+    elif parameter.pattern is not None:
+        schema = {"type": "string", "pattern": parameter.pattern}
+    else:
+        schema = {"type": "integer", "minimum": parameter.minimum, "maximum": parameter.maximum}
+        if parameter.default is not None:
+            schema["default"] = parameter.default
+    return {
+        "name": parameter.name,
+        "in": parameter.place,
+        "required": parameter.required,
+        "description": parameter.description,
+        "schema": schema,
+    }
+
+
+def _content(part: Body | Answer) -> dict[str, Any]:
+    schema: dict[str, Any] = {}
+    if part.kind is not None:
+        schema = {"$ref": _SCHEMA_PLACE.format(name=part.kind.__name__)}
+    elif part.media_type == "application/json":
+        schema = {"type": "object"}
+    return {part.media_type: {"schema": schema}}
+
+
+def _responses(route: Route) -> dict[str, Any]:
+    answer = route.answer
+    responses: dict[str, Any] = {str(answer.status): {"description": answer.description}}
+    if answer.status != 204:
+        responses[str(answer.status)]["content"] = _content(answer)
+    by_status: dict[int, list[str]] = {}
+    for code in errors_of(route):
+        by_status.setdefault(CATALOGUE[code].status, []).append(code)
+    for status, codes in sorted(by_status.items()):
+        responses[str(status)] = {
+            "description": ", ".join(codes),
+            "content": {PROBLEM_TYPE: {"schema": {"$ref": _SCHEMA_PLACE.format(name="Problem")}}},
+        }
+    return responses
+
+
+def _operation(route: Route) -> dict[str, Any]:
+    operation: dict[str, Any] = {
+        "operationId": route.operation,
+        "summary": route.summary,
+        "description": f"For: {route.access.label}.",
+        "responses": _responses(route),
+        "security": [{"session": []}] if route.access.needs_session else [],
+    }
+    if route.parameters:
+        operation["parameters"] = [_parameter(parameter) for parameter in route.parameters]
+    if route.body is not None:
+        operation["requestBody"] = {
+            "required": True,
+            "description": f"{route.body.description} At most {route.body.max_bytes} bytes.",
+            "content": _content(route.body),
+        }
+    return operation
+
+
+def _document_kinds(routes: Iterable[Route]) -> list[type[Document]]:
+    kinds: set[type[Document]] = {Problem}
+    for route in routes:
+        for part in (route.body, route.answer):
+            if part is not None and part.kind is not None:
+                kinds.add(part.kind)
+    return sorted(kinds, key=lambda kind: kind.__name__)
+
+
+def build_openapi(routes: Iterable[Route]) -> dict[str, Any]:
+    """Return the OpenAPI 3.1 document of these routes as a JSON-ready dict."""
+    routes = tuple(routes)
+    _, schemas = msgspec.json.schema_components(_document_kinds(routes), ref_template=_SCHEMA_PLACE)
+    paths: dict[str, dict[str, Any]] = {}
+    for route in routes:
+        paths.setdefault(route.path, {})[route.method.lower()] = _operation(route)
+    return {
+        "openapi": "3.1.0",
+        "info": {
+            "title": "BlockRobot node",
+            "version": API_VERSION,
+            "description": "Bytes are lower-case hexadecimal in JSON. Refusals are problem documents (RFC 9457).",
+        },
+        "paths": paths,
+        "components": {
+            "schemas": schemas,
+            "securitySchemes": {"session": {"type": "http", "scheme": "bearer"}},
+        },
+    }

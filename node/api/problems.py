@@ -1,0 +1,71 @@
+"""Errors as problem documents (RFC 9457). Must never show a traceback, a path or a secret to a caller.
+
+A refusal has a code of the catalogue. Whatever else goes wrong is INTERNAL on the outside and a logged exception on
+the inside.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+from typing import Any
+
+from aiohttp import web
+
+from consensus.errors import CATALOGUE, BlockRobotError
+
+PROBLEM_TYPE = "application/problem+json"
+_log = logging.getLogger("node.api")
+
+_BY_STATUS = {
+    404: "ROUTE_UNKNOWN",
+    405: "METHOD_NOT_ALLOWED",
+    413: "REQUEST_TOO_LARGE",
+}
+
+
+def problem_document(error: BlockRobotError) -> dict[str, Any]:
+    """Return the JSON object that stands for a refusal."""
+    entry = error.entry
+    return {
+        "type": f"urn:blockrobot:error:{error.code}",
+        "title": entry.meaning,
+        "status": entry.status,
+        "code": error.code,
+        "detail": error.detail,
+        "next_step": entry.next_step,
+        "retryable": entry.retryable,
+    }
+
+
+def problem_response(error: BlockRobotError) -> web.Response:
+    """Return the HTTP response for a refusal."""
+    document = problem_document(error)
+    headers = {"Cache-Control": "no-store"}
+    if error.entry.status == 401:
+        headers["WWW-Authenticate"] = "Bearer"
+    if error.entry.status in {429, 503}:
+        headers["Retry-After"] = "1"
+    return web.Response(
+        status=error.entry.status, body=json.dumps(document).encode(), content_type=PROBLEM_TYPE, headers=headers
+    )
+
+
+def problem_from_http(error: web.HTTPException) -> web.Response:
+    """Return the problem document for an error of the HTTP layer itself (unknown route, method, size)."""
+    code = _BY_STATUS.get(error.status, "REQUEST_INVALID" if error.status < 500 else "INTERNAL")
+    response = problem_response(BlockRobotError(code))
+    if error.status == 405 and "Allow" in error.headers:
+        response.headers["Allow"] = error.headers["Allow"]
+    return response
+
+
+def problem_from_fault(error: Exception, route: str) -> web.Response:
+    """Log an exception that nobody foresaw and return INTERNAL without any detail of it."""
+    _log.error("unexpected fault in %s: %s", route, type(error).__name__, exc_info=error)
+    return problem_response(BlockRobotError("INTERNAL"))
+
+
+def is_known_code(code: str) -> bool:
+    """Tell whether the catalogue holds this code."""
+    return code in CATALOGUE

@@ -1,0 +1,34 @@
+"""The routes, one module for each resource. Must never grow a route that is missing from this table."""
+
+from __future__ import annotations
+
+from node.api.routes import (
+    announcements,
+    backgrounds,
+    blocks,
+    clips,
+    events,
+    finality,
+    genesis,
+    openapi,
+    proofs,
+    queries,
+    sessions,
+    transactions,
+)
+from node.api.routing import Route
+
+ROUTES: tuple[Route, ...] = (
+    *genesis.ROUTES,
+    *openapi.ROUTES,
+    *transactions.ROUTES,
+    *sessions.ROUTES,
+    *finality.ROUTES,
+    *proofs.ROUTES,
+    *queries.ROUTES,
+    *announcements.ROUTES,
+    *events.ROUTES,
+    *clips.ROUTES,
+    *backgrounds.ROUTES,
+    *blocks.ROUTES,
+)

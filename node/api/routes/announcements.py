@@ -1,0 +1,60 @@
+"""Announcements of visits, for wallets to scan. Must never leave one out: the count and each item are proved."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value, u64
+from node.api.access import MEMBER
+from node.api.documents import AnnouncementItem, AnnouncementsAnswer, finality_document
+from node.api.routes.proofs import prove_keys
+from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.standing import read_value, state_key
+
+ANNOUNCEMENTS_PAGE_MAX_COUNT = 100
+_CONTRACT = "records"
+
+
+def _item(number: int, value: Any) -> AnnouncementItem:
+    if not isinstance(value, list) or len(value) != 4:
+        raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} does not have its four parts.")
+    owner, ephemeral, view_tag, bucket_ms = value
+    return AnnouncementItem(
+        number=number, owner=owner.hex(), ephemeral=ephemeral.hex(), view_tag=view_tag, bucket_ms=bucket_ms
+    )
+
+
+async def _list_announcements(call: Call) -> web.StreamResponse:
+    first, limit = call.int_of("from"), call.int_of("limit")
+    with call.services.ledger.snapshot() as snapshot:
+        count = read_value(snapshot, _CONTRACT, b"announcement-count") or 0
+        keys = [state_key(_CONTRACT, b"announcement-count")]
+        keys += [state_key(_CONTRACT, b"announcement/" + u64(n)) for n in range(first, min(first + limit, count))]
+        proofs = prove_keys(snapshot, keys)
+        items = [
+            _item(first + offset, decode_value(bytes.fromhex(proof.value or "")))
+            for offset, proof in enumerate(proofs[1:])
+        ]
+        return json_answer(
+            AnnouncementsAnswer(count=count, items=items, finality=finality_document(snapshot.finality), proofs=proofs)
+        )
+
+
+ROUTES = (
+    Route(
+        "GET",
+        "/v1/announcements",
+        "listAnnouncements",
+        "Opened visits by number. The first proof is that of the count, the others are those of the items.",
+        MEMBER,
+        _list_announcements,
+        Answer(JSON, AnnouncementsAnswer, "A page of announcements with proofs."),
+        parameters=(
+            Parameter("from", "query", "The first number.", default=0),
+            Parameter("limit", "query", "How many at most.", None, 1, ANNOUNCEMENTS_PAGE_MAX_COUNT, 50),
+        ),
+    ),
+)

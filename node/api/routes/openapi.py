@@ -1,0 +1,29 @@
+"""GET /v1/openapi.json: the interface described by itself. Must never differ from the route table."""
+
+from __future__ import annotations
+
+import json
+
+from aiohttp import web
+
+from node.api.access import ANYONE
+from node.api.routing import JSON, Answer, Call, Route
+
+DOCUMENT_KEY = web.AppKey("openapi_document", dict)
+
+
+async def _get_openapi(call: Call) -> web.StreamResponse:
+    return web.Response(text=json.dumps(call.http.config_dict[DOCUMENT_KEY]), content_type=JSON)
+
+
+ROUTES = (
+    Route(
+        "GET",
+        "/v1/openapi.json",
+        "getOpenApi",
+        "This interface as an OpenAPI 3.1 document.",
+        ANYONE,
+        _get_openapi,
+        Answer(JSON, None, "The document."),
+    ),
+)

@@ -1,0 +1,36 @@
+"""Read-only calls of contracts. Must never change state; the answer is this node's word (for proof: /v1/state-proofs)."""
+
+from __future__ import annotations
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from node.api.access import MEMBER_OR_OWNER
+from node.api.documents import QueryAnswer, QueryRequest
+from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
+
+
+async def _query(call: Call) -> web.StreamResponse:
+    asked = await call.document(QueryRequest)
+    arguments = decode_value(bytes.fromhex(asked.args))
+    if not isinstance(arguments, list):
+        raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
+    with call.services.ledger.snapshot() as snapshot:
+        result = call.services.views.run_view(snapshot, asked.contract, asked.view, arguments)
+        return json_answer(QueryAnswer(result=result.hex(), height=snapshot.header.height))
+
+
+ROUTES = (
+    Route(
+        "POST",
+        "/v1/queries",
+        "queryContract",
+        "Call a read-only entry of a contract on the newest finalized state.",
+        MEMBER_OR_OWNER,
+        _query,
+        Answer(JSON, QueryAnswer, "The encoded result."),
+        Body(JSON, QueryRequest, "Contract, view and encoded arguments."),
+        errors=("TRANSACTION_CONTRACT_UNKNOWN", "CALL_REFUSED", "ENCODING_INVALID", "ENCODING_NOT_CANONICAL"),
+    ),
+)

@@ -1,0 +1,123 @@
+"""Submit transactions and follow them. Must never say a transaction is final before it is.
+
+Submission needs no session: a transaction is signed by itself, and a wallet must be able to send one on a connection
+that says nothing else. Whoever knows a txid may ask for it.
+"""
+
+from __future__ import annotations
+
+import msgspec
+from aiohttp import web
+
+from consensus.block import Receipt
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_SIZE_MAX_BYTES
+from consensus.primitives.hashing import sha256
+from node.api.access import ANYONE
+from node.api.documents import Problem, ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState
+from node.api.evidence import build_evidence
+from node.api.problems import problem_document
+from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
+from node.api.services import LedgerSnapshot, SubmitResult
+
+BATCH_MAX_COUNT = 256
+BATCH_MAX_BYTES = 1024 * 1024
+WAIT_MAX_MS = 30_000
+_wires = msgspec.msgpack.Decoder(list[bytes])
+
+
+def receipt_document(receipt: Receipt) -> ReceiptDocument:
+    """Return the JSON form of a receipt, without its events."""
+    return ReceiptDocument(
+        ok=receipt.ok, code=receipt.code, message=receipt.message, line=receipt.line, gas_used=receipt.gas_used
+    )
+
+
+def _outcome(result: SubmitResult) -> SubmitOutcome:
+    problem = None if result.error is None else Problem(**problem_document(result.error))
+    status = "accepted" if problem is None else "rejected"
+    return SubmitOutcome(txid=result.txid.hex() if result.txid else None, status=status, error=problem)
+
+
+async def _submit(call: Call) -> web.StreamResponse:
+    content = await call.body()
+    try:
+        wires = _wires.decode(content)
+    except msgspec.DecodeError as error:
+        raise BlockRobotError("REQUEST_INVALID", f"The body is no list of byte strings: {error}.") from None
+    if not 1 <= len(wires) <= BATCH_MAX_COUNT:
+        raise BlockRobotError("REQUEST_INVALID", f"A batch holds 1 to {BATCH_MAX_COUNT} transactions.")
+    results = await call.services.pool.submit(wires)
+    return json_answer(SubmitAnswer(results=[_outcome(result) for result in results]))
+
+
+def _find(snapshot: LedgerSnapshot, txid: bytes, with_evidence: bool) -> TransactionState | None:
+    place = snapshot.locate(txid)
+    if place is None:
+        return None
+    block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
+    if block is None or receipts is None:
+        raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
+    return TransactionState(
+        txid=txid.hex(),
+        status="finalized",
+        height=place.height,
+        index=place.index,
+        block_id=sha256(block.header_bytes).hex(),
+        receipt=receipt_document(receipts[place.index]),
+        evidence=build_evidence(snapshot, block, receipts, place) if with_evidence else None,
+    )
+
+
+async def _get_transaction(call: Call) -> web.StreamResponse:
+    services = call.services
+    txid = call.bytes_of("txid")
+    wait_ms = call.int_of("wait_ms")
+    with_evidence = call.int_of("evidence") == 1
+    with services.ledger.snapshot() as snapshot:
+        state = _find(snapshot, txid, with_evidence)
+    if state is None and wait_ms > 0 and await services.pool.wait_final(txid, wait_ms):
+        with services.ledger.snapshot() as snapshot:
+            state = _find(snapshot, txid, with_evidence)
+    if state is None:
+        state = TransactionState(
+            txid=txid.hex(),
+            status=services.pool.status(txid),
+            height=None,
+            index=None,
+            block_id=None,
+            receipt=None,
+            evidence=None,
+        )
+    return json_answer(state)
+
+
+ROUTES = (
+    Route(
+        "POST",
+        "/v1/transactions",
+        "submitTransactions",
+        "Submit signed transactions, up to 256 in one request.",
+        ANYONE,
+        _submit,
+        Answer(JSON, SubmitAnswer, "What became of each, in order."),
+        Body(MSGPACK, None, "A MessagePack list of transactions' wire bytes.", BATCH_MAX_BYTES),
+        errors=("NODE_NOT_READY",),
+    ),
+    Route(
+        "GET",
+        "/v1/transactions/{txid}",
+        "getTransaction",
+        "Where a transaction is; with `wait_ms` the answer is held back until it is final.",
+        ANYONE,
+        _get_transaction,
+        Answer(JSON, TransactionState, "pending, finalized, unknown or expired."),
+        parameters=(
+            Parameter("txid", "path", "The transaction's id.", 32),
+            Parameter("wait_ms", "query", "How long to wait for finality, in ms.", maximum=WAIT_MAX_MS, default=0),
+            Parameter("evidence", "query", "1 adds what proves the receipt to anyone.", maximum=1, default=0),
+        ),
+        errors=("NOT_FOUND",),
+    ),
+)
+assert BATCH_MAX_BYTES >= TRANSACTION_SIZE_MAX_BYTES

@@ -1,0 +1,167 @@
+"""Routes as data: path, access, limits and documents in one place. Must never let a handler run before its rule.
+
+The same table makes the aiohttp application, the OpenAPI document and the reference page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+import msgspec
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from node.api.access import Access
+from node.api.documents import Document
+from node.api.services import ApiServices
+from node.api.sessions import Session, SessionTable
+
+JSON = "application/json"
+MSGPACK = "application/msgpack"
+BYTES = "application/octet-stream"
+SSE = "text/event-stream"
+BODY_DEFAULT_MAX_BYTES = 64 * 1024
+
+D = TypeVar("D", bound=Document)
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A parameter of the path or the query: hexadecimal text of `size_bytes`, text of a `pattern`, or an integer."""
+
+    name: str
+    place: str
+    description: str
+    size_bytes: int | None = None
+    minimum: int = 0
+    maximum: int = (1 << 53) - 1
+    default: int | None = None
+    pattern: str | None = None
+
+    @property
+    def required(self) -> bool:
+        """Numbers with a default and texts with a pattern may be left out."""
+        return self.default is None and self.pattern is None
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """What a request carries: a JSON document type, or bytes of a media type with a description."""
+
+    media_type: str
+    kind: type[Document] | None
+    description: str
+    max_bytes: int = BODY_DEFAULT_MAX_BYTES
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What a request gets on success."""
+
+    media_type: str
+    kind: type[Document] | None
+    description: str
+    status: int = 200
+
+
+@dataclass(slots=True)
+class Call:
+    """One authorised request, as handlers see it."""
+
+    services: ApiServices
+    sessions: SessionTable
+    http: web.Request
+    route: Route
+    session: Session | None
+
+    @property
+    def caller(self) -> bytes:
+        """The proven key of the session (routes with a session only)."""
+        if self.session is None:
+            raise BlockRobotError("SESSION_REQUIRED")
+        return self.session.public_key
+
+    def bytes_of(self, name: str) -> bytes:
+        """Return a hexadecimal parameter. Raises REQUEST_INVALID."""
+        parameter = self._parameter(name)
+        text = self._text(parameter)
+        size = parameter.size_bytes or 0
+        if text is None or len(text) != 2 * size or not set(text) <= set("0123456789abcdef"):
+            raise BlockRobotError("REQUEST_INVALID", f"The parameter {name} is {size} bytes in lower-case hexadecimal.")
+        return bytes.fromhex(text)
+
+    def int_of(self, name: str) -> int:
+        """Return an integer parameter, or its default. Raises REQUEST_INVALID."""
+        parameter = self._parameter(name)
+        text = self._text(parameter)
+        if text is None and parameter.default is not None:
+            return parameter.default
+        if text is None or not (text.isascii() and text.isdigit() and len(text) <= 16):
+            raise BlockRobotError("REQUEST_INVALID", f"The parameter {name} is a whole number.")
+        number = int(text)
+        if not parameter.minimum <= number <= parameter.maximum:
+            raise BlockRobotError(
+                "REQUEST_INVALID", f"The parameter {name} lies between {parameter.minimum} and {parameter.maximum}."
+            )
+        return number
+
+    async def body(self) -> bytes:
+        """Return the request's body. Raises REQUEST_TOO_LARGE beyond the route's own limit."""
+        limit = self.route.body.max_bytes if self.route.body else 0
+        if self.http.content_length is not None and self.http.content_length > limit:
+            raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+        content = bytearray()
+        async for chunk in self.http.content.iter_chunked(64 * 1024):
+            content += chunk
+            if len(content) > limit:
+                raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+        return bytes(content)
+
+    async def document(self, kind: type[D]) -> D:
+        """Return the request's JSON document. Raises REQUEST_INVALID with what is wrong, REQUEST_TOO_LARGE."""
+        content = await self.body()
+        try:
+            return msgspec.json.decode(content, type=kind)
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            raise BlockRobotError("REQUEST_INVALID", f"The body is no {kind.__name__}: {error}.") from None
+
+    def _parameter(self, name: str) -> Parameter:
+        return next(parameter for parameter in self.route.parameters if parameter.name == name)
+
+    def _text(self, parameter: Parameter) -> str | None:
+        if parameter.place == "path":
+            return self.http.match_info[parameter.name]
+        return self.http.query.get(parameter.name)
+
+
+Handler = Callable[[Call], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """One method of one path. `errors` names the codes it may refuse with beyond those of every route."""
+
+    method: str
+    path: str
+    operation: str
+    summary: str
+    access: Access
+    handler: Handler
+    answer: Answer
+    body: Body | None = None
+    parameters: tuple[Parameter, ...] = ()
+    errors: tuple[str, ...] = ()
+
+
+def json_answer(document: Document, status: int = 200) -> web.Response:
+    """Return a document as a JSON response that no cache keeps."""
+    return web.Response(
+        body=msgspec.json.encode(document), status=status, content_type=JSON, headers={"Cache-Control": "no-store"}
+    )
+
+
+def bytes_answer(content: bytes, media_type: str) -> web.Response:
+    """Return bytes as a response that no cache keeps."""
+    return web.Response(body=content, content_type=media_type, headers={"Cache-Control": "no-store"})
