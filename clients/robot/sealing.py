@@ -9,8 +9,6 @@ from __future__ import annotations
 import secrets
 from dataclasses import dataclass
 
-from consensus.records.metadata import RecordMetadata, compute_metadata_hash
-
 from clients.robot.spool import SpooledClip
 from consensus.limits import RETENTION_DEFAULT_MS, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode
@@ -29,6 +27,7 @@ from consensus.records.envelopes import (
     seal_frame,
     seal_metadata,
 )
+from consensus.records.metadata import RecordMetadata, compute_metadata_hash
 from consensus.records.renditions import Rendition, encode_rendition
 
 

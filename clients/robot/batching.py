@@ -1,0 +1,73 @@
+"""Gathers one owner's kept frames into clips, and counts what was withheld. Must never mix the frames of two owners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from clients.robot.hiding.hider import Kept, Withheld
+from consensus.limits import CLIP_FRAMES_MAX_COUNT
+
+CLIP_DEFAULT_MS = 500
+_CLIP_MAX_BYTES = 4 * 1024 * 1024
+
+
+@dataclass(slots=True)
+class OpenClip:
+    """What has been gathered for one owner since the last clip."""
+
+    frames: list[Kept] = field(default_factory=list)
+    withheld: dict[str, int] = field(default_factory=dict)
+    size_bytes: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ReadyClip:
+    """A clip that is ready to be sealed: 1 to 64 frames of one owner (none only for a last word on withheld ones)."""
+
+    alias: str
+    frames: tuple[Kept, ...]
+    withheld: tuple[tuple[str, int], ...]
+
+
+class Batcher:
+    """One open clip an owner; `clip_ms` 0 makes every frame a clip of its own, as in the paper."""
+
+    def __init__(self, clip_ms: int = CLIP_DEFAULT_MS) -> None:
+        self._clip_ms = clip_ms
+        self._open: dict[str, OpenClip] = {}
+
+    def add_kept(self, frame: Kept) -> list[ReadyClip]:
+        """Take a frame and return the clips that it closes: the one before it, or the one it fills."""
+        clip = self._open.setdefault(frame.alias, OpenClip())
+        ready = []
+        if clip.frames and frame.captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms:
+            ready.append(self._close(frame.alias))
+            clip = self._open.setdefault(frame.alias, OpenClip())
+        clip.frames.append(frame)
+        clip.size_bytes += len(frame.cut.pixels_png)
+        full = len(clip.frames) >= CLIP_FRAMES_MAX_COUNT or clip.size_bytes >= _CLIP_MAX_BYTES
+        if full or self._clip_ms == 0:
+            ready.append(self._close(frame.alias))
+        return ready
+
+    def add_withheld(self, frame: Withheld) -> None:
+        """Count a withheld frame: the owner is told with the next clip."""
+        counts = self._open.setdefault(frame.alias, OpenClip()).withheld
+        counts[str(frame.reason)] = counts.get(str(frame.reason), 0) + 1
+
+    def close_before(self, captured_at_ms: int) -> list[ReadyClip]:
+        """Return the clips whose time is over, so that none waits for a frame that never comes."""
+        due = [
+            alias
+            for alias, clip in self._open.items()
+            if clip.frames and captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms
+        ]
+        return [self._close(alias) for alias in due]
+
+    def flush(self) -> list[ReadyClip]:
+        """Return everything that is open, withheld counts without frames included."""
+        return [self._close(alias) for alias in list(self._open)]
+
+    def _close(self, alias: str) -> ReadyClip:
+        clip = self._open.pop(alias)
+        return ReadyClip(alias=alias, frames=tuple(clip.frames), withheld=tuple(sorted(clip.withheld.items())))

@@ -1,0 +1,156 @@
+"""`blockrobot robot`: a robot on the command line. Must never print a tag's UID, a handle or a key."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.robot.batching import CLIP_DEFAULT_MS
+from clients.robot.enrolment import register_robot
+from clients.robot.identity import create_identity, load_identity
+from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.synthetic_recording import default_recording
+from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
+
+_PROGRESS_EVERY_S = 0.25
+
+
+@click.group()
+@click.option("--name", default="robot", show_default=True, help="Which robot, if there are several.")
+@click.option("--robot-dir", type=click.Path(path_type=Path, file_okay=False), help="The folder of robots.")
+@click.option("--genesis", type=click.Path(path_type=Path, dir_okay=False), help="The network's genesis file.")
+@click.pass_context
+def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path | None) -> None:
+    """Record people who carry a tag, each for herself alone.
+
+    Example: blockrobot robot new; blockrobot robot register BR1-...; blockrobot robot replay recording.mcap
+    """
+    folder = (robot_dir or home_folder() / "robots") / name
+    ctx.obj = (folder, genesis or home_folder() / "network" / "genesis.json")
+
+
+def _load_genesis(path: Path) -> Genesis:
+    try:
+        return genesis_from_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
+
+
+@robot.command()
+@json_option
+@click.pass_context
+@plain_errors
+def new(ctx: click.Context, as_json: bool) -> None:
+    """Draw a robot's keys."""
+    folder, _ = ctx.obj
+    identity = create_identity(folder)
+    answer = {"ok": True, "folder": str(folder), "member": identity.identity.public_key.hex()}
+    if as_json:
+        print_json(answer)
+    else:
+        console.print(f"A robot lives in {folder}. Next: blockrobot robot register CODE.")
+
+
+@robot.command()
+@click.argument("code")
+@json_option
+@click.pass_context
+@plain_errors
+def register(ctx: click.Context, code: str, as_json: bool) -> None:
+    """Register the robot with the CODE that the registrar issued."""
+    folder, genesis_path = ctx.obj
+    identity = load_identity(folder)
+    txid = asyncio.run(register_robot(identity, code, _load_genesis(genesis_path)))
+    if as_json:
+        print_json({"ok": True, "txid": txid.hex(), "member": identity.identity.public_key.hex()})
+    else:
+        console.print("The robot is registered. Next: ask the registrar for its roster of today.")
+
+
+class _Progress:
+    """Lines of JSON on standard error for a program, one moving line for a person."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+        self._last = 0.0
+
+    def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
+        now = time.monotonic()
+        if now - self._last < _PROGRESS_EVERY_S and not last:
+            return
+        self._last = now
+        if self._as_json:
+            click.echo(json.dumps({"progress": figures}), err=True)
+        elif sys.stderr.isatty():
+            line = (
+                f"{figures['frames_read']} frames, {figures['frames_recorded']} recorded, {figures['waiting']} waiting"
+            )
+            click.echo(f"\r{line}", nl=last, err=True)
+
+
+def _common(command: Any) -> Any:
+    for option in (
+        click.option("--roster", type=click.Path(path_type=Path, dir_okay=False), help="The robot's sealed roster."),
+        click.option("--purpose", default="demo", show_default=True, help="What the recording is for."),
+        click.option("--clip-ms", default=CLIP_DEFAULT_MS, show_default=True, type=click.IntRange(0, 2_000)),
+        click.option("--events", type=click.Path(path_type=Path, dir_okay=False), help="Append the event log here."),
+        click.option(
+            "--now", "at_once", is_flag=True, help="Submit without random delay. This links owners of a scene."
+        ),
+        click.option("--fast", is_flag=True, help="Read as fast as possible instead of in real time."),
+    ):
+        command = option(command)
+    return command
+
+
+def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[str, Any]) -> None:
+    folder, genesis_path = ctx.obj
+    chosen = ReplayOptions(
+        roster=options["roster"] or folder / "roster.sealed",
+        purpose=options["purpose"],
+        clip_ms=options["clip_ms"],
+        events=options["events"] or folder / "events.jsonl",
+        at_once=options["at_once"],
+        real_time=not options["fast"],
+    )
+    if chosen.at_once and not as_json:
+        click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
+    progress = _Progress(as_json=as_json)
+    summary = asyncio.run(replay_recording(folder, recording, _load_genesis(genesis_path), chosen, progress))
+    if as_json:
+        print_json({"ok": summary["frames"]["lost"] == 0, **summary})
+    else:
+        frames = summary["frames"]
+        console.print(
+            f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
+            f"{frames['withheld']} withheld, {frames['lost']} lost."
+        )
+
+
+@robot.command()
+@click.argument("recording", type=click.Path(path_type=Path))
+@_common
+@json_option
+@click.pass_context
+@plain_errors
+def replay(ctx: click.Context, recording: Path, as_json: bool, **options: Any) -> None:
+    """Record from a ROS bag (rosbag2 folder, .mcap or .db3), in real time unless --fast is given."""
+    _replay(ctx, recording, as_json, options)
+
+
+@robot.command()
+@_common
+@json_option
+@click.pass_context
+@plain_errors
+def run(ctx: click.Context, as_json: bool, **options: Any) -> None:
+    """Record from the synthetic corridor (rendered once and kept), until its end."""
+    _replay(ctx, default_recording(home_folder()), as_json, options)

@@ -1,0 +1,200 @@
+"""From sensor to chain: identify, pair, ask for consent, hide others, seal, spool, deliver. Must never write a raw frame.
+
+Data flows one way. The picture work runs in a thread so that uploads go on meanwhile; when the spool holds more clips
+than delivery keeps up with, reading waits (back-pressure) rather than drop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+
+from clients.robot.batching import Batcher, ReadyClip
+from clients.robot.delivery import Delivered, Delivery
+from clients.robot.event_log import (
+    BLOCKCHAIN_TRANSACTION,
+    DATABASE_PERSISTANCE,
+    IMAGE_PAIRED,
+    IMAGE_RETRIEVE,
+    IMAGE_WITHHELD,
+    RFID_RETRIEVE,
+    AliasBook,
+    EventLog,
+)
+from clients.robot.events import Event, Frame, Sighting
+from clients.robot.hiding.background import EmptyFrame
+from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
+from clients.robot.pairing import Decision
+from clients.robot.rosters import RosterBook
+from clients.robot.sealing import ClipContent, seal_clip
+from clients.robot.spool import Spool, SpooledClip
+from clients.robot.statistics import RunStatistics
+from clients.robot.visits import VisitBook
+from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
+from consensus.records.roster import RosterRow
+
+WAITING_CLIPS_MAX_COUNT = 512
+_BACKPRESSURE_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """What the pipeline must know of the camera: its name in records, and the frames of the empty scene."""
+
+    sensor: str
+    width: int
+    height: int
+    empty_frames: tuple[EmptyFrame, ...]
+
+
+class Pipeline:
+    """One run of the robot. `now_ms` is the wall clock."""
+
+    def __init__(
+        self,
+        *,
+        camera: Camera,
+        hider: Hider,
+        roster: RosterBook,
+        visits: VisitBook,
+        spool: Spool,
+        delivery: Delivery,
+        statistics: RunStatistics,
+        log: EventLog,
+        purpose: str,
+        clip_ms: int,
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._camera = camera
+        self._hider = hider
+        self._roster = roster
+        self._visits = visits
+        self._spool = spool
+        self._delivery = delivery
+        self._statistics = statistics
+        self._log = log
+        self._purpose = purpose
+        self._batcher = Batcher(clip_ms)
+        self._now_ms = now_ms
+        self._aliases = AliasBook()
+        self._people: dict[str, RosterRow] = {}
+
+    async def run(self, events: AsyncIterator[Event]) -> None:
+        """Work through a stream to its end and return when every record is final and every visit closed."""
+        for name in self._spool.names():
+            self._delivery.start(name)
+        async for event in events:
+            if isinstance(event, Frame):
+                self._statistics.frame_arrived(event.sequence, self._now_ms())
+                self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{event.sequence}")
+                outputs = await asyncio.to_thread(self._hider.push_frame, event)
+                ready = self._batcher.close_before(event.captured_at_ms - self._hider.buffer_ms)
+            else:
+                outputs, ready = self._identify(event), []
+            self._seal([*self._sort(outputs), *ready])
+            await self._hold_back()
+        self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
+        self._seal(self._batcher.flush())
+        await self._delivery.drain()
+        for chain in self._visits.end_all():
+            await self._delivery.close_visit(chain.owner, chain.record_count)
+
+    async def _hold_back(self) -> None:
+        while len(self._spool.names()) > WAITING_CLIPS_MAX_COUNT:
+            if self._delivery.failure is not None:
+                raise self._delivery.failure
+            await asyncio.sleep(_BACKPRESSURE_POLL_S)
+
+    def _identify(self, sighting: Sighting) -> list[Output]:
+        """Find the tag's bearer in the roster. Without consent to this purpose a tag counts as unknown."""
+        row = self._roster.find(sighting.uid)
+        consents = row is not None and self._purpose in row.purposes
+        alias = self._aliases.alias(sighting.uid.encode())
+        self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
+        if row is not None and consents:
+            self._people[alias] = row
+        return self._hider.push_sighting(alias, sighting, known=consents)
+
+    def _sort(self, outputs: list[Output]) -> list[ReadyClip]:
+        ready: list[ReadyClip] = []
+        now = self._now_ms()
+        for output in outputs:
+            case = f"frame-{output.sequence}"
+            if isinstance(output, Decision):
+                self._statistics.covered += len(output.owners)
+                if output.reason:
+                    self._log.write(now, output.reason, case)
+                for alias in output.owners:
+                    self._log.write(now, IMAGE_PAIRED, case, alias=alias)
+            elif isinstance(output, Kept):
+                ready.extend(self._batcher.add_kept(output))
+            else:
+                self._note_withheld(output, now, case)
+        return ready
+
+    def _note_withheld(self, output: Withheld, now_ms: int, case: str) -> None:
+        reasons = self._statistics.withheld
+        reasons[str(output.reason)] = reasons.get(str(output.reason), 0) + 1
+        self._log.write(now_ms, IMAGE_WITHHELD, case, alias=output.alias, reason=str(output.reason))
+        self._batcher.add_withheld(output)
+
+    def _seal(self, clips: list[ReadyClip]) -> None:
+        for clip in clips:
+            spooled = self._seal_one(clip)
+            name = self._spool.put(spooled)
+            self._delivery.start(name)
+
+    def _seal_one(self, clip: ReadyClip) -> SpooledClip:
+        now = self._now_ms()
+        chain = self._visits.chain_for(clip.alias, self._people[clip.alias], now)
+        empty = random.SystemRandom().choice(self._camera.empty_frames)
+        renditions = tuple(self._rendition(frame, empty) for frame in clip.frames) or (self._notice(empty, now),)
+        content = ClipContent(
+            renditions=renditions, withheld=clip.withheld, sensor=self._camera.sensor, decided_at_ms=now
+        )
+        spooled = seal_clip(content, chain, now_ms=now)
+        frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
+        self._statistics.clip_sealed(spooled.upload.record_id, frames)
+        return spooled
+
+    def _rendition(self, frame: Kept, empty: EmptyFrame) -> Rendition:
+        return Rendition(
+            version=RENDITION_VERSION,
+            captured_at_ms=frame.captured_at_ms,
+            sequence=frame.sequence,
+            width=self._camera.width,
+            height=self._camera.height,
+            x=frame.cut.x,
+            y=frame.cut.y,
+            box_width=frame.cut.width,
+            box_height=frame.cut.height,
+            background_id=empty.background_id,
+            encoding=ENCODING_PNG16,
+            pixels=frame.cut.pixels_png,
+        )
+
+    def _notice(self, empty: EmptyFrame, now_ms: int) -> Rendition:
+        """Return a rendition of no pixels: it carries the last word on withheld frames, with nothing to show."""
+        return Rendition(
+            version=RENDITION_VERSION,
+            captured_at_ms=now_ms,
+            sequence=0,
+            width=self._camera.width,
+            height=self._camera.height,
+            x=0,
+            y=0,
+            box_width=0,
+            box_height=0,
+            background_id=empty.background_id,
+            encoding=ENCODING_PNG16,
+            pixels=b"",
+        )
+
+    def note_delivered(self, done: Delivered) -> None:
+        """Count a record that is final, and log it under its record id (which is random)."""
+        case = f"record-{done.clip.upload.record_id.hex()}"
+        self._log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case)
+        self._log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case)
+        self._statistics.delivered(done)

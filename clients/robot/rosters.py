@@ -1,0 +1,38 @@
+"""The robot's roster in memory: which tag belongs to whom, today. Must never look one handle up at a node.
+
+The roster is read whole from a sealed file; asking a node about one tag would tell it who stands before the robot.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from clients.robot.identity import RobotIdentity
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.records.roster import Roster, RosterRow, open_roster, roster_tag
+
+
+class RosterBook:
+    """Finds the bearer of a tag by HMAC(roster key, UID)."""
+
+    def __init__(self, roster: Roster) -> None:
+        self._key = roster.key
+        self._rows: dict[bytes, RosterRow] = {row.tag: row for row in roster.rows}
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def find(self, uid: str) -> RosterRow | None:
+        """Return the row of a tag, or None if the tag is nobody's who is registered."""
+        return self._rows.get(roster_tag(self._key, uid))
+
+
+def load_roster(path: Path, identity: RobotIdentity, genesis: Genesis, now_ms: int) -> RosterBook:
+    """Open a sealed roster. Raises ROSTER_INVALID or ROSTER_EXPIRED."""
+    try:
+        sealed = path.read_bytes()
+    except FileNotFoundError:
+        raise BlockRobotError("ROSTER_INVALID", f"There is no roster at {path}.") from None
+    registrars = {key for organisation in genesis.organisations for key in organisation.registrars}
+    return RosterBook(open_roster(sealed, identity.sealing, registrars=registrars, now_ms=now_ms))

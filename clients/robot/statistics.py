@@ -1,0 +1,89 @@
+"""Counts what became of every frame and how long it took. Must never count a frame as kept before its record is final.
+
+Frames are counted per frame and owner: covered = kept + withheld + lost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from clients.robot.delivery import Delivered
+
+
+def summarise_ms(values: list[float]) -> dict[str, float]:
+    """Return median, 95th percentile and maximum of a list of milliseconds, rounded; zeros for an empty list."""
+    if not values:
+        return {"p50": 0.0, "p95": 0.0, "max": 0.0}
+    array = np.asarray(values)
+    return {
+        "p50": round(float(np.percentile(array, 50)), 1),
+        "p95": round(float(np.percentile(array, 95)), 1),
+        "max": round(float(array.max()), 1),
+    }
+
+
+@dataclass(slots=True)
+class RunStatistics:
+    """The figures of one run. Times in milliseconds of the robot's wall clock."""
+
+    window_ms: int
+    published: int = 0
+    covered: int = 0
+    kept_final: int = 0
+    records_final: int = 0
+    withheld: dict[str, int] = field(default_factory=dict)
+    stored_bytes: int = 0
+    arrivals_ms: dict[int, int] = field(default_factory=dict)
+    captures_ms: dict[bytes, tuple[tuple[int, int], ...]] = field(default_factory=dict)
+    frame_to_final_ms: list[float] = field(default_factory=list)
+    arrival_to_final_ms: list[float] = field(default_factory=list)
+    submit_to_final_ms: list[float] = field(default_factory=list)
+    final_times_ms: list[int] = field(default_factory=list)
+
+    def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
+        """Note when a frame came in."""
+        self.published += 1
+        self.arrivals_ms[sequence] = arrived_at_ms
+
+    def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]]) -> None:
+        """Note which frames, as (sequence, captured_at_ms), a record holds."""
+        self.captures_ms[record_id] = tuple(frames)
+
+    def delivered(self, done: Delivered) -> None:
+        """Note that a record is final: only now its frames count as kept."""
+        frames = self.captures_ms.pop(done.clip.upload.record_id, ())
+        self.records_final += 1
+        self.kept_final += len(frames)
+        self.stored_bytes += sum(len(text) for text in done.clip.upload.ciphertexts)
+        self.submit_to_final_ms.append(done.final_at_ms - done.submitted_at_ms)
+        self.final_times_ms.append(done.final_at_ms)
+        for sequence, captured_at_ms in frames:
+            self.frame_to_final_ms.append(done.final_at_ms - (captured_at_ms + self.window_ms))
+            self.arrival_to_final_ms.append(done.final_at_ms - self.arrivals_ms[sequence])
+
+    @property
+    def withheld_count(self) -> int:
+        """How many covered frames were withheld, all reasons together."""
+        return sum(self.withheld.values())
+
+    def frames_json(self) -> dict[str, Any]:
+        """Return the counts of frames; `lost` is what is covered but neither final nor withheld."""
+        return {
+            "published": self.published,
+            "covered": self.covered,
+            "kept": self.kept_final,
+            "withheld": self.withheld_count,
+            "withheld_reasons": dict(sorted(self.withheld.items())),
+            "lost": self.covered - self.kept_final - self.withheld_count,
+        }
+
+    def latency_json(self) -> dict[str, Any]:
+        """Return the distributions of the three latencies."""
+        return {
+            "frame_to_final": summarise_ms(self.frame_to_final_ms),
+            "arrival_to_final": summarise_ms(self.arrival_to_final_ms),
+            "submit_to_final": summarise_ms(self.submit_to_final_ms),
+        }

@@ -1,0 +1,60 @@
+"""The visits that a robot has open: one owner key for each person, for at most ten minutes.
+
+The secret r of a visit is used once and forgotten; the robot can then record for the owner but not find her again. Must
+never write r, s, or which handle a visit belongs to.
+"""
+
+from __future__ import annotations
+
+import secrets
+from dataclasses import dataclass
+
+from clients.robot.sealing import VisitChain, compute_time_bucket
+from consensus.limits import VISIT_MAX_MS
+from consensus.records.owner_keys import open_visit_keys
+from consensus.records.roster import RosterRow
+
+# A visit is closed a minute early, so that its last records are on the chain before it ends.
+_VISIT_ROLL_MS = VISIT_MAX_MS - 60_000
+
+
+@dataclass(slots=True)
+class _Open:
+    chain: VisitChain
+    opened_at_ms: int
+
+
+class VisitBook:
+    """Opens a visit when a person is first recorded, and a new one before ten minutes are over."""
+
+    def __init__(self, chain_id: bytes, robot: bytes, purpose: str) -> None:
+        self._chain_id = chain_id
+        self._robot = robot
+        self._purpose = purpose
+        self._open: dict[str, _Open] = {}
+        self._ended: list[VisitChain] = []
+
+    def chain_for(self, alias: str, row: RosterRow, now_ms: int) -> VisitChain:
+        """Return the chain of the person's open visit, opening one if there is none."""
+        known = self._open.get(alias)
+        if known is not None and now_ms - known.opened_at_ms < _VISIT_ROLL_MS:
+            return known.chain
+        if known is not None:
+            self._ended.append(known.chain)
+        keys = open_visit_keys(secrets.token_bytes(32), row.view, row.spend, chain_id=self._chain_id, robot=self._robot)
+        chain = VisitChain(
+            owner=keys.owner,
+            ephemeral=keys.ephemeral,
+            view_tag=keys.view_tag,
+            purpose=self._purpose,
+            bucket_ms=compute_time_bucket(now_ms),
+            sealing=row.sealing,
+        )
+        self._open[alias] = _Open(chain=chain, opened_at_ms=now_ms)
+        return chain
+
+    def end_all(self) -> list[VisitChain]:
+        """Return every visit that is to be closed, and forget them."""
+        ended = [*self._ended, *(known.chain for known in self._open.values())]
+        self._ended, self._open = [], {}
+        return ended
