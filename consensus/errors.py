@@ -231,6 +231,37 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
         "Stop the node, keep the directory for inspection, and make the node anew.",
     ),
     ErrorEntry(
+        "STORAGE_BUSY",
+        503,
+        "Too many readers or writers use the node's storage at once.",
+        "Try again in a moment.",
+        retryable=True,
+    ),
+    ErrorEntry(
+        "STORAGE_FULL",
+        507,
+        "The disk or the size allowed for the node's storage is used up.",
+        "Free space on the disk or allow a larger store, then restart the node.",
+    ),
+    ErrorEntry(
+        "STORAGE_UNWRITABLE",
+        500,
+        "The node's storage takes no more writes.",
+        "Look at the disk and the log, then restart the node.",
+    ),
+    ErrorEntry(
+        "JOURNAL_MISSING",
+        500,
+        "The node's voting journal is not where it was made.",
+        "Restore the node with --restored; without its journal it must not vote.",
+    ),
+    ErrorEntry(
+        "JOURNAL_UNWRITABLE",
+        500,
+        "The voting journal cannot be written, so the node signs nothing.",
+        "Look at the disk and the log, then restart the node.",
+    ),
+    ErrorEntry(
         "JOURNAL_DAMAGED",
         500,
         "The voting journal is damaged in its middle.",

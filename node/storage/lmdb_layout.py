@@ -1,0 +1,98 @@
+"""How the ledger lies in LMDB: named tables and the keys and rows in them. Must never change without a new format name.
+
+Heights are big-endian, so that tables by height are in order. Trie pages are keyed by nibble path behind one byte
+(LMDB knows no empty key).
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import lmdb
+
+from node.storage.ledger_store import EventCursor, RecentTransaction, TransactionLocation
+
+FORMAT_NAME = b"blockrobot-ledger/1"
+META_FORMAT = b"format"
+META_POSITION = b"position"
+META_FINALITY = b"finality"
+
+TABLES_MAX_COUNT = 16
+
+_HEIGHT = struct.Struct(">Q")
+_PLACE = struct.Struct(">QI")
+_RECENT_ROW = struct.Struct(">32sQ")
+
+
+@dataclass(frozen=True, slots=True)
+class Tables:
+    """The handles of the named tables."""
+
+    meta: Any
+    state: Any
+    pages: Any
+    blocks: Any
+    heights: Any
+    receipts: Any
+    transactions: Any
+    recent: Any
+    events: Any
+
+    @classmethod
+    def open(cls, environment: lmdb.Environment, transaction: lmdb.Transaction[bytes], *, create: bool) -> Tables:
+        """Open all tables inside a transaction. Raises lmdb.Error if one is not there and `create` is False."""
+        names = ("meta", "state", "pages", "blocks", "heights", "receipts", "transactions", "recent", "events")
+        return cls(*(environment.open_db(name.encode(), txn=transaction, create=create) for name in names))
+
+
+def page_key(path: bytes) -> bytes:
+    """Return the key of the trie page under this nibble path."""
+    return b"/" + path
+
+
+def height_key(height: int) -> bytes:
+    """Return the key of what is stored for a height."""
+    return _HEIGHT.pack(height)
+
+
+def read_height(data: bytes) -> int:
+    """Return the height that a key or row of 8 bytes names."""
+    height: int = _HEIGHT.unpack(data)[0]
+    return height
+
+
+def place_bytes(height: int, index: int) -> bytes:
+    """Return a height and an index as one sortable key or row of 12 bytes."""
+    return _PLACE.pack(height, index)
+
+
+def read_location(data: bytes) -> TransactionLocation:
+    """Return the location in a row of the table of transactions."""
+    return TransactionLocation(*_PLACE.unpack(data))
+
+
+def read_cursor(data: bytes) -> EventCursor:
+    """Return the place that a key of the table of events names."""
+    return EventCursor(*_PLACE.unpack(data))
+
+
+def recent_row(timestamp_ms: int, transactions: Sequence[tuple[bytes, int]]) -> bytes:
+    """Return the row of the replay window for one block: its timestamp, then txids with their expiry."""
+    return _HEIGHT.pack(timestamp_ms) + b"".join(_RECENT_ROW.pack(*transaction) for transaction in transactions)
+
+
+def read_recent_timestamp(row: bytes) -> int:
+    """Return the block timestamp (ms) of a row of the replay window."""
+    return read_height(row[: _HEIGHT.size])
+
+
+def read_recent(height: int, row: bytes) -> list[RecentTransaction]:
+    """Return the transactions of a row of the replay window."""
+    timestamp_ms = read_recent_timestamp(row)
+    return [
+        RecentTransaction(txid, height, timestamp_ms, valid_until_ms)
+        for txid, valid_until_ms in _RECENT_ROW.iter_unpack(row[_HEIGHT.size :])
+    ]

@@ -1,0 +1,185 @@
+"""Reading the ledger in LMDB, from one read transaction. Must never mix two positions, nor write.
+
+LMDB is multi-version: a snapshot sees the ledger as it was when it was opened, while commits go on. It keeps the pages
+of its version from being reused, so it is to be closed soon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from types import TracebackType
+from typing import Any, Self
+
+import lmdb
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode
+from consensus.primitives.trie import EMPTY_ROOT, Proof
+from contracts.state.trie import prove
+from node.storage import lmdb_layout as layout
+from node.storage.ledger_store import (
+    REPLAY_WINDOW_KEPT_MS,
+    EventCursor,
+    Position,
+    RecentTransaction,
+    TransactionLocation,
+)
+
+
+def read_position(transaction: lmdb.Transaction[bytes], tables: layout.Tables) -> Position | None:
+    """Return the position that a transaction sees. Raises STORAGE_DAMAGED if the row is no position."""
+    row = transaction.get(layout.META_POSITION, db=tables.meta)
+    if row is None:
+        return None
+    try:
+        return decode(row, Position)
+    except BlockRobotError as error:
+        raise BlockRobotError("STORAGE_DAMAGED", "The ledger's position cannot be read.") from error
+
+
+class LmdbSnapshot:
+    """The ledger at one position; see `LedgerSnapshot`. Reads raise STORAGE_DAMAGED where LMDB finds damage."""
+
+    def __init__(
+        self, transaction: lmdb.Transaction[bytes], tables: layout.Tables, on_close: Callable[[], None]
+    ) -> None:
+        self._transaction = transaction
+        self._tables = tables
+        self._on_close = on_close
+        self._closed = False
+        self._position = read_position(transaction, tables)
+
+    def _get(self, table: Any, key: bytes) -> bytes | None:
+        if self._closed:
+            raise ValueError("the snapshot is closed")
+        if not key:
+            return None
+        try:
+            value: bytes | None = self._transaction.get(key, db=table)
+        except lmdb.Error as error:
+            raise _damage(error) from error
+        return value
+
+    def _rows(self, table: Any, start: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the rows of a table in order, from the first key at or above `start`."""
+        if self._closed:
+            raise ValueError("the snapshot is closed")
+        try:
+            with self._transaction.cursor(db=table) as cursor:
+                if cursor.set_range(start) if start else cursor.first():
+                    yield from cursor.iternext(keys=True, values=True)
+        except lmdb.Error as error:
+            if self._closed:
+                raise ValueError("the snapshot was closed while it was read") from error
+            raise _damage(error) from error
+
+    @property
+    def position(self) -> Position | None:
+        """The newest block of this snapshot, or None before genesis."""
+        return self._position
+
+    @property
+    def state_root(self) -> bytes:
+        """The 32-byte root of the state."""
+        return EMPTY_ROOT if self._position is None else self._position.state_root
+
+    @property
+    def finality(self) -> bytes:
+        """The proof that the newest block is final."""
+        return self._get(self._tables.meta, layout.META_FINALITY) or b""
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key, or None."""
+        return self._get(self._tables.state, key)
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs under the prefix, in key order."""
+        if limit <= 0:
+            return
+        for count, (key, value) in enumerate(self._rows(self._tables.state, prefix), start=1):
+            if not key.startswith(prefix):
+                return
+            yield key, value
+            if count >= limit:
+                return
+
+    def page(self, path: bytes) -> bytes | None:
+        """Return the trie page under a nibble path, or None."""
+        return self._get(self._tables.pages, layout.page_key(path))
+
+    def prove(self, key: bytes) -> Proof:
+        """Return the proof of a flat key's presence or absence under `state_root`."""
+        return prove(self, self.state_root, key)
+
+    def block(self, height: int) -> bytes | None:
+        """Return the bytes of the block of this height, or None."""
+        return None if height < 0 else self._get(self._tables.blocks, layout.height_key(height))
+
+    def block_height(self, block_id: bytes) -> int | None:
+        """Return the height of the finalized block with this id, or None."""
+        row = self._get(self._tables.heights, block_id)
+        return None if row is None else layout.read_height(row)
+
+    def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
+        """Yield up to `limit` pairs of height and block bytes, from this height upwards."""
+        if limit <= 0:
+            return
+        start = layout.height_key(max(from_height, 0))
+        for count, (key, value) in enumerate(self._rows(self._tables.blocks, start), start=1):
+            yield layout.read_height(key), value
+            if count >= limit:
+                return
+
+    def receipts(self, height: int) -> bytes | None:
+        """Return the receipts of the block of this height, or None."""
+        return None if height < 0 else self._get(self._tables.receipts, layout.height_key(height))
+
+    def locate(self, txid: bytes) -> TransactionLocation | None:
+        """Return where a finalized transaction stands, or None."""
+        row = self._get(self._tables.transactions, txid)
+        return None if row is None else layout.read_location(row)
+
+    def recent_txids(self, since_timestamp_ms: int) -> list[RecentTransaction]:
+        """Return the transactions of blocks with this timestamp or a later one, oldest block first."""
+        if self._position is None:
+            return []
+        since_ms = max(since_timestamp_ms, self._position.timestamp_ms - REPLAY_WINDOW_KEPT_MS)
+        found: list[RecentTransaction] = []
+        for key, row in self._rows(self._tables.recent, b""):
+            if layout.read_recent_timestamp(row) >= since_ms:
+                found += layout.read_recent(layout.read_height(key), row)
+        return found
+
+    def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
+        """Return up to `limit` events with their places, from this place on (inclusive), in order."""
+        found: list[tuple[EventCursor, bytes]] = []
+        if limit <= 0:
+            return found
+        first = max(from_cursor, EventCursor(0, 0))
+        start = layout.place_bytes(first.height, first.index)
+        for key, event in self._rows(self._tables.events, start):
+            found.append((layout.read_cursor(key), event))
+            if len(found) >= limit:
+                break
+        return found
+
+    def close(self) -> None:
+        """Let go of the snapshot; closing twice is harmless."""
+        if not self._closed:
+            self._closed = True
+            try:
+                self._transaction.abort()
+            finally:
+                self._on_close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _damage(error: lmdb.Error) -> BlockRobotError:
+    return BlockRobotError("STORAGE_DAMAGED", f"The ledger cannot be read: {error}.")

@@ -1,0 +1,385 @@
+"""The ledger of a node on disk, in LMDB. Must never report a block as stored before it is synced, nor sync on the loop.
+
+One writer thread takes the commits that wait and writes them in one transaction (group commit); LMDB syncs it before
+the callers hear of it. Readers use snapshots and never wait for the writer. The map reserves address space far beyond
+what a ledger takes; should it fill up, it is doubled while no snapshot is open.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import os
+import queue
+import threading
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import lmdb
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from consensus.primitives.trie import EMPTY_ROOT, hash_page
+from contracts.state.trie import compute_root
+from node.storage import lmdb_layout as layout
+from node.storage.directory_lock import DirectoryLock
+from node.storage.ledger_store import REPLAY_WINDOW_KEPT_MS, FinalizedBlock, Position, check_order
+from node.storage.lmdb_snapshot import LmdbSnapshot, read_position
+
+DATA_FILE_NAME = "data.mdb"
+MAP_SIZE_START_BYTES = 64 * 1024**3
+STORE_SIZE_MAX_BYTES = 1024**4
+SNAPSHOTS_MAX_COUNT = 512
+COMMITS_WAITING_MAX_COUNT = 256
+COMMITS_GROUP_MAX_COUNT = 32
+GROWTH_WAIT_MAX_MS = 5_000
+
+
+@dataclass(slots=True)
+class _Commit:
+    blocks: Sequence[FinalizedBlock]
+    finality: bytes
+    done: Future[Position]
+
+
+class _ReaderGate:
+    """Counts open snapshots, so that the map is moved only while there are none."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._open_count = 0
+
+    def open(self, environment: lmdb.Environment) -> lmdb.Transaction[bytes]:
+        with self._changed:
+            if self._open_count >= SNAPSHOTS_MAX_COUNT:
+                raise BlockRobotError("STORAGE_BUSY", "Too many snapshots of the ledger are open.")
+            transaction = environment.begin()
+            self._open_count += 1
+            return transaction
+
+    def leave(self) -> None:
+        with self._changed:
+            self._open_count -= 1
+            self._changed.notify_all()
+
+    def resize(self, environment: lmdb.Environment, size_bytes: int, wait_max_ms: int) -> bool:
+        """Set the map's size once no snapshot is open; tell whether that came to pass in time."""
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._open_count == 0, wait_max_ms / 1000):
+                return False
+            environment.set_mapsize(size_bytes)
+            return True
+
+
+class LmdbStore:
+    """See `LedgerStore`. Made by `create` and `open`, which block on the disk: call them before the loop serves."""
+
+    def __init__(
+        self, environment: lmdb.Environment, tables: layout.Tables, lock: DirectoryLock, size_max_bytes: int
+    ) -> None:
+        """Take over an environment that `open` or `create` has checked."""
+        self._environment = environment
+        self._tables = tables
+        self._lock = lock
+        self._size_max_bytes = size_max_bytes
+        self._gate = _ReaderGate()
+        with environment.begin() as transaction:
+            self._position = read_position(transaction, tables)
+        self._closing = False
+        self._waiting: queue.Queue[_Commit | None] = queue.Queue()
+        self._writer = threading.Thread(target=self._write_until_closed, name="ledger-writer", daemon=True)
+        self._writer.start()
+
+    @classmethod
+    def create(
+        cls,
+        directory: Path,
+        *,
+        map_size_bytes: int = MAP_SIZE_START_BYTES,
+        size_max_bytes: int = STORE_SIZE_MAX_BYTES,
+    ) -> LmdbStore:
+        """Make an empty ledger in a directory (made if need be) and open it.
+
+        Raises DATA_DIRECTORY_INVALID if there is a ledger already, DATA_DIRECTORY_IN_USE if another process holds it.
+        """
+        directory.mkdir(parents=True, exist_ok=True)
+        lock = DirectoryLock(directory)
+        try:
+            environment = _open_environment(directory, min(map_size_bytes, size_max_bytes))
+            try:
+                with environment.begin(write=True) as transaction:
+                    tables = layout.Tables.open(environment, transaction, create=True)
+                    if transaction.get(layout.META_FORMAT, db=tables.meta) is not None:
+                        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} already holds a ledger.")
+                    transaction.put(layout.META_FORMAT, layout.FORMAT_NAME, db=tables.meta)
+                _sync_directory(directory)
+                return cls(environment, tables, lock, size_max_bytes)
+            except BaseException:
+                environment.close()
+                raise
+        except BaseException:
+            lock.release()
+            raise
+
+    @classmethod
+    def open(
+        cls,
+        directory: Path,
+        *,
+        map_size_bytes: int = MAP_SIZE_START_BYTES,
+        size_max_bytes: int = STORE_SIZE_MAX_BYTES,
+    ) -> LmdbStore:
+        """Open the ledger in a directory.
+
+        Raises DATA_DIRECTORY_INVALID if there is none or it has another format, DATA_DIRECTORY_IN_USE if another
+        process holds it, STORAGE_DAMAGED if it cannot be read or its state is not the one of its position.
+        """
+        if not (directory / DATA_FILE_NAME).is_file():
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.")
+        lock = DirectoryLock(directory)
+        try:
+            size_bytes = max(map_size_bytes, 2 * (directory / DATA_FILE_NAME).stat().st_size)
+            environment = _open_environment(directory, min(size_bytes, size_max_bytes))
+            try:
+                short = _fill_up(environment, directory / DATA_FILE_NAME)
+                tables = _check_ledger(environment, directory)
+                if short:
+                    _check_content(environment, tables, directory)
+                return cls(environment, tables, lock, size_max_bytes)
+            except BaseException:
+                environment.close()
+                raise
+        except BaseException:
+            lock.release()
+            raise
+
+    @property
+    def position(self) -> Position | None:
+        """The newest block that is safe on disk, or None before genesis."""
+        return self._position
+
+    async def commit(self, blocks: Sequence[FinalizedBlock], finality: bytes) -> Position:
+        """Store consecutive finalized blocks in one atomic step; see `LedgerStore.commit` for the errors.
+
+        Cancelling the caller does not take the blocks back.
+        """
+        if self._closing:
+            raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
+        if self._waiting.qsize() >= COMMITS_WAITING_MAX_COUNT:
+            raise BlockRobotError("STORAGE_BUSY", "Too many commits wait to be written.")
+        done: Future[Position] = Future()
+        self._waiting.put(_Commit(blocks, finality, done))
+        return await asyncio.shield(asyncio.wrap_future(done))
+
+    def snapshot(self) -> LmdbSnapshot:
+        """Open the ledger as it is now. Close it soon. Raises STORAGE_BUSY if too many are open."""
+        if self._closing:
+            raise ValueError("the store is closed")
+        transaction = self._gate.open(self._environment)
+        try:
+            return LmdbSnapshot(transaction, self._tables, self._gate.leave)
+        except BaseException:
+            transaction.abort()
+            self._gate.leave()
+            raise
+
+    async def close(self) -> None:
+        """Finish the commits that wait, then let go of the store. Closing twice is harmless."""
+        if self._closing:
+            return
+        self._closing = True
+        self._waiting.put(None)
+        await asyncio.to_thread(self._writer.join)
+        self._environment.close()
+        self._lock.release()
+
+    def _write_until_closed(self) -> None:
+        while (first := self._waiting.get()) is not None:
+            group = [first]
+            while len(group) < COMMITS_GROUP_MAX_COUNT:
+                try:
+                    following = self._waiting.get_nowait()
+                except queue.Empty:
+                    break
+                if following is None:
+                    self._waiting.put(None)
+                    break
+                group.append(following)
+            self._write_group(group)
+
+    def _write_group(self, group: list[_Commit]) -> None:
+        """Write what waits in one transaction and tell the callers; commits out of order fail alone."""
+        accepted: list[_Commit] = []
+        position = self._position
+        for commit in group:
+            try:
+                check_order(position, commit.blocks)
+            except ValueError as error:
+                commit.done.set_exception(error)
+                continue
+            accepted.append(commit)
+            position = commit.blocks[-1].position
+        if not accepted:
+            return
+        try:
+            self._write_growing(accepted)
+        except Exception as error:  # noqa: BLE001 - whatever failed, the callers must hear of it and the thread must live
+            if len(accepted) > 1:
+                for commit in accepted:
+                    self._write_group([commit])
+            else:
+                accepted[0].done.set_exception(_refusal(error))
+            return
+        self._position = position
+        for commit in accepted:
+            commit.done.set_result(commit.blocks[-1].position)
+
+    def _write_growing(self, commits: list[_Commit]) -> None:
+        while True:
+            try:
+                with self._environment.begin(write=True) as transaction:
+                    for commit in commits:
+                        for block in commit.blocks:
+                            self._write_block(transaction, block)
+                    newest = commits[-1]
+                    position = newest.blocks[-1].position
+                    transaction.put(layout.META_POSITION, encode(position), db=self._tables.meta)
+                    transaction.put(layout.META_FINALITY, newest.finality, db=self._tables.meta)
+                    self._forget_old_txids(transaction, position.timestamp_ms)
+            except lmdb.MapFullError:
+                self._grow()
+            else:
+                return
+
+    def _grow(self) -> None:
+        size_bytes = self._environment.info()["map_size"]
+        if size_bytes >= self._size_max_bytes:
+            raise BlockRobotError("STORAGE_FULL", f"The ledger has reached the {size_bytes} bytes that it is allowed.")
+        grown = min(2 * size_bytes, self._size_max_bytes)
+        if not self._gate.resize(self._environment, grown, GROWTH_WAIT_MAX_MS):
+            raise BlockRobotError("STORAGE_BUSY", "The ledger must grow, but a snapshot of it stays open.")
+
+    def _write_block(self, transaction: lmdb.Transaction[bytes], block: FinalizedBlock) -> None:
+        tables, key = self._tables, layout.height_key(block.height)
+        transaction.put(key, block.block_bytes, db=tables.blocks, append=True)
+        transaction.put(key, block.receipts_bytes, db=tables.receipts, append=True)
+        transaction.put(block.block_id, key, db=tables.heights)
+        for flat_key, value in sorted(block.state_writes.items()):
+            if value is None:
+                transaction.delete(flat_key, db=tables.state)
+            else:
+                transaction.put(flat_key, value, db=tables.state)
+        for path, page in block.page_writes.items():
+            if page is None:
+                transaction.delete(layout.page_key(path), db=tables.pages)
+            else:
+                transaction.put(layout.page_key(path), page, db=tables.pages)
+        for index, (txid, _) in enumerate(block.transactions):
+            transaction.put(txid, layout.place_bytes(block.height, index), db=tables.transactions)
+        transaction.put(key, layout.recent_row(block.timestamp_ms, block.transactions), db=tables.recent, append=True)
+        for index, event in enumerate(block.events):
+            transaction.put(layout.place_bytes(block.height, index), event, db=tables.events, append=True)
+
+    def _forget_old_txids(self, transaction: lmdb.Transaction[bytes], timestamp_ms: int) -> None:
+        with transaction.cursor(db=self._tables.recent) as cursor:
+            while (
+                cursor.first() and layout.read_recent_timestamp(cursor.value()) < timestamp_ms - REPLAY_WINDOW_KEPT_MS
+            ):
+                cursor.delete()
+
+
+def _open_environment(directory: Path, map_size_bytes: int) -> lmdb.Environment:
+    try:
+        return lmdb.open(
+            str(directory),
+            map_size=map_size_bytes,
+            mode=0o600,
+            max_dbs=layout.TABLES_MAX_COUNT,
+            max_readers=SNAPSHOTS_MAX_COUNT + 16,
+            max_spare_txns=8,
+        )
+    except lmdb.Error as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be opened: {error}.") from error
+
+
+def _fill_up(environment: lmdb.Environment, path: Path) -> bool:
+    """Lengthen the data file to all pages that LMDB counts; tell whether any were missing.
+
+    LMDB does not always write the last ones, but a file that was cut short looks the same, and touching the map beyond
+    the file's end would kill the process. Zeros there are harmless, or found to be damage by reading everything.
+    """
+    size_bytes = (environment.info()["last_pgno"] + 1) * environment.stat()["psize"]
+    if path.stat().st_size >= size_bytes:
+        return False
+    os.truncate(path, size_bytes)
+    return True
+
+
+def _check_content(environment: lmdb.Environment, tables: layout.Tables, directory: Path) -> None:
+    """Read every row and compute the state's root anew. Raises STORAGE_DAMAGED where that fails."""
+    try:
+        with environment.begin() as transaction:
+            position = read_position(transaction, tables)
+            for table in (tables.pages, tables.blocks, tables.heights, tables.receipts, tables.transactions):
+                _count_rows(transaction, table)
+            for table in (tables.recent, tables.events):
+                _count_rows(transaction, table)
+            with transaction.cursor(db=tables.state) as cursor:
+                root = compute_root(cursor.iternext())
+    except lmdb.Error as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be read: {error}.") from error
+    if root != (EMPTY_ROOT if position is None else position.state_root):
+        raise BlockRobotError("STORAGE_DAMAGED", f"The state in {directory} is not the one of its newest block.")
+
+
+def _count_rows(transaction: lmdb.Transaction[bytes], table: Any) -> None:
+    with transaction.cursor(db=table) as cursor:
+        found = sum(1 for _ in cursor.iternext())
+    if found != transaction.stat(table)["entries"]:
+        raise lmdb.CorruptedError("a table has lost rows")
+
+
+def _check_ledger(environment: lmdb.Environment, directory: Path) -> layout.Tables:
+    """Return the tables of a ledger that has our format and whose root page is the one of its position."""
+    try:
+        with environment.begin(write=True) as transaction:
+            try:
+                tables = layout.Tables.open(environment, transaction, create=False)
+            except lmdb.NotFoundError as error:
+                raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.") from error
+            found = transaction.get(layout.META_FORMAT, db=tables.meta)
+            if found != layout.FORMAT_NAME:
+                name = "none" if found is None else found.decode("ascii", "replace")
+                raise BlockRobotError(
+                    "DATA_DIRECTORY_INVALID",
+                    f"The ledger in {directory} has the format {name}; this version reads {layout.FORMAT_NAME.decode()}.",
+                )
+            position = read_position(transaction, tables)
+            page = transaction.get(layout.page_key(b""), db=tables.pages)
+    except lmdb.Error as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be read: {error}.") from error
+    root = EMPTY_ROOT if page is None else hash_page(page)
+    if root != (EMPTY_ROOT if position is None else position.state_root):
+        raise BlockRobotError("STORAGE_DAMAGED", f"The state in {directory} is not the one of its newest block.")
+    return tables
+
+
+def _refusal(error: Exception) -> Exception:
+    """Return what the callers of a failed commit are told."""
+    full = isinstance(error, lmdb.DiskError) or (isinstance(error, OSError) and error.errno == errno.ENOSPC)
+    if full:
+        return BlockRobotError("STORAGE_FULL", "The disk is full; nothing of the commit was stored.")
+    if isinstance(error, (lmdb.Error, OSError)):
+        return BlockRobotError("STORAGE_UNWRITABLE", f"The ledger takes no writes: {error}.")
+    return error
+
+
+def _sync_directory(directory: Path) -> None:
+    descriptor = os.open(directory, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
