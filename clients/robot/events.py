@@ -31,7 +31,7 @@ class Facing(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One depth image. `depth` is uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement."""
+    """One depth image: uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement."""
 
     captured_at_ms: int
     sequence: int

@@ -68,7 +68,7 @@ class Person:
         return float(np.interp(at_s, times, lengths))
 
     def reading_times_s(self) -> list[float]:
-        """Return all times at which the tag is read: the listed ones and, between first and last, every `also_every_s`."""
+        """Return all times of reading: the listed ones and, between first and last, every `also_every_s`."""
         if not self.readings_s:
             return []
         times = list(self.readings_s)

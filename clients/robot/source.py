@@ -71,7 +71,7 @@ class BagSource:
 
     @property
     def start_ms(self) -> int:
-        """When the first frame or sighting was captured, `shift_ms` included. Raises BAG_DAMAGED for an empty recording."""
+        """When the first frame or sighting was recorded, `shift_ms` included. Raises BAG_DAMAGED if there is none."""
         for _, at_ns, _ in self._messages(self._depth_topic, self._sighting_topic):
             return at_ns // NS_PER_MS + self.shift_ms
         raise BlockRobotError("BAG_DAMAGED", "The recording holds no frame.")
@@ -129,18 +129,9 @@ class BagSource:
                 chosen: list[Connection] = [c for c in reader.connections if c.topic in topics]
                 if not chosen:
                     return
-                messages = iter(reader.messages(chosen))
-                while True:
-                    try:
-                        connection, at_ns, data = next(messages)
-                    except StopIteration:
-                        return
-                    except Exception as error:
-                        raise _damaged(self.path) from error
+                for connection, at_ns, data in reader.messages(chosen):
                     yield connection.topic, at_ns, data
-        except BlockRobotError:
-            raise
-        except (OSError, ValueError, KeyError) as error:
+        except Exception as error:  # a truncated or flipped chunk fails in many ways
             raise _damaged(self.path) from error
 
 

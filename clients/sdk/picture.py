@@ -44,7 +44,7 @@ def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_pn
 
 
 def decode_depth_png(png: bytes) -> Depth:
-    """Return the uint16 image of a 16-bit grey PNG; raises RENDITION_CORRUPTED for anything else or anything damaged."""
+    """Return the uint16 image of a 16-bit grey PNG; raises RENDITION_CORRUPTED for anything else."""
     width, height = _check_png(png)
     try:
         image = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)

@@ -1,4 +1,4 @@
-"""How likely a tag's readings are if a followed person wears it, or if its bearer is not in the picture. Pure mathematics.
+"""How likely a tag's readings are if a followed person wears it, or if its bearer is not in the picture. Pure.
 
 All values are natural logarithms of densities. Distances in metres, times in milliseconds.
 """

@@ -52,7 +52,7 @@ class Matcher:
         del tag.readings[:-READINGS_MAX_COUNT]
 
     def evaluate(self, alias: str) -> None:
-        """Weigh one tag anew: bind at 9.2, unbind below 0. Call after its readings and once more for its late frames."""
+        """Weigh one tag anew: bind at 9.2, unbind below 0."""
         tag = self._tags.get(alias)
         if tag is None:
             return
@@ -115,7 +115,7 @@ class Matcher:
 
     @staticmethod
     def _ratio(sightings: Sequence[Sighting], track: Track) -> float | None:
-        """Return log(likelihood that this track wears the tag / that its bearer is absent); None with too few readings."""
+        """Return log(likelihood if this track wears the tag / if its bearer is absent); None with too few readings."""
         compared: list[RangeReading] = []
         front = back = 0
         for sighting in sightings:

@@ -1,0 +1,219 @@
+"""Making, caching and reading recordings; a damaged one ends in a code of the catalogue, whatever is wrong with it."""
+
+from __future__ import annotations
+
+import random
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from clients.robot.bag import DEPTH_TOPIC, RUN_START_MS, SIGHTING_TOPIC, make_bag
+from clients.robot.events import Facing, Frame, Sighting
+from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
+from clients.robot.scenario import Scenario
+from clients.robot.source import BagSource
+from clients.robot.synthetic.render import Renderer
+from consensus.errors import BlockRobotError
+
+UID = "E200000000000001"
+
+
+class FakeClock:
+    """A clock that only moves when someone waits for it."""
+
+    def __init__(self, now_ms: int) -> None:
+        self.now = now_ms
+        self.waits: list[int] = []
+
+    def now_ms(self) -> int:
+        return self.now
+
+    async def sleep_until(self, at_ms: int) -> None:
+        self.waits.append(at_ms)
+        self.now = max(self.now, at_ms)
+
+
+def test_the_bag_holds_exactly_what_was_rendered(small_bag: Path, small_scenario: Scenario) -> None:
+    events = list(BagSource(small_bag).events())
+    frames = [event for event in events if isinstance(event, Frame)]
+    renderer = Renderer(small_scenario)
+    assert [frame.sequence for frame in frames] == list(range(6))
+    for frame in frames:
+        assert np.array_equal(frame.depth, renderer.frame(frame.sequence))
+    assert [frame.captured_at_ms - RUN_START_MS for frame in frames] == [0, 100, 200, 300, 400, 500]
+
+
+def test_sightings_come_in_order_with_distance_and_facing(small_bag: Path) -> None:
+    seen = [event for event in BagSource(small_bag).events() if isinstance(event, Sighting)]
+    assert [event.first_seen_ms - RUN_START_MS for event in seen] == [100, 300, 500]
+    assert {event.uid for event in seen} == {UID}
+    assert all(event.facing is Facing.FRONT and event.sigma_m == pytest.approx(0.3) for event in seen)
+    assert all(event.distance_m is not None and 1 < event.distance_m < 4 for event in seen)
+
+
+def test_a_sighting_does_not_print_its_tag(small_bag: Path) -> None:
+    seen = next(event for event in BagSource(small_bag).events() if isinstance(event, Sighting))
+    assert UID not in repr(seen)
+
+
+def test_empty_frames_are_kept_apart_from_the_run(small_bag: Path) -> None:
+    source = BagSource(small_bag)
+    assert (source.frame_count, source.sighting_count, source.empty_frame_count) == (6, 3, 3)
+    assert len(source.empty_frames()) == 3
+
+
+async def test_playing_waits_for_each_event_on_the_shifted_timeline(small_bag: Path) -> None:
+    source = BagSource(small_bag)
+    source.shift_to(1_000_000)
+    clock = FakeClock(1_000_000)
+    times = [event.captured_at_ms async for event in source.play(clock) if isinstance(event, Frame)]
+    assert times == [1_000_000 + 100 * i for i in range(6)]
+    assert clock.waits == sorted(clock.waits)
+    assert clock.now == 1_000_500
+
+
+def test_the_same_scene_is_not_rendered_twice(small_bag: Path, small_scenario: Scenario) -> None:
+    calls: list[tuple[int, int]] = []
+    again = make_bag(small_scenario, {"ann": UID}, small_bag.parent, progress=lambda d, t: calls.append((d, t)))
+    assert again == small_bag
+    assert calls == [(9, 9)]
+
+
+def test_an_unfinished_bag_in_the_cache_is_made_anew(small_scenario: Scenario, tmp_path: Path) -> None:
+    first = make_bag(small_scenario, {"ann": UID}, tmp_path, workers=1)
+    (first / "metadata.yaml").unlink()
+    second = make_bag(small_scenario, {"ann": UID}, tmp_path, workers=1)
+    assert second == first
+    assert BagSource(second).frame_count == 6
+    assert [path.name for path in tmp_path.iterdir()] == [first.name]
+
+
+def test_several_processes_make_the_same_recording_as_one(small_scenario: Scenario, small_bag: Path, tmp_path: Path) -> None:
+    other = make_bag(small_scenario, {"ann": UID}, tmp_path, workers=2)
+    assert [p.read_bytes() for p in other.glob("*.mcap")][0][:4096] != b""
+    for one, two in zip(BagSource(small_bag).events(), BagSource(other).events(), strict=True):
+        if isinstance(one, Frame) and isinstance(two, Frame):
+            assert np.array_equal(one.depth, two.depth)
+        else:
+            assert one == two
+
+
+def test_a_tag_without_uid_is_refused(small_scenario: Scenario, tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError, match="CONFIGURATION_INVALID"):
+        make_bag(small_scenario, {}, tmp_path)
+
+
+def drain(path: Path) -> int:
+    source = BagSource(path)
+    source.empty_frames()
+    return sum(1 for _ in source.events())
+
+
+def damaged_copy(bag: Path, target: Path, change: object) -> Path:
+    copy = target / bag.name
+    shutil.copytree(bag, copy)
+    (file,) = copy.glob("*.mcap")
+    data = bytearray(file.read_bytes())
+    file.write_bytes(change(data))  # type: ignore[operator]
+    return copy
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.7, 0.99])
+def test_a_truncated_recording_is_damaged(small_bag: Path, tmp_path: Path, share: float) -> None:
+    copy = damaged_copy(small_bag, tmp_path, lambda data: bytes(data[: int(len(data) * share)]))
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        drain(copy)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_flipped_bytes_never_end_in_anything_but_a_code(small_bag: Path, tmp_path: Path, seed: int) -> None:
+    rng = random.Random(seed)
+
+    def flip(data: bytearray) -> bytes:
+        for _ in range(8):
+            data[rng.randrange(len(data))] ^= rng.randrange(1, 256)
+        return bytes(data)
+
+    copy = damaged_copy(small_bag, tmp_path, flip)
+    try:
+        assert drain(copy) >= 0
+    except BlockRobotError as error:
+        assert error.code in {"BAG_DAMAGED", "BAG_TOPIC_MISSING", "FRAME_INVALID"}
+
+
+@pytest.mark.parametrize("name", ["missing", "text.mcap", "text.bag"])
+def test_what_is_no_recording_is_damaged(tmp_path: Path, name: str) -> None:
+    if name != "missing":
+        (tmp_path / name).write_text("this is not a recording")
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        BagSource(tmp_path / name)
+
+
+def write_bag(path: Path, topics: dict[str, tuple[str, list[bytes]]]) -> Path:
+    codec = MessageCodec()
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, (kind, messages) in topics.items():
+            connection = writer.add_connection(topic, kind, typestore=codec.store)
+            for i, data in enumerate(messages):
+                writer.write(connection, 1_000_000 * (i + 1), data)
+    return path
+
+
+def test_a_recording_without_sightings_names_the_topic(tmp_path: Path) -> None:
+    image = bytes(MessageCodec().encode_image(np.ones((4, 6), np.uint16), 5))
+    path = write_bag(tmp_path / "bag", {DEPTH_TOPIC: (IMAGE_TYPE, [image])})
+    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING") as refused:
+        BagSource(path)
+    assert SIGHTING_TOPIC in refused.value.detail
+
+
+def test_a_topic_of_another_type_is_missing(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", {DEPTH_TOPIC: (IMAGE_TYPE, []), SIGHTING_TOPIC: (IMAGE_TYPE, [])})
+    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING"):
+        BagSource(path)
+
+
+def test_a_recording_without_empty_frames_says_so(tmp_path: Path) -> None:
+    path = write_bag(tmp_path / "bag", {DEPTH_TOPIC: (IMAGE_TYPE, []), SIGHTING_TOPIC: (SIGHTING_TYPE, [])})
+    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING"):
+        BagSource(path).empty_frames()
+
+
+def image_bytes(**changes: object) -> bytes:
+    codec = MessageCodec()
+    message = codec.store.deserialize_cdr(codec.encode_image(np.ones((4, 6), np.uint16), 5), IMAGE_TYPE)
+    for name, value in changes.items():
+        object.__setattr__(message, name, value)
+    return bytes(codec.store.serialize_cdr(message, IMAGE_TYPE))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"encoding": "rgb8"}, {"step": 11}, {"height": 5}, {"width": 7}, {"width": 0}, {"data": np.ones(3, np.uint8)}],
+)
+def test_a_frame_that_contradicts_itself_is_refused(changes: dict[str, object]) -> None:
+    with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
+        MessageCodec().decode_image(image_bytes(**changes), 0)
+
+
+def test_padded_rows_and_big_endian_pixels_are_read_right() -> None:
+    pixels = np.arange(24, dtype=">u2").reshape(3, 8)
+    data = image_bytes(height=3, width=6, step=16, is_bigendian=1, data=np.frombuffer(pixels.tobytes(), np.uint8))
+    frame = MessageCodec().decode_image(data, 4, shift_ms=10)
+    assert np.array_equal(frame.depth, pixels[:, :6])
+    assert (frame.sequence, frame.captured_at_ms, frame.depth.dtype) == (4, 15, np.uint16)
+
+
+def test_a_sighting_without_usable_distance_has_none() -> None:
+    codec = MessageCodec()
+    sighting = Sighting(5, 9, UID, 3, Facing.BACK, -50.0, None, None)
+    assert codec.decode_sighting(bytes(codec.encode_sighting(sighting, 9))) == sighting
+
+
+def test_a_sighting_that_ends_before_it_begins_is_refused() -> None:
+    codec = MessageCodec()
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        codec.decode_sighting(bytes(codec.encode_sighting(Sighting(9, 5, UID), 9)))
