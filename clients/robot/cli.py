@@ -16,9 +16,7 @@ from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
 from clients.robot.replay import ReplayOptions, replay_recording
 from clients.robot.synthetic_recording import default_recording
-from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
-from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
+from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
 
 _PROGRESS_EVERY_S = 0.25
 
@@ -35,13 +33,6 @@ def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path |
     """
     folder = (robot_dir or home_folder() / "robots") / name
     ctx.obj = (folder, genesis or home_folder() / "network" / "genesis.json")
-
-
-def _load_genesis(path: Path) -> Genesis:
-    try:
-        return genesis_from_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
 
 
 @robot.command()
@@ -68,7 +59,7 @@ def register(ctx: click.Context, code: str, as_json: bool) -> None:
     """Register the robot with the CODE that the registrar issued."""
     folder, genesis_path = ctx.obj
     identity = load_identity(folder)
-    txid = asyncio.run(register_robot(identity, code, _load_genesis(genesis_path)))
+    txid = asyncio.run(register_robot(identity, code, load_genesis(genesis_path)))
     if as_json:
         print_json({"ok": True, "txid": txid.hex(), "member": identity.identity.public_key.hex()})
     else:
@@ -124,7 +115,7 @@ def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[st
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
     progress = _Progress(as_json=as_json)
-    summary = asyncio.run(replay_recording(folder, recording, _load_genesis(genesis_path), chosen, progress))
+    summary = asyncio.run(replay_recording(folder, recording, load_genesis(genesis_path), chosen, progress))
     if as_json:
         print_json({"ok": summary["frames"]["lost"] == 0, **summary})
     else:

@@ -36,5 +36,12 @@ def load_roster(path: Path, identity: RobotIdentity, genesis: Genesis, now_ms: i
         raise BlockRobotError("ROSTER_INVALID", f"There is no roster at {path}.") from None
     registrars = {key for organisation in genesis.organisations for key in organisation.registrars}
     return RosterBook(
-        open_roster(sealed, identity.sealing, robot=identity.identity.public_key, registrars=registrars, now_ms=now_ms)
+        open_roster(
+            sealed,
+            identity.sealing,
+            registrars=registrars,
+            now_ms=now_ms,
+            robot=identity.identity.public_key,
+            chain_id=genesis.chain_id,
+        )
     )

@@ -17,6 +17,7 @@ import click
 from rich.console import Console
 
 from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
 
 EXIT_FAILED = 1
 EXIT_NOT_FOUND = 3
@@ -33,6 +34,14 @@ console = Console(highlight=False, soft_wrap=True)
 def home_folder() -> Path:
     """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place."""
     return Path(os.environ.get("BLOCKROBOT_HOME") or click.get_app_dir("blockrobot"))
+
+
+def load_genesis(path: Path) -> Genesis:
+    """Read a genesis file. Raises GENESIS_INVALID, also if there is none."""
+    try:
+        return genesis_from_json(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
 
 
 def json_option(command: F) -> F:

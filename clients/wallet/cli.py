@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
 from clients.wallet.auditing import audit_all
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keys import derive_keys, draw_words
@@ -25,7 +25,6 @@ from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis, genesis_from_json
 
 T = TypeVar("T")
 
@@ -67,16 +66,9 @@ def _read_passphrase(*, confirm: bool = False) -> str:
     return text
 
 
-def _load_genesis(path: Path) -> Genesis:
-    try:
-        return genesis_from_json(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
-
-
 def _run(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
     path, genesis_path = ctx.obj
-    genesis = _load_genesis(genesis_path)
+    genesis = load_genesis(genesis_path)
     store = Keystore.open(path, _read_passphrase())
 
     async def main() -> T:

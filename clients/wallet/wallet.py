@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+from clients.sdk.enrolment import NewMember, register_member
 from clients.sdk.http import NetworkClient
 from clients.sdk.transactions import TransactionBuilder
 from clients.wallet.keys import WalletKeys, derive_keys
@@ -20,7 +21,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata
-from consensus.records.vouchers import decode_card_code, sign_card
+from consensus.records.vouchers import decode_card_code
 
 SCAN_PAGE_COUNT = 200
 VISIT_RECORDS_MAX_COUNT = 2_000
@@ -82,34 +83,17 @@ class Wallet:
         """
         card = decode_card_code(code)
         keys = self.keys
-        card_signature = sign_card(
-            card,
-            chain_id=self.genesis.chain_id,
-            member=keys.identity.public_key,
+        member = NewMember(
+            identity=keys.identity,
             spend=keys.spend.public_key,
             view=keys.view.public_key,
             sealing=keys.sealing_public,
         )
-        arguments = [
-            card.handle,
-            card.card_public,
-            card.role,
-            card.not_after_ms,
-            card.voucher_signature,
-            keys.spend.public_key,
-            keys.view.public_key,
-            keys.sealing_public,
-            card_signature,
-            purposes,
-        ]
-        transaction = self.transactions.sign(keys.identity, "identity", "register", arguments)
-        receipt = await self.network.submit_and_wait(transaction)
-        if not receipt.ok:
-            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the registration: {receipt.code}.")
+        txid = await register_member(self.network, self.transactions, card, member, purposes)
         content = self.store.content
         content.handle, content.role = card.handle, card.role
         self.store.save()
-        return transaction.txid
+        return txid
 
     def require_registered(self) -> None:
         """Raise NOT_REGISTERED unless this wallet has been registered."""

@@ -1,0 +1,148 @@
+"""The registrar's desk: issues cards and makes rosters. Must never tell a node, a log or an argument list a tag's UID.
+
+The list of cards (which tag has which handle) is a file at the desk, readable by its user only. Nothing of it leaves
+but codes for people to carry away and rosters sealed to one robot.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from clients.sdk.http import NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.keys import PrivateKey
+from consensus.records.roster import (
+    ROSTER_KEY_BYTES,
+    ROSTER_LIFETIME_MAX_MS,
+    ROSTER_VERSION,
+    Roster,
+    RosterRow,
+    roster_tag,
+    seal_roster,
+)
+from consensus.records.vouchers import encode_card_code, issue_card
+
+CARD_LIFETIME_DEFAULT_MS = 14 * 24 * 3600 * 1000
+_CARDS_FILE = "cards.json"
+_KEY_FILE = "registrar.key"
+_RECORDED_ROLES = ("subject", "staff")
+
+
+@dataclass(frozen=True, slots=True)
+class CardEntry:
+    """One card of the list: the tag's UID, the handle it was given (hex), and the role."""
+
+    uid: str
+    handle: str
+    role: str
+
+
+class Desk:
+    """The desk of one organisation's registrar, in one folder."""
+
+    def __init__(self, folder: Path, genesis: Genesis) -> None:
+        """Open a desk. Raises DATA_DIRECTORY_INVALID without a registrar's key of this network."""
+        self._folder = folder
+        self._genesis = genesis
+        try:
+            self.key = PrivateKey((folder / _KEY_FILE).read_bytes())
+        except FileNotFoundError:
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {_KEY_FILE} in {folder}.") from None
+        registrars = {key for organisation in genesis.organisations for key in organisation.registrars}
+        if self.key.public_key not in registrars:
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The key is not one of this network's registrars.")
+
+    def cards(self) -> list[CardEntry]:
+        """Return all cards that were issued here."""
+        path = self._folder / _CARDS_FILE
+        if not path.exists():
+            return []
+        rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
+        return [CardEntry(**row) for row in rows]
+
+    def issue(self, uid: str, role: str, lifetime_ms: int = CARD_LIFETIME_DEFAULT_MS) -> str:
+        """Issue a card for a tag and return its enrolment code; a tag that had a card gets a new handle."""
+        normal = uid.strip().upper()
+        if not normal:
+            raise BlockRobotError("REQUEST_INVALID", "The tag's UID is empty.")
+        card = issue_card(
+            self.key,
+            chain_id=self._genesis.chain_id,
+            handle=secrets.token_bytes(32),
+            card_secret=secrets.token_bytes(32),
+            role=role,
+            not_after_ms=_now_ms() + lifetime_ms,
+        )
+        kept = [entry for entry in self.cards() if entry.uid != normal]
+        self._save([*kept, CardEntry(uid=normal, handle=card.handle.hex(), role=role)])
+        return encode_card_code(card)
+
+    def _save(self, cards: list[CardEntry]) -> None:
+        temporary = self._folder / f".{_CARDS_FILE}.tmp"
+        descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            json.dump([asdict(card) for card in cards], file)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(self._folder / _CARDS_FILE)
+
+    async def make_roster(self, robot: bytes) -> tuple[bytes, int]:
+        """Return a robot's sealed roster of everyone registered here, and how many rows it has.
+
+        `robot` is its member key M. What stands in the rows is proven against a finalized header. Raises NOT_FOUND if
+        the robot is not registered.
+        """
+        async with NetworkClient(self._genesis) as client:
+            members = await self._registered(client)
+            robot_key = b"identity\x00member/" + robot
+            robot_state = (await client.state_values([robot_key], self.key))[robot_key]
+        if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":
+            raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
+        key = secrets.token_bytes(ROSTER_KEY_BYTES)
+        now = _now_ms()
+        roster = Roster(
+            version=ROSTER_VERSION,
+            chain_id=self._genesis.chain_id,
+            robot=robot,
+            key=key,
+            issued_at_ms=now,
+            not_after_ms=now + ROSTER_LIFETIME_MAX_MS,
+            rows=tuple(self._row(key, card, state) for card, state in members),
+        )
+        return seal_roster(roster, self.key, robot_state["sealing"]), len(roster.rows)
+
+    async def _registered(self, client: NetworkClient) -> list[tuple[CardEntry, dict[str, Any]]]:
+        cards = [card for card in self.cards() if card.role in _RECORDED_ROLES]
+        handle_keys = {card.handle: b"identity\x00handle/" + bytes.fromhex(card.handle) for card in cards}
+        members = await client.state_values(list(handle_keys.values()), self.key)
+        member_keys = {
+            card.handle: b"identity\x00member/" + members[handle_keys[card.handle]]
+            for card in cards
+            if members[handle_keys[card.handle]] is not None
+        }
+        states = await client.state_values(list(member_keys.values()), self.key)
+        found = [(card, states[member_keys[card.handle]]) for card in cards if card.handle in member_keys]
+        return [(card, state) for card, state in found if state is not None and state["status"] == "active"]
+
+    @staticmethod
+    def _row(key: bytes, card: CardEntry, state: dict[str, Any]) -> RosterRow:
+        return RosterRow(
+            tag=roster_tag(key, card.uid),
+            handle=bytes.fromhex(card.handle),
+            spend=state["spend"],
+            view=state["view"],
+            sealing=state["sealing"],
+            purposes=tuple(state["purposes"]),
+            proof=b"",
+        )
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000

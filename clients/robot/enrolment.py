@@ -1,0 +1,23 @@
+"""Registers a robot with the code that a registrar issued."""
+
+from __future__ import annotations
+
+from clients.robot.identity import RobotIdentity
+from clients.sdk.enrolment import NewMember, register_member
+from clients.sdk.http import NetworkClient
+from clients.sdk.transactions import TransactionBuilder
+from consensus.genesis import Genesis
+from consensus.records.vouchers import decode_card_code
+
+
+async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -> bytes:
+    """Register and return the txid. Raises VOUCHER_INVALID, or NOT_PERMITTED if the chain refuses."""
+    card = decode_card_code(code)
+    member = NewMember(
+        identity=identity.identity,
+        spend=identity.spend.public_key,
+        view=identity.view.public_key,
+        sealing=identity.sealing_public,
+    )
+    async with NetworkClient(genesis) as client:
+        return await register_member(client, TransactionBuilder(genesis.chain_id), card, member, [])

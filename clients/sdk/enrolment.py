@@ -1,0 +1,65 @@
+"""Registers a member with the code on a card, the same for wallet and robot. Must never send the card's secret anywhere."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.http import NetworkClient
+from clients.sdk.transactions import TransactionBuilder
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.vouchers import Card, sign_card
+
+
+@dataclass(frozen=True, slots=True)
+class NewMember:
+    """The keys of who registers: M as a private key, S and V (33 bytes), X (32 bytes) as public ones."""
+
+    identity: PrivateKey
+    spend: bytes
+    view: bytes
+    sealing: bytes
+
+
+def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
+    """Return the arguments of `identity.register`, bound to these keys by the card's signature."""
+    signature = sign_card(
+        card,
+        chain_id=chain_id,
+        member=member.identity.public_key,
+        spend=member.spend,
+        view=member.view,
+        sealing=member.sealing,
+    )
+    return [
+        card.handle,
+        card.card_public,
+        card.role,
+        card.not_after_ms,
+        card.voucher_signature,
+        member.spend,
+        member.view,
+        member.sealing,
+        signature,
+        purposes,
+    ]
+
+
+async def register_member(
+    client: NetworkClient, transactions: TransactionBuilder, card: Card, member: NewMember, purposes: list[str]
+) -> bytes:
+    """Register and wait until it is final, then check that the chain maps handle to M. Returns the txid.
+
+    Raises NOT_PERMITTED with the contract's code if the chain refuses.
+    """
+    arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
+    transaction = transactions.sign(member.identity, "identity", "register", arguments)
+    receipt = await client.submit_and_wait(transaction)
+    if not receipt.ok:
+        raise BlockRobotError("NOT_PERMITTED", f"The chain refused the registration: {receipt.code}.")
+    key = b"identity\x00handle/" + card.handle
+    values = await client.state_values([key], member.identity)
+    if values[key] != member.identity.public_key:
+        raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
+    return transaction.txid
