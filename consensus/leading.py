@@ -18,6 +18,7 @@ class Leading:
         self._pacemaker = pacemaker
         self._building_round = 0
         self._pushed_round = 0
+        self._has_failed = False
 
     def push(self, round_number: int) -> None:
         """Manual production: the driver wants a block in this round."""
@@ -27,9 +28,15 @@ class Leading:
         """Tell whether a block of this round is being built, or was."""
         return self._building_round >= round_number
 
-    def give_up(self) -> None:
-        """No block could be built: the leader may try again in the same round."""
-        self._building_round = 0
+    def note_failure(self) -> None:
+        """No block could be built: not again before the timer says so, or leader and executor would spin."""
+        self._has_failed = True
+
+    def retry(self) -> None:
+        """The timer ran out: after a failure the leader may build again in the same round."""
+        if self._has_failed:
+            self._building_round = 0
+        self._has_failed = False
 
     def delay_ms(
         self,
@@ -72,6 +79,7 @@ class Leading:
     ) -> BuildBlock:
         """Return the order for a block of this round on `parent`, whose certificate `qc` is the highest known."""
         self._building_round = round_number
+        self._has_failed = False
         return BuildBlock(
             epoch=epoch,
             round=round_number,

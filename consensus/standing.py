@@ -1,0 +1,167 @@
+"""Where a node stands in consensus: its round, its certificates, its tree, and what others may look at.
+
+Must never act: what follows from an event is `core.py`'s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from consensus.block import Block, Header, QuorumCertificate
+from consensus.blocktree import BlockNode, BlockTree, make_node
+from consensus.collectors import TimeoutCollector, VoteCollector
+from consensus.effects import Effect
+from consensus.fetching import Fetcher
+from consensus.genesis import ChainSettings
+from consensus.genuineness import Genuineness
+from consensus.journal_records import JournalState, read_journal
+from consensus.leading import Leading
+from consensus.pacemaker import Pacemaker
+from consensus.primitives.keys import PrivateKey
+from consensus.schedule import Schedule
+from consensus.signature_cache import SignatureCache, SignatureCheck
+from consensus.voter import Voter
+
+_LATE_VOTE_ROUNDS = 2
+
+
+class Standing:
+    """The state of one core, restored from the store's head and the journal."""
+
+    def __init__(
+        self,
+        settings: ChainSettings,
+        chain_id: bytes,
+        schedule: Schedule,
+        key: PrivateKey | None,
+        *,
+        finalized: Block,
+        finalized_qc: QuorumCertificate,
+        round_zero_id: bytes,
+        journal: Sequence[bytes] = (),
+        check: SignatureCheck | None = None,
+    ) -> None:
+        """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`.
+
+        `round_zero_id` is the block that round 0 of the epoch certifies (genesis). `journal` holds the records read
+        back, in order. Raises ENCODING_* for a record that is none.
+        """
+        self._schedule = schedule
+        self._genuine = Genuineness(chain_id, schedule, round_zero_id, check or SignatureCache())
+        self._tree = BlockTree(finalized, finalized_qc)
+        self._votes = VoteCollector(schedule.quorum)
+        self._timeouts = TimeoutCollector(schedule.quorum)
+        self._pacemaker = Pacemaker(settings, schedule)
+        self._leading = Leading(settings, self._pacemaker)
+        restored = read_journal(journal, schedule.epoch)
+        self._voter = Voter(settings, chain_id, schedule, key, restored)
+        self._fetcher = Fetcher(self._voter.index, settings.base_timeout_ms)
+        self._retry_ms = max(1, settings.base_timeout_ms // 4)
+        self._effects: list[Effect] = []
+        self._now_ms = 0
+        self._dirty = True
+        self._branch: list[BlockNode] | None = None
+        self._pending = False
+        self._proposal_seen_round = 0
+        self._timeout_seen_round = 0
+        self._noticed: dict[int, int] = {}
+        self.halted = ""
+        self._restore(restored, finalized_qc)
+
+    def _restore(self, restored: JournalState, finalized_qc: QuorumCertificate) -> None:
+        """R13: go on where the journal ends. Journalled blocks were checked when they were journalled."""
+        self.high_qc = finalized_qc
+        if restored.high_qc is not None and restored.high_qc.round > finalized_qc.round:
+            self.high_qc = restored.high_qc
+        self.entered_by = restored.entered_by
+        if self.entered_by is not None and self.entered_by.round <= self.high_qc.round:
+            self.entered_by = None
+        self.round = 1 + (self.high_qc.round if self.entered_by is None else self.entered_by.round)
+        nodes = sorted((make_node(block, 0) for block in restored.blocks.values()), key=lambda node: node.header.height)
+        for qc in [self.high_qc, *(node.header.qc for node in nodes)]:
+            self._tree.certify(qc)
+        for node in nodes:
+            if self._tree.may_add(node.block_id, node.header):
+                self._tree.add(node)
+
+    # What others may look at
+
+    @property
+    def epoch(self) -> int:
+        """The epoch of the schedule."""
+        return self._schedule.epoch
+
+    @property
+    def index(self) -> int | None:
+        """This node's place in the schedule, None for a follower."""
+        return self._voter.index
+
+    @property
+    def last_voted_round(self) -> int:
+        """The last round in which this node voted or gave up: it votes only above it."""
+        return self._voter.last_voted_round
+
+    @property
+    def leader(self) -> int:
+        """The index of this round's leader."""
+        return self._schedule.leader(self.round)
+
+    @property
+    def finalized(self) -> Header:
+        """The header of the finalized head."""
+        return self._tree.root.header
+
+    @property
+    def finalized_id(self) -> bytes:
+        """The id of the finalized head."""
+        return self._tree.root.block_id
+
+    @property
+    def has_timed_out(self) -> bool:
+        """True if this node gave up the current round."""
+        return self._voter.has_timed_out(self.round)
+
+    @property
+    def is_busy(self) -> bool:
+        """R10: whether there is anything to wait for."""
+        branch = self._certified_branch()
+        return (
+            self._pending
+            or branch is None
+            or any(node.block.transactions for node in branch)
+            or self.round in (self._proposal_seen_round, self._timeout_seen_round)
+            or self.has_timed_out
+            or self._pacemaker.heartbeat_due
+            or bool(self._pacemaker.interval_ms)
+        )
+
+    def certified_branch(self) -> list[bytes]:
+        """Return the ids of the certified blocks above the finalized head, oldest first (empty while some miss)."""
+        return [node.block_id for node in self._certified_branch() or []]
+
+    def block(self, block_id: bytes) -> Block | None:
+        """Return a block above the synced store, for a peer that asks."""
+        node = self._tree.get(block_id) or self._tree.orphans.get(block_id)
+        return self._voter.journalist.get_unstored(block_id) if node is None else node.block
+
+    def branch(self, block_id: bytes, above_height: int) -> list[Block]:
+        """Return this block and its known ancestors above a height, oldest first, for a peer that asks."""
+        path = self._tree.branch(block_id)
+        if path is None:
+            return []
+        ancestry = [*self._voter.journalist.unstored(), *path]
+        return [node.block for node in ancestry if node.header.height > above_height]
+
+    def forget_journalled(self, stored_height: int) -> None:
+        """The synced store holds every block up to this height: the journal need not (R12)."""
+        self._voter.journalist.forget(stored_height)
+
+    def journal_snapshot(self) -> tuple[bytes, ...]:
+        """Return the fewest records that say what the journal must say now; they replace it whole."""
+        return self._voter.snapshot(list(self._tree.nodes.values()), self.high_qc, self.entered_by)
+
+    def _certified_branch(self) -> list[BlockNode] | None:
+        """Return the certified blocks above the finalized head, oldest first; None while some are missing."""
+        if self._dirty:
+            self._branch = self._tree.branch(self.high_qc.block_id)
+        return self._branch
