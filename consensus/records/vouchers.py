@@ -1,4 +1,4 @@
-"""Enrolment: the registrar's voucher, the card's one-time key, the card's code. Must never let one registration pass for another.
+"""Enrolment: the registrar's voucher, the card's one-time key and code. Must never let one registration pass for another.
 
 A card holds a random handle, a one-time secret e (public E) and the registrar's signature over (chain, handle, E, role,
 expiry). Who registers signs with e over (chain, handle, his four keys): whoever merely sees that transaction cannot
