@@ -75,7 +75,7 @@ def segment(depth: Depth, background: Background, focal_px: float) -> Segmented:
     if cv2.countNonZero(foreground) < EMPTY_MAX_PX:
         return Segmented((), None)
     _cut_at_edges(foreground, half)
-    count, raw, stats, _ = cv2.connectedComponentsWithStats(foreground, connectivity=8, ltype=cv2.CV_32S)
+    count, raw, stats, _ = cv2.connectedComponentsWithStats(foreground, connectivity=4, ltype=cv2.CV_32S)
     pieces = _pieces(half, np.asarray(raw, dtype=np.int32), np.asarray(stats), count, focal_px / 2)
     lookup = np.full(count, -1, dtype=np.int32)
     lookup[0] = 0
@@ -103,8 +103,10 @@ def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:
     down = np.abs(np.diff(signed, axis=0)) > DEPTH_EDGE_MM
     across &= (foreground[:, 1:] > 0) & (foreground[:, :-1] > 0)
     down &= (foreground[1:] > 0) & (foreground[:-1] > 0)
-    foreground[:, 1:][across] = 0
-    foreground[1:][down] = 0
+    for side in (foreground[:, 1:], foreground[:, :-1]):
+        side[across] = 0
+    for side in (foreground[1:], foreground[:-1]):
+        side[down] = 0
 
 
 def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, focal: float) -> list[_Piece]:

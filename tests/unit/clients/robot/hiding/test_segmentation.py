@@ -1,0 +1,105 @@
+"""What the segmentation makes of two people: apart, arm in arm, one before the other, side by side at a hand's breadth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Depth
+from clients.robot.hiding.background import UNSEEN_MM, Background, empty_bank, learn_background
+from clients.robot.hiding.cut import cut
+from clients.robot.hiding.segmentation import segment
+from clients.robot.scenario import parse_scenario
+from clients.robot.synthetic.render import Renderer
+from clients.sdk.picture import decode_depth_png
+from consensus.errors import BlockRobotError
+
+FOCAL_PX = 525.0
+
+
+def scene(small_text: str, *places: tuple[float, float]) -> Renderer:
+    """Return a full-size renderer of people who stand at the places (x, z) in metres."""
+    head, _, person = small_text.partition("[[people]]")
+    head = head.replace("width = 160", "width = 640").replace("height = 120", "height = 480")
+    head = head.replace("focal_px = 131.0", f"focal_px = {FOCAL_PX}")
+    people = ""
+    for number, (x, z) in enumerate(places):
+        path = f"path = [[0.0, {x}, {z}], [0.6, {x}, {z}]]"
+        body = person.replace('"ann"', f'"p{number}"').replace("path = [[0.0, -0.4, 2.5], [0.6, 0.0, 2.2]]", path)
+        people += "[[people]]" + body
+    return Renderer(parse_scenario(head + people))
+
+
+@pytest.fixture(scope="module")
+def background(small_text: str) -> Background:
+    renderer = scene(small_text)
+    return learn_background([renderer.empty_frame(i) for i in range(9)])
+
+
+def troubles(renderer: Renderer, background: Background) -> list[str]:
+    return sorted(s.trouble for s in segment(renderer.frame(1), background, FOCAL_PX).silhouettes)
+
+
+def test_an_empty_corridor_has_no_silhouette(small_text: str, background: Background) -> None:
+    renderer = scene(small_text)
+    assert [len(segment(renderer.empty_frame(i), background, FOCAL_PX).silhouettes) for i in range(20, 30)] == [0] * 10
+
+
+def test_one_person_is_found_where_they_stand(small_text: str, background: Background) -> None:
+    (found,) = segment(scene(small_text, (0.5, 3.0)).frame(1), background, FOCAL_PX).silhouettes
+    assert found.trouble == ""
+    assert found.x_m == pytest.approx(0.5, abs=0.08)
+    assert found.z_m == pytest.approx(3.0, abs=0.12)
+    assert found.range_m == pytest.approx(3.05, abs=0.15)
+
+
+def test_people_who_stand_apart_are_no_trouble(small_text: str, background: Background) -> None:
+    assert troubles(scene(small_text, (-0.9, 2.3), (0.9, 3.6)), background) == ["", ""]
+
+
+@pytest.mark.parametrize("gap_m", [0.35, 0.45, 0.55])
+def test_people_arm_in_arm_are_merged(small_text: str, background: Background, gap_m: float) -> None:
+    assert troubles(scene(small_text, (-gap_m / 2, 2.6), (gap_m / 2, 2.6)), background) == ["merged"]
+
+
+def test_who_stands_behind_another_is_occluded_and_the_nearer_one_is_not(small_text: str, background: Background) -> None:
+    assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
+
+
+def test_a_silhouettes_cut_stays_inside_its_own_pixels(small_text: str, background: Background) -> None:
+    renderer = scene(small_text, (-0.25, 2.3), (0.45, 3.9))
+    depth, truth = renderer.frame_with_truth(1)
+    segmented = segment(depth, background, FOCAL_PX)
+    near = min(segmented.silhouettes, key=lambda silhouette: silhouette.z_m)
+    made = cut(depth, background, segmented, near)
+    shown = decode_depth_png(made.pixels_png) > 0
+    part = truth[made.y : made.y + made.height, made.x : made.x + made.width]
+    assert np.count_nonzero(shown & (part == 2)) == 0
+    assert np.count_nonzero(shown & (part == 1)) > 0.95 * np.count_nonzero((truth == 1) & (depth > 0))
+
+
+def test_a_background_keeps_what_is_measured_and_marks_what_never_is() -> None:
+    frames = [np.full((8, 8), 3_000, np.uint16) for _ in range(5)]
+    for number, frame in enumerate(frames):
+        frame[0, 0] = 0
+        frame[1, 1] = 0 if number < 2 else 3_000 + number
+        frame[2, 2] = 2_500 if number == 0 else 3_000
+    background = learn_background(frames)
+    assert background.depth[0, 0] == UNSEEN_MM
+    assert 3_002 <= background.depth[1, 1] <= 3_004
+    assert background.depth[2, 2] == 3_000
+
+
+def test_a_background_of_nothing_or_of_mixed_sizes_is_refused() -> None:
+    with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
+        learn_background([])
+    mixed: list[Depth] = [np.ones((4, 4), np.uint16), np.ones((4, 5), np.uint16)]
+    with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
+        learn_background(mixed)
+
+
+def test_the_bank_names_each_empty_frame_by_its_hash() -> None:
+    frames: list[Depth] = [np.full((8, 8), 1_000 + i, np.uint16) for i in range(3)]
+    bank = empty_bank(frames)
+    assert len({entry.background_id for entry in bank}) == 3
+    assert np.array_equal(decode_depth_png(bank[2].png), frames[2])
