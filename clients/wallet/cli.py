@@ -25,6 +25,7 @@ from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 
 T = TypeVar("T")
 
@@ -380,3 +381,37 @@ def erase(
             f"Erasure {report.erasure_id.hex()[:16]}: {report.status}, "
             f"confirmed by {len(report.receipts)} of {len(report.custodians)} custodians."
         )
+
+
+@wallet.command(hidden=True)
+@click.argument("record_id")
+@json_option
+@click.pass_context
+@plain_errors
+def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
+    """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations)."""
+
+    async def action(opened: Wallet) -> dict[str, str]:
+        refusals = {}
+        for custodian in opened.genesis.custodians:
+            for name, key in (("member", opened.keys.identity), *_own_owner(opened)):
+                try:
+                    await opened.network.download_clip(custodian.name, bytes.fromhex(record_id), bytes(32), key)
+                except BlockRobotError as error:
+                    refusals[f"{custodian.name} as {name}"] = error.code
+                else:
+                    refusals[f"{custodian.name} as {name}"] = "RELEASED"
+        return refusals
+
+    refusals = _run(ctx, action)
+    if as_json:
+        print_json({"ok": True, "refusals": refusals})
+    else:
+        for name, code in refusals.items():
+            console.print(f"{name}: {code}")
+
+
+def _own_owner(opened: Wallet) -> list[tuple[str, PrivateKey]]:
+    """Return the owner key of this wallet's first visit, if it has one."""
+    visits = opened.store.content.visits
+    return [("owner of another visit", opened.owner_key(visits[0]))] if visits else []

@@ -44,3 +44,7 @@ class LazyGroup(click.Group):
 @click.version_option(package_name="blockrobot")
 def main() -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""
+
+
+if __name__ == "__main__":
+    main()

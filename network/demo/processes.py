@@ -1,0 +1,110 @@
+"""Robot, wallet and registrar as processes of their own, driven by command line. Must never give them a node's files.
+
+Each child knows the genesis file, the nodes' HTTP addresses in it, and its own folder; nothing else.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from consensus.errors import CATALOGUE, BlockRobotError
+
+COMMAND_TIMEOUT_S = 120.0
+
+
+def _command(arguments: list[str]) -> list[str]:
+    return [sys.executable, "-m", "network.cli.main", *arguments]
+
+
+def _environment(extra: dict[str, str]) -> dict[str, str]:
+    return {**os.environ, **extra}
+
+
+def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str, Any]:
+    """Return a child's JSON answer. Raises the child's own refusal, or INTERNAL if it said nothing readable."""
+    try:
+        answer: dict[str, Any] = json.loads(output)
+    except ValueError:
+        tail = errors.decode(errors="replace").strip().splitlines()[-1:]
+        detail = f"`blockrobot {' '.join(arguments[:3])}` gave no answer: {' '.join(tail)}"
+        raise BlockRobotError("INTERNAL", detail) from None
+    problem = answer.get("error")
+    if problem:
+        code = problem["code"] if problem["code"] in CATALOGUE else "INTERNAL"
+        raise BlockRobotError(code, problem["detail"])
+    return answer
+
+
+async def run_command(arguments: list[str], *, environment: dict[str, str] | None = None) -> dict[str, Any]:
+    """Run `blockrobot ARGUMENTS --json` to its end and return its JSON object. Raises the command's refusal."""
+    process = await asyncio.create_subprocess_exec(
+        *_command([*arguments, "--json"]),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=_environment(environment or {}),
+    )
+    try:
+        output, errors = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
+    except TimeoutError:
+        process.kill()
+        await process.wait()
+        raise BlockRobotError("INTERNAL", f"`blockrobot {' '.join(arguments[:3])}` did not end in time.") from None
+    return parse_answer(output, errors, arguments)
+
+
+class LongCommand:
+    """A long-running command that reports progress as lines of JSON on standard error."""
+
+    def __init__(self, arguments: list[str], on_progress: Callable[[dict[str, Any]], None]) -> None:
+        self._arguments = arguments
+        self._on_progress = on_progress
+
+    async def run(self, timeout_s: float) -> dict[str, Any]:
+        """Run to the end and return the JSON answer. Raises the command's refusal."""
+        process = await asyncio.create_subprocess_exec(
+            *_command([*self._arguments, "--json"]),
+            stdin=asyncio.subprocess.DEVNULL,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            limit=1024 * 1024,
+        )
+        assert process.stdout is not None
+        errors: list[bytes] = []
+        follow = asyncio.create_task(self._follow(process, errors))
+        try:
+            async with asyncio.timeout(timeout_s):
+                output = await process.stdout.read()
+                await process.wait()
+                await follow
+        except TimeoutError:
+            raise BlockRobotError("INTERNAL", f"`blockrobot {self._arguments[0]}` did not end in time.") from None
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+            follow.cancel()
+        return parse_answer(output, b"\n".join(errors), self._arguments)
+
+    async def _follow(self, process: asyncio.subprocess.Process, errors: list[bytes]) -> None:
+        assert process.stderr is not None
+        while line := await process.stderr.readline():
+            try:
+                report = json.loads(line)
+            except ValueError:
+                report = None
+            if isinstance(report, dict) and "progress" in report:
+                self._on_progress(report["progress"])
+            else:
+                errors.append(line)
+
+
+def wallet_arguments(folder: Path, profile: str, genesis: Path) -> list[str]:
+    """Return the beginning of a wallet command for one profile."""
+    return ["wallet", "--wallet-dir", str(folder), "--profile", profile, "--genesis", str(genesis)]

@@ -1,0 +1,40 @@
+"""The truth about the synthetic scene, to judge what renditions show. Must never be used to make a rendition."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from clients.robot.scenario import Scenario
+from clients.robot.synthetic.render import Renderer
+
+FOREIGN_PIXELS_MAX_SHARE = 0.001
+JUDGED_FRAMES_MAX_COUNT = 40
+
+
+def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: str) -> float:
+    """Return the share of another person's true pixels in an owner's picture (0 if nobody else is there).
+
+    `picture` is a `<sequence>.depth.png` that the wallet wrote.
+    """
+    sequence = int(picture.name.split(".")[0])
+    _, labels = renderer.frame_with_truth(sequence)
+    shown = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
+    aliases = [person.alias for person in scenario.people]
+    others = np.isin(labels, [index + 1 for index, alias in enumerate(aliases) if alias != owner])
+    total = int(others.sum())
+    return float((others & (shown > 0)).sum() / total) if total else 0.0
+
+
+def worst_foreign_share(scenario: Scenario, pictures: list[Path], owner: str) -> tuple[float, int]:
+    """Judge up to 40 pictures spread evenly; return the worst share and how many of them had somebody else in view."""
+    renderer = Renderer(scenario)
+    step = max(1, len(pictures) // JUDGED_FRAMES_MAX_COUNT)
+    shares, with_others = [0.0], 0
+    for picture in sorted(pictures)[::step]:
+        _, labels = renderer.frame_with_truth(int(picture.name.split(".")[0]))
+        with_others += len(set(np.unique(labels).tolist()) - {0}) > 1
+        shares.append(foreign_share(scenario, renderer, picture, owner))
+    return max(shares), with_others

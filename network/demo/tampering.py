@@ -1,0 +1,47 @@
+"""Changes one byte of a stored ciphertext behind the system's back, in every custodian's store. For demonstrations only."""
+
+from __future__ import annotations
+
+import sqlite3
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from pymongo import MongoClient
+
+from node.config import NodeConfig
+
+
+def flip_stored_byte(config: NodeConfig, record_id: bytes, index: int) -> None:
+    """Flip one bit of the frame's ciphertext in this custodian's store, whichever store it is."""
+    if config.custody_store.startswith("mongodb://"):
+        _flip_in_mongo(config.custody_store, record_id, index)
+    else:
+        _flip_in_sqlite(config.custody_dir, record_id, index)
+
+
+def _flipped(ciphertext: bytes) -> bytes:
+    middle = len(ciphertext) // 2
+    return ciphertext[:middle] + bytes([ciphertext[middle] ^ 1]) + ciphertext[middle + 1 :]
+
+
+def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
+    (path,) = folder.glob("*.sqlite")
+    place = (record_id, index)
+    with sqlite3.connect(path, timeout=10) as database:
+        select = "SELECT ciphertext FROM frames WHERE record_id = ? AND frame_index = ?"
+        (ciphertext,) = database.execute(select, place).fetchone()
+        update = "UPDATE frames SET ciphertext = ? WHERE record_id = ? AND frame_index = ?"
+        database.execute(update, (_flipped(ciphertext), *place))
+    database.close()
+
+
+def _flip_in_mongo(uri: str, record_id: bytes, index: int) -> None:
+    name = urlsplit(uri).path.lstrip("/")
+    with MongoClient[dict[str, object]](uri) as client:
+        frames = client[name]["frames"]
+        row = frames.find_one({"record_id": record_id, "index": index})
+        if row is None:
+            raise LookupError("the frame is not in the store")
+        ciphertext = row["ciphertext"]
+        assert isinstance(ciphertext, bytes)
+        frames.update_one({"_id": row["_id"]}, {"$set": {"ciphertext": _flipped(ciphertext)}})
