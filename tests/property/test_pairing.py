@@ -1,4 +1,4 @@
-"""Pairing against a brute-force oracle: whatever order things arrive in, a frame's owners are exactly those it should have."""
+"""Pairing against a brute-force oracle: whatever order things arrive in, a frame gets exactly its owners."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def oracle(at: int, seen: list[tuple[str, int, int]]) -> tuple[tuple[str, ...], 
 
 
 def run(frame_times: list[int], seen: list[tuple[str, int, int, int, bool]]) -> tuple[list[Decision], Pairing]:
-    """Play frames at their own time and sightings at theirs plus delay; a sighting before a frame of the same instant."""
+    """Play frames at their own time and sightings at theirs plus delay; at the same instant the sighting first."""
     script: list[tuple[int, int, int]] = [(at, 1, i) for i, at in enumerate(frame_times)]
     for i, (_, first, _, delay, twice) in enumerate(seen):
         script.append((first + delay, 0, i))

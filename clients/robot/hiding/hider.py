@@ -17,6 +17,7 @@ from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.segmentation import segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
+from consensus.errors import BlockRobotError
 
 BUFFER_DEFAULT_MS = 10_000
 FOCAL_DEFAULT_PX = 525.0
@@ -118,6 +119,8 @@ class Hider:
     def push_frame(self, frame: Frame) -> list[Output]:
         """Take a frame; raises FRAME_INVALID for a wrong size or a sequence number that is still held."""
         depth = check_depth(frame.depth, shape=self._background.shape)
+        if frame.sequence in self._seen:
+            raise BlockRobotError("FRAME_INVALID", f"Frame {frame.sequence} came twice.")
         seen = _Seen(frame.sequence, frame.captured_at_ms)
         decided = self.pairing.add_frame(frame.sequence, frame.captured_at_ms)
         if self._newest_ms is not None and frame.captured_at_ms <= self._newest_ms:

@@ -91,9 +91,8 @@ def test_an_unfinished_bag_in_the_cache_is_made_anew(small_scenario: Scenario, t
     assert [path.name for path in tmp_path.iterdir()] == [first.name]
 
 
-def test_several_processes_make_the_same_recording_as_one(small_scenario: Scenario, small_bag: Path, tmp_path: Path) -> None:
+def test_several_processes_make_the_same_recording(small_scenario: Scenario, small_bag: Path, tmp_path: Path) -> None:
     other = make_bag(small_scenario, {"ann": UID}, tmp_path, workers=2)
-    assert [p.read_bytes() for p in other.glob("*.mcap")][0][:4096] != b""
     for one, two in zip(BagSource(small_bag).events(), BagSource(other).events(), strict=True):
         if isinstance(one, Frame) and isinstance(two, Frame):
             assert np.array_equal(one.depth, two.depth)
@@ -110,6 +109,14 @@ def drain(path: Path) -> int:
     source = BagSource(path)
     source.empty_frames()
     return sum(1 for _ in source.events())
+
+
+def outcome_of(path: Path) -> str:
+    try:
+        drain(path)
+    except BlockRobotError as error:
+        return error.code
+    return "read"
 
 
 def damaged_copy(bag: Path, target: Path, change: object) -> Path:
@@ -138,10 +145,7 @@ def test_flipped_bytes_never_end_in_anything_but_a_code(small_bag: Path, tmp_pat
         return bytes(data)
 
     copy = damaged_copy(small_bag, tmp_path, flip)
-    try:
-        assert drain(copy) >= 0
-    except BlockRobotError as error:
-        assert error.code in {"BAG_DAMAGED", "BAG_TOPIC_MISSING", "FRAME_INVALID"}
+    assert outcome_of(copy) in {"read", "BAG_DAMAGED", "BAG_TOPIC_MISSING", "FRAME_INVALID"}
 
 
 @pytest.mark.parametrize("name", ["missing", "text.mcap", "text.bag"])

@@ -178,6 +178,15 @@ def test_a_frame_out_of_order_is_withheld_not_lost(clip: Clip) -> None:
     assert [output.reason for output in late] == [Reason.DISORDERED]
 
 
+def test_a_frame_that_comes_twice_is_refused_and_still_answered_once(clip: Clip) -> None:
+    hider = Hider(learn_background(clip.empty))
+    hider.push_sighting("patient-a", clip.sightings[0][1])
+    hider.push_frame(clip.frames[0])
+    with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
+        hider.push_frame(clip.frames[0])
+    assert len([output for output in hider.flush() if isinstance(output, Withheld)]) == 1
+
+
 def test_a_frame_of_another_size_is_refused(clip: Clip) -> None:
     hider = Hider(learn_background(clip.empty))
     with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
