@@ -1,4 +1,4 @@
-"""What the segmentation makes of two people: apart, arm in arm, one before the other, side by side at a hand's breadth."""
+"""What the segmentation makes of two people: apart, arm in arm, one before the other."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_people_arm_in_arm_are_merged(small_text: str, background: Background, g
     assert troubles(scene(small_text, (-gap_m / 2, 2.6), (gap_m / 2, 2.6)), background) == ["merged"]
 
 
-def test_who_stands_behind_another_is_occluded_and_the_nearer_one_is_not(small_text: str, background: Background) -> None:
+def test_who_stands_behind_another_is_occluded_and_the_other_is_not(small_text: str, background: Background) -> None:
     assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
 
 
