@@ -101,8 +101,7 @@ class Desk:
         """
         async with NetworkClient(self._genesis) as client:
             members = await self._registered(client)
-            robot_key = b"identity\x00member/" + robot
-            robot_state = (await client.state_values([robot_key], self.key))[robot_key]
+            robot_state = await client.state_value("identity", b"member/" + robot, self.key)
         if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":
             raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
         key = secrets.token_bytes(ROSTER_KEY_BYTES)
@@ -119,17 +118,17 @@ class Desk:
         return seal_roster(roster, self.key, robot_state["sealing"]), len(roster.rows)
 
     async def _registered(self, client: NetworkClient) -> list[tuple[CardEntry, dict[str, Any]]]:
-        cards = [card for card in self.cards() if card.role in _RECORDED_ROLES]
-        handle_keys = {card.handle: b"identity\x00handle/" + bytes.fromhex(card.handle) for card in cards}
-        members = await client.state_values(list(handle_keys.values()), self.key)
-        member_keys = {
-            card.handle: b"identity\x00member/" + members[handle_keys[card.handle]]
-            for card in cards
-            if members[handle_keys[card.handle]] is not None
-        }
-        states = await client.state_values(list(member_keys.values()), self.key)
-        found = [(card, states[member_keys[card.handle]]) for card in cards if card.handle in member_keys]
-        return [(card, state) for card, state in found if state is not None and state["status"] == "active"]
+        found = []
+        for card in self.cards():
+            if card.role not in _RECORDED_ROLES:
+                continue
+            member = await client.state_value("identity", b"handle/" + bytes.fromhex(card.handle), self.key)
+            if member is None:
+                continue
+            state = await client.state_value("identity", b"member/" + member, self.key)
+            if state is not None and state["status"] == "active":
+                found.append((card, state))
+        return found
 
     @staticmethod
     def _row(key: bytes, card: CardEntry, state: dict[str, Any]) -> RosterRow:

@@ -132,7 +132,7 @@ def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[st
 @json_option
 @click.pass_context
 @plain_errors
-def replay(ctx: click.Context, recording: Path, as_json: bool, **options: Any) -> None:
+def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
     """Record from a ROS bag (rosbag2 folder, .mcap or .db3), in real time unless --fast is given."""
     _replay(ctx, recording, as_json, options)
 
@@ -142,6 +142,6 @@ def replay(ctx: click.Context, recording: Path, as_json: bool, **options: Any) -
 @json_option
 @click.pass_context
 @plain_errors
-def run(ctx: click.Context, as_json: bool, **options: Any) -> None:
+def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
     """Record from the synthetic corridor (rendered once and kept), until its end."""
     _replay(ctx, default_recording(home_folder()), as_json, options)

@@ -5,13 +5,12 @@ from __future__ import annotations
 from clients.robot.identity import RobotIdentity
 from clients.sdk.enrolment import NewMember, register_member
 from clients.sdk.http import NetworkClient
-from clients.sdk.transactions import TransactionBuilder
 from consensus.genesis import Genesis
 from consensus.records.vouchers import decode_card_code
 
 
 async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -> bytes:
-    """Register and return the txid. Raises VOUCHER_INVALID, or NOT_PERMITTED if the chain refuses."""
+    """Register and return the txid. Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses."""
     card = decode_card_code(code)
     member = NewMember(
         identity=identity.identity,
@@ -20,4 +19,4 @@ async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -
         sealing=identity.sealing_public,
     )
     async with NetworkClient(genesis) as client:
-        return await register_member(client, TransactionBuilder(genesis.chain_id), card, member, [])
+        return await register_member(client, card, member, [])

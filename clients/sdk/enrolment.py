@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.http import NetworkClient
-from clients.sdk.transactions import TransactionBuilder
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.vouchers import Card, sign_card
@@ -46,20 +45,13 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
     ]
 
 
-async def register_member(
-    client: NetworkClient, transactions: TransactionBuilder, card: Card, member: NewMember, purposes: list[str]
-) -> bytes:
+async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> bytes:
     """Register and wait until it is final, then check that the chain maps handle to M. Returns the txid.
 
-    Raises NOT_PERMITTED with the contract's code if the chain refuses.
+    Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
     """
     arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
-    transaction = transactions.sign(member.identity, "identity", "register", arguments)
-    receipt = await client.submit_and_wait(transaction)
-    if not receipt.ok:
-        raise BlockRobotError("NOT_PERMITTED", f"The chain refused the registration: {receipt.code}.")
-    key = b"identity\x00handle/" + card.handle
-    values = await client.state_values([key], member.identity)
-    if values[key] != member.identity.public_key:
+    receipt = await client.call(member.identity, "identity", "register", arguments)
+    if await client.state_value("identity", b"handle/" + card.handle, member.identity) != member.identity.public_key:
         raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
-    return transaction.txid
+    return receipt.txid

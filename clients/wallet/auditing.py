@@ -29,12 +29,12 @@ async def audit_visit(wallet: Wallet, visit: KnownVisit) -> list[AuditEntry]:
     """Return all events of a visit in order. The count and each entry are proven, so none can be left out."""
     key = wallet.owner_key(visit)
     count_key = b"audit\x00count/" + visit.owner
-    count = (await wallet.network.state_values([count_key], key))[count_key] or 0
+    count = (await wallet.values([count_key], key))[count_key] or 0
     entries = []
     for start in range(0, count, _PAGE_COUNT):
         indexes = range(start, min(count, start + _PAGE_COUNT))
         keys = [b"audit\x00entry/" + visit.owner + u32(index) for index in indexes]
-        values = await wallet.network.state_values(keys, key)
+        values = await wallet.values(keys, key)
         for index, state_key in zip(indexes, keys, strict=True):
             value = values[state_key]
             entries.append(

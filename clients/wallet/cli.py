@@ -393,10 +393,10 @@ def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
 
     async def action(opened: Wallet) -> dict[str, str]:
         refusals = {}
-        for custodian in opened.genesis.custodians:
+        for custodian in opened.network.custody.custodians:
             for name, key in (("member", opened.keys.identity), *_own_owner(opened)):
                 try:
-                    await opened.network.download_clip(custodian.name, bytes.fromhex(record_id), bytes(32), key)
+                    await opened.network.custody.download_clip(custodian, bytes.fromhex(record_id), bytes(32), key)
                 except BlockRobotError as error:
                     refusals[f"{custodian.name} as {name}"] = error.code
                 else:

@@ -40,23 +40,19 @@ class Erasing:
         """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
         if frames and len(records) != 1:
             raise BlockRobotError("REQUEST_INVALID", "Frames can be erased of one record at a time.")
-        key = self._wallet.owner_key(visit)
         ids = []
         for start in range(0, len(records), RECORDS_A_REQUEST_MAX_COUNT):
             part = records[start : start + RECORDS_A_REQUEST_MAX_COUNT]
-            transaction = self._wallet.transactions.sign(key, "erasure", "request", [part, frames])
-            receipt = await self._wallet.network.submit_and_wait(transaction)
-            if not receipt.ok:
-                raise BlockRobotError("NOT_PERMITTED", f"The chain refused the erasure: {receipt.code}.")
-            ids.append(transaction.txid)
-            self._wallet.store.content.asked_erasures.append(transaction.txid)
+            erasure_id = await self._wallet.sign_and_wait(visit, "erasure", "request", [part, frames])
+            ids.append(erasure_id)
+            self._wallet.store.content.asked_erasures.append(erasure_id)
         self._wallet.store.save()
         return ids
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
         """Return one request's state, proven against a finalized header."""
         state_key = b"erasure\x00erasure/" + erasure_id
-        values = await self._wallet.network.state_values([state_key], self._wallet.owner_key(visit))
+        values = await self._wallet.values([state_key], self._wallet.owner_key(visit))
         state = values[state_key]
         if state is None:
             raise BlockRobotError("NOT_FOUND", "The chain knows no such erasure request.")

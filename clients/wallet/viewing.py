@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from clients.sdk.connections import NodeAddress
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, check_clip_download
@@ -56,22 +57,17 @@ class Viewing:
 
     async def request_access(self, entries: list[RecordEntry], purpose: str) -> bytes:
         """Put an access request of the owner key on the chain and wait until it is final. Returns the access id."""
-        key = self._wallet.owner_key(entries[0].visit)
         ids = [entry.record_id for entry in entries]
-        transaction = self._wallet.transactions.sign(key, "access", "request", [ids, purpose])
-        receipt = await self._wallet.network.submit_and_wait(transaction)
-        if not receipt.ok:
-            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the access: {receipt.code}.")
-        return transaction.txid
+        return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
 
     async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
         """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
         frames: dict[int, FrameView] = {}
         used: list[str] = []
         refusal: BlockRobotError | None = None
-        for custodian in self._wallet.genesis.custodians:
+        for custodian in self._wallet.network.custody.custodians:
             try:
-                found = await self._view_at(custodian.name, entry, access_id)
+                found = await self._view_at(custodian, entry, access_id)
             except BlockRobotError as error:
                 refusal = error
                 continue
@@ -86,9 +82,9 @@ class Viewing:
         ordered = tuple(frames[index] for index in sorted(frames))
         return RecordView(entry=entry, frames=ordered, custodians=tuple(used))
 
-    async def _view_at(self, custodian: str, entry: RecordEntry, access_id: bytes) -> list[FrameView]:
+    async def _view_at(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> list[FrameView]:
         key = self._wallet.owner_key(entry.visit)
-        clip = await self._wallet.network.download_clip(custodian, entry.record_id, access_id, key)
+        clip = await self._wallet.network.custody.download_clip(custodian, entry.record_id, access_id, key)
         state = entry.state
         damaged = set(check_clip_download(clip, state["commitment_root"], state["ciphertext_root"]))
         return [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
@@ -111,15 +107,10 @@ class Viewing:
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""
-        key = self._wallet.owner_key(view.entry.visit)
         arguments = [view.entry.record_id, view.verdict, view.corrupted]
-        transaction = self._wallet.transactions.sign(key, "access", "verdict", arguments)
-        receipt = await self._wallet.network.submit_and_wait(transaction)
-        if not receipt.ok:
-            raise BlockRobotError("NOT_PERMITTED", f"The chain refused the verdict: {receipt.code}.")
-        return transaction.txid
+        return await self._wallet.sign_and_wait(view.entry.visit, "access", "verdict", arguments)
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes:
         """Return the PNG of the recorded empty frame that a rendition stands on, checked against its hash."""
         key = self._wallet.owner_key(entry.visit)
-        return await self._wallet.network.get_background(rendition.background_id, key)
+        return await self._wallet.network.custody.get_background(rendition.background_id, key)

@@ -7,24 +7,12 @@ the session of the person's member key: that would join the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+from clients.sdk.announcements import Announcement
 from clients.wallet.keys import WalletKeys
 from clients.wallet.keystore import KnownVisit
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, scan_announcement
-
-
-@dataclass(frozen=True, slots=True)
-class Announcement:
-    """A visit's opening as the chain tells it: owner key O, ephemeral R, one-byte view tag, who recorded, when."""
-
-    sequence: int
-    owner: bytes
-    ephemeral: bytes
-    view_tag: int
-    robot: bytes
-    bucket_ms: int
 
 
 def find_own_visits(announcements: Sequence[Announcement], keys: WalletKeys, chain_id: bytes) -> list[KnownVisit]:
@@ -40,7 +28,7 @@ def find_own_visits(announcements: Sequence[Announcement], keys: WalletKeys, cha
                     owner=item.owner,
                     ephemeral=item.ephemeral,
                     robot=item.robot,
-                    sequence=item.sequence,
+                    sequence=item.number,
                     bucket_ms=item.bucket_ms,
                 )
             )

@@ -6,15 +6,15 @@ whatever concerns one visit is asked in the session of that visit's owner key, o
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.enrolment import NewMember, register_member
-from clients.sdk.http import NetworkClient
-from clients.sdk.transactions import TransactionBuilder
+from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
-from clients.wallet.visits import Announcement, find_own_visits, owner_key
+from clients.wallet.visits import find_own_visits, owner_key
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
@@ -23,7 +23,6 @@ from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata
 from consensus.records.vouchers import decode_card_code
 
-SCAN_PAGE_COUNT = 200
 VISIT_RECORDS_MAX_COUNT = 2_000
 
 
@@ -60,17 +59,15 @@ class Wallet:
         self.store = store
         self.genesis = genesis
         self.keys: WalletKeys = derive_keys(store.content.words)
-        self.network = NetworkClient(genesis, pinned_header=store.content.pinned_header)
-        self.transactions = TransactionBuilder(genesis.chain_id)
+        self.network = NetworkClient(genesis, pinned=store.content.pinned_header or None)
 
     async def __aenter__(self) -> Wallet:
-        await self.network.__aenter__()
         return self
 
     async def __aexit__(self, *exception: object) -> None:
-        self.store.content.pinned_header = self.network.light_client.pinned_header_bytes
+        self.store.content.pinned_header = self.network.pinned or b""
         self.store.save()
-        await self.network.__aexit__(*exception)
+        await self.network.close()
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:
         """Derive the private key of one visit."""
@@ -89,11 +86,26 @@ class Wallet:
             view=keys.view.public_key,
             sealing=keys.sealing_public,
         )
-        txid = await register_member(self.network, self.transactions, card, member, purposes)
+        txid = await register_member(self.network, card, member, purposes)
         content = self.store.content
         content.handle, content.role = card.handle, card.role
         self.store.save()
         return txid
+
+    async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
+        """Return proved values of any number of flat keys, in the session of one key; None for what is absent."""
+        found: dict[bytes, Any] = {}
+        for start in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
+            part = keys[start : start + PROOF_KEYS_MAX_COUNT]
+            found.update((await self.network.state_values(part, session)).values)
+        return found
+
+    async def sign_and_wait(self, visit: KnownVisit, contract: str, entry: str, arguments: list[Any]) -> bytes:
+        """Sign a call with the visit's owner key and wait until it is final. Returns the txid.
+
+        Raises CALL_REFUSED with the contract's code if the chain refuses.
+        """
+        return (await self.network.call(self.owner_key(visit), contract, entry, arguments)).txid
 
     def require_registered(self) -> None:
         """Raise NOT_REGISTERED unless this wallet has been registered."""
@@ -105,22 +117,11 @@ class Wallet:
         self.require_registered()
         content = self.store.content
         while True:
-            page = await self.network.announcements(content.scanned_count, SCAN_PAGE_COUNT, self.keys.identity)
-            if not page:
+            page = await self.network.announcements(content.scanned_count, self.keys.identity)
+            content.visits.extend(find_own_visits(page.items, self.keys, self.genesis.chain_id))
+            content.scanned_count = page.next_number
+            if page.next_number >= page.count:
                 break
-            items = [
-                Announcement(
-                    sequence=item.sequence,
-                    owner=item.owner,
-                    ephemeral=item.ephemeral,
-                    view_tag=item.view_tag,
-                    robot=item.robot,
-                    bucket_ms=item.bucket_ms,
-                )
-                for item in page
-            ]
-            content.visits.extend(find_own_visits(items, self.keys, self.genesis.chain_id))
-            content.scanned_count = items[-1].sequence + 1
         self.store.save()
         return list(content.visits)
 
@@ -134,7 +135,7 @@ class Wallet:
         ids: list[bytes] = await self.network.query("records", "of_visit", [visit.owner], key)
         state_keys = [b"records\x00record/" + record_id for record_id in ids[:VISIT_RECORDS_MAX_COUNT]]
         visit_key = b"records\x00visit/" + visit.owner
-        values = await self.network.state_values([visit_key, *state_keys], key)
+        values = await self.values([visit_key, *state_keys], key)
         visit_state = values[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")

@@ -19,9 +19,11 @@ PICTURES_A_PERSON_COUNT = 4
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
 h1 { font-size: 1.6rem; } h2 { margin-top: 2.5rem; font-size: 1.2rem; }
-table { border-collapse: collapse; width: 100%; } td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd;
-vertical-align: top; } .held { color: #0a6b2d; } .failed { color: #b00020; font-weight: bold; }
-figure { display: inline-block; margin: .5rem; } figure img { width: 26rem; max-width: 100%; } figcaption { font-size: .85rem; }
+table { border-collapse: collapse; width: 100%; }
+td, th { text-align: left; padding: .3rem .6rem; border-bottom: 1px solid #ddd; }
+td, th { vertical-align: top; } .held { color: #0a6b2d; } .failed { color: #b00020; font-weight: bold; }
+figure { display: inline-block; margin: .5rem; } figure img { width: 26rem; max-width: 100%; }
+figcaption { font-size: .85rem; }
 """
 
 
