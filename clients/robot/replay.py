@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import cv2
+
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import EventLog
 from clients.robot.events import Event
@@ -64,6 +66,8 @@ async def replay_recording(
 
     Raises BAG_*, ROSTER_*, SPOOL_*, and what the network refuses for good.
     """
+    # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
+    cv2.setNumThreads(1)
     identity = load_identity(folder)
     source = BagSource(recording)
     empty = source.empty_frames()

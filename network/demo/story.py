@@ -374,7 +374,7 @@ class Demo:
         trail = await self._wallet_command("patient-a", "audit")
         self.state.audit = trail["entries"]
         kinds = [entry["kind"] for entry in self.state.audit]
-        wanted = ["visit-opened", "recorded", "access-requested", "verdict", "erasure-requested", "erasure-receipted"]
+        wanted = ["visit_opened", "recorded", "access_requested", "verdict", "erasure_requested", "erasure_receipted"]
         firsts = [kinds.index(kind) if kind in kinds else -1 for kind in wanted]
         heights = [entry["height"] for entry in self.state.audit]
         self.checks.add(
