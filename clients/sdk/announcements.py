@@ -17,10 +17,10 @@ _COUNT_KEY = b"records\x00announcement-count"
 class Announcement:
     """One opened visit: owner key O, ephemeral key R, the robot's key (33 bytes each), the one-byte view tag.
 
-    `sequence` is its number on the chain, from 0 on; `bucket_ms` begins its five minutes.
+    `number` counts from 0 in the order of the chain; `bucket_ms` begins the visit's five minutes.
     """
 
-    sequence: int
+    number: int
     owner: bytes
     ephemeral: bytes
     view_tag: int
@@ -28,7 +28,16 @@ class Announcement:
     robot: bytes
 
 
-def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: int) -> list[Announcement]:
+@dataclass(frozen=True, slots=True)
+class AnnouncementPage:
+    """Consecutive announcements. `count` is how many there are in all, `next_number` the first after this page."""
+
+    count: int
+    items: tuple[Announcement, ...]
+    next_number: int
+
+
+def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: int) -> AnnouncementPage:
     """Check a page: the count is proved, and so is every item that the count says is due.
 
     Raises PROOF_INVALID, PROOF_STALE and what a wrong finality proof raises.
@@ -43,7 +52,8 @@ def read_announcements(trust: Trust, answer: ProofsAnswer, first: int, limit: in
     count = proved[_COUNT_KEY] or 0
     if not isinstance(count, int) or claimed != max(0, min(limit, count - first)):
         raise BlockRobotError("PROOF_INVALID", "The page leaves announcements out.")
-    return [_read_item(number, proved[_PREFIX + u64(number)]) for number in numbers]
+    items = tuple(_read_item(number, proved[_PREFIX + u64(number)]) for number in numbers)
+    return AnnouncementPage(count=count, items=items, next_number=first + claimed)
 
 
 def _read_item(number: int, value: object) -> Announcement:

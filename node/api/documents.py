@@ -12,7 +12,7 @@ import msgspec
 from consensus.block import FinalityProof
 from consensus.primitives.encoding import encode
 
-PROOF_KEYS_MAX_COUNT = 64
+PROOF_KEYS_MAX_COUNT = 128
 PAGE_MAX_COUNT = 100
 
 HexBytes = Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{2})*$", description="bytes in lower-case hexadecimal")]
@@ -185,6 +185,7 @@ class AnnouncementItem(Document, frozen=True):
     ephemeral: PublicKey
     view_tag: int
     bucket_ms: int
+    robot: PublicKey
 
 
 class AnnouncementsAnswer(Document, frozen=True):

@@ -14,16 +14,21 @@ from node.api.routes.proofs import prove_keys
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 from node.api.standing import read_value, state_key
 
-ANNOUNCEMENTS_PAGE_MAX_COUNT = 100
+ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
 _CONTRACT = "records"
 
 
 def _item(number: int, value: Any) -> AnnouncementItem:
-    if not isinstance(value, list) or len(value) != 4:
-        raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} does not have its four parts.")
-    owner, ephemeral, view_tag, bucket_ms = value
+    if not isinstance(value, list) or len(value) != 5:
+        raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} does not have its five parts.")
+    owner, ephemeral, view_tag, bucket_ms, robot = value
     return AnnouncementItem(
-        number=number, owner=owner.hex(), ephemeral=ephemeral.hex(), view_tag=view_tag, bucket_ms=bucket_ms
+        number=number,
+        owner=owner.hex(),
+        ephemeral=ephemeral.hex(),
+        view_tag=view_tag,
+        bucket_ms=bucket_ms,
+        robot=robot.hex(),
     )
 
 

@@ -1,0 +1,113 @@
+"""Clips and empty frames at custodians. Must never accept bytes that do not have the hash they were asked by."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from clients.sdk.connections import NO_LANE, NodeAddress
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipDownload, ClipUpload
+
+TRANSFER_TIMEOUT_MS = 60_000
+
+
+class Asker(Protocol):
+    """How one request is made (`NetworkClient.ask_node`)."""
+
+    async def __call__(
+        self,
+        node: NodeAddress,
+        method: str,
+        path: str,
+        *,
+        key: PrivateKey | None = None,
+        lane: bytes = NO_LANE,
+        body: bytes | None = None,
+        media_type: str = "application/json",
+        query: dict[str, str | int] | None = None,
+        timeout_ms: int = TRANSFER_TIMEOUT_MS,
+    ) -> bytes:
+        """Return the answer's body, or raise the refusal."""
+        ...
+
+
+class CustodyClient:
+    """The custodians of a network, each asked by itself: an upload goes to all of them, a download to any."""
+
+    def __init__(self, genesis: Genesis, nodes: Sequence[NodeAddress], ask: Asker) -> None:
+        names = {node.name for node in genesis.custodians}
+        self.custodians = tuple(node for node in nodes if node.name in names)
+        self._ask = ask
+
+    async def upload_clip(self, node: NodeAddress, upload: ClipUpload, key: PrivateKey) -> None:
+        """Stage a clip at one custodian, in the robot's session. Repeating is harmless.
+
+        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE.
+        """
+        await self._ask(
+            node,
+            "PUT",
+            f"/v1/clips/{upload.record_id.hex()}",
+            key=key,
+            body=encode(upload),
+            media_type="application/msgpack",
+            timeout_ms=TRANSFER_TIMEOUT_MS,
+        )
+
+    async def download_clip(
+        self, node: NodeAddress, record_id: bytes, access_id: bytes, key: PrivateKey
+    ) -> ClipDownload:
+        """Fetch a clip from one custodian, in the session of its owner key. Check it with `check_clip_download`.
+
+        Raises ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED, CLIP_ERASED, NOT_FOUND, UPLOAD_INVALID.
+        """
+        content = await self._ask(
+            node,
+            "GET",
+            f"/v1/clips/{record_id.hex()}",
+            key=key,
+            query={"access_id": access_id.hex()},
+            timeout_ms=TRANSFER_TIMEOUT_MS,
+        )
+        clip = decode(content, ClipDownload)
+        if clip.record_id != record_id:
+            raise BlockRobotError("UPLOAD_INVALID", f"Custodian {node.name} sent another record's clip.")
+        return clip
+
+    async def put_background(self, node: NodeAddress, content: bytes, key: PrivateKey) -> bytes:
+        """Store a recorded empty frame at one custodian and return its SHA-256."""
+        digest = sha256(content)
+        await self._ask(
+            node,
+            "PUT",
+            f"/v1/backgrounds/{digest.hex()}",
+            key=key,
+            body=content,
+            media_type="application/octet-stream",
+            timeout_ms=TRANSFER_TIMEOUT_MS,
+        )
+        return digest
+
+    async def get_background(self, digest: bytes, key: PrivateKey) -> bytes:
+        """Fetch an empty frame by its hash from whichever custodian has it whole.
+
+        Raises UPLOAD_HASH_MISMATCH or the last custodian's refusal if none does.
+        """
+        failure = BlockRobotError("NOT_FOUND", "There is no custodian to ask for the empty frame.")
+        for node in self.custodians:
+            try:
+                content = await self._ask(
+                    node, "GET", f"/v1/backgrounds/{digest.hex()}", key=key, timeout_ms=TRANSFER_TIMEOUT_MS
+                )
+            except BlockRobotError as error:
+                failure = error
+                continue
+            if sha256(content) == digest:
+                return content
+            failure = BlockRobotError("UPLOAD_HASH_MISMATCH", f"Custodian {node.name} sent a damaged empty frame.")
+        raise failure

@@ -1,0 +1,380 @@
+"""The client of a network: asks several nodes, believes none. Must never hand out a value that was not proved.
+
+Whatever fails at one node for a reason that another might not have is tried at the next. A node's word alone is
+good for two things only: the result of `query`, and that a transaction is *not* final.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from functools import partial
+from types import TracebackType
+from typing import Any, TypeVar
+
+import msgspec
+
+from clients.sdk.announcements import AnnouncementPage, read_announcements
+from clients.sdk.answers import (
+    FinalityAnswer,
+    ProofsAnswer,
+    QueryAnswer,
+    SubmitAnswer,
+    TransactionAnswer,
+    error_of,
+    read_answer,
+    read_hex,
+)
+from clients.sdk.connections import (
+    NO_LANE,
+    REQUEST_TIMEOUT_MS,
+    Connections,
+    NodeAddress,
+    resolve_addresses,
+)
+from clients.sdk.custody import CustodyClient
+from clients.sdk.receipts import FinalReceipt
+from clients.sdk.sessions import Sessions
+from clients.sdk.transactions import Clock, SystemClock, TransactionBuilder
+from clients.sdk.trust import ProvedState, Trust
+from consensus.block import Header
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.light_client import LightClient
+from consensus.primitives.encoding import decode_value, encode_value
+from consensus.primitives.keys import PrivateKey
+from consensus.transaction import Transaction
+
+WAIT_SLICE_MS = 5_000
+WAIT_DEFAULT_MS = 30_000
+PROOF_KEYS_MAX_COUNT = 128
+ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
+PASS_PAUSE_MS = 100
+PASSES_MAX_COUNT = 20
+T = TypeVar("T")
+
+__all__ = ["FinalReceipt", "NetworkClient"]
+
+_ELSEWHERE = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+"""Faults of an answer, not of the question: another node may answer well."""
+
+
+def _may_ask_another(error: BlockRobotError) -> bool:
+    return error.entry.retryable or error.code in _ELSEWHERE
+
+
+class NetworkClient:
+    """A client of one network. Use as an async context manager, or call `close`.
+
+    `urls` maps node names of the genesis file to addresses; without it the addresses of the file are used.
+    `pinned` is what the property `pinned` was last time: the newest header that this client has verified.
+    """
+
+    def __init__(
+        self,
+        genesis: Genesis,
+        urls: Mapping[str, str] | None = None,
+        *,
+        pinned: bytes | None = None,
+        clock: Clock | None = None,
+    ) -> None:
+        """Raises CONFIGURATION_INVALID for addresses that are none, unknown nodes, or plain HTTP beyond loopback."""
+        self.genesis = genesis
+        self.clock = clock or SystemClock()
+        self.transactions = TransactionBuilder(genesis.chain_id, self.clock)
+        self.light_client = LightClient(genesis, pinned)
+        self._trust = Trust(genesis, self.light_client)
+        self._nodes = resolve_addresses(genesis, urls)
+        self._connections = Connections(genesis)
+        self._sessions = Sessions(genesis.chain_id, self._connections, self.clock)
+        self._first = 0
+        self.custody = CustodyClient(genesis, self._nodes, self.ask_node)
+
+    async def __aenter__(self) -> NetworkClient:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.close()
+
+    async def close(self) -> None:
+        """Close every connection."""
+        await self._connections.close()
+
+    async def forget_key(self, public_key: bytes) -> None:
+        """Drop the sessions of a key and close its connections."""
+        self._sessions.forget_key(public_key)
+        await self._connections.close_lane(public_key)
+
+    @property
+    def pinned(self) -> bytes:
+        """What to persist and give to the next client, so that no node can show it an older state."""
+        return self.light_client.pinned_header_bytes
+
+    @property
+    def nodes(self) -> tuple[NodeAddress, ...]:
+        """The nodes that are asked."""
+        return self._nodes
+
+    # Asking
+
+    async def ask_node(
+        self,
+        node: NodeAddress,
+        method: str,
+        path: str,
+        *,
+        key: PrivateKey | None = None,
+        lane: bytes = NO_LANE,
+        body: bytes | None = None,
+        media_type: str = "application/json",
+        query: Mapping[str, str | int] | None = None,
+        timeout_ms: int = REQUEST_TIMEOUT_MS,
+    ) -> bytes:
+        """Make one request to one node, in the session of `key` if one is given (on that key's own connections).
+
+        A session that is over is opened again, once. Raises what the node refuses with.
+        """
+        if key is None:
+            return await self._connections.request(
+                node, method, path, lane=lane, body=body, media_type=media_type, query=query, timeout_ms=timeout_ms
+            )
+        for attempt in (1, 2):
+            token = await self._sessions.token(node, key)
+            try:
+                return await self._connections.request(
+                    node,
+                    method,
+                    path,
+                    lane=key.public_key,
+                    body=body,
+                    media_type=media_type,
+                    query=query,
+                    token=token,
+                    timeout_ms=timeout_ms,
+                )
+            except BlockRobotError as error:
+                if error.code not in {"SESSION_EXPIRED", "SESSION_REFUSED"} or attempt == 2:
+                    raise
+                self._sessions.forget(node, key.public_key, token)
+        raise AssertionError("a loop of two attempts ends by answer or error")
+
+    async def ask_any(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
+        """Do the work with one node after another until one does it; begin with the one that served last.
+
+        Raises the first node's refusal that no other node could help with, or the last error after all nodes failed;
+        NODE_UNREACHABLE only if no node answered at all.
+        """
+        failure: BlockRobotError | None = None
+        first = self._first
+        for offset in range(len(self._nodes)):
+            index = (first + offset) % len(self._nodes)
+            try:
+                result = await work(self._nodes[index])
+            except BlockRobotError as error:
+                if not _may_ask_another(error):
+                    raise
+                if failure is None or failure.code == "NODE_UNREACHABLE":
+                    failure = error
+                continue
+            self._first = index
+            return result
+        raise failure or BlockRobotError("NODE_UNREACHABLE")
+
+    async def _ask_until_fresh(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
+        """As `ask_any`, but give nodes that lag behind what this client has seen a moment to catch up."""
+        for _ in range(PASSES_MAX_COUNT - 1):
+            try:
+                return await self.ask_any(work)
+            except BlockRobotError as error:
+                if error.code != "PROOF_STALE":
+                    raise
+                await asyncio.sleep(PASS_PAUSE_MS / 1000)
+        return await self.ask_any(work)
+
+    # Transactions
+
+    async def submit(self, transaction: Transaction) -> bytes:
+        """Hand a transaction to one node (it tells the others) and return its txid. Raises why it was rejected."""
+        (error,) = await self.submit_batch([transaction])
+        if error is not None:
+            raise error
+        return transaction.txid
+
+    async def submit_batch(self, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
+        """Hand up to 256 transactions to one node; for each return None, or why it was rejected.
+
+        They travel on the first sender's connections: do not mix senders that must not be seen together.
+        """
+        if not transactions:
+            return []
+        return await self.ask_any(lambda node: self._submit_to(node, transactions))
+
+    async def _submit_to(self, node: NodeAddress, transactions: Sequence[Transaction]) -> list[BlockRobotError | None]:
+        body = msgspec.msgpack.encode([transaction.wire for transaction in transactions])
+        content = await self.ask_node(
+            node,
+            "POST",
+            "/v1/transactions",
+            lane=transactions[0].body.sender,
+            body=body,
+            media_type="application/msgpack",
+        )
+        results = read_answer(content, SubmitAnswer).results
+        if len(results) != len(transactions):
+            raise BlockRobotError("INTERNAL", f"Node {node.name} answered for another number of transactions.")
+        # A transaction that is already known was accepted before: sending it twice is how a client stays safe.
+        return [
+            None if result.error is None or result.error.code == "TRANSACTION_REPLAYED" else error_of(result.error)
+            for result in results
+        ]
+
+    async def wait_final(
+        self, txid: bytes, timeout_ms: int = WAIT_DEFAULT_MS, *, lane: bytes = NO_LANE
+    ) -> FinalReceipt:
+        """Wait until a transaction is final and return its proved receipt. `lane` names the key whose lane to use.
+
+        Raises TRANSACTION_NOT_FINAL_IN_TIME, TRANSACTION_EXPIRED.
+        """
+        deadline_ms = self.clock.now_ms() + timeout_ms
+        while True:
+            left_ms = deadline_ms - self.clock.now_ms()
+            if left_ms <= 0:
+                raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", txid=txid.hex())
+            slice_ms = min(left_ms, WAIT_SLICE_MS)
+            started_ms = self.clock.now_ms()
+            try:
+                receipt = await self.ask_any(partial(self._look_up, txid=txid, wait_ms=slice_ms, lane=lane))
+            except BlockRobotError as error:
+                if not _may_ask_another(error):
+                    raise
+                receipt = None
+            if receipt is not None:
+                return receipt
+            if self.clock.now_ms() - started_ms < min(slice_ms, PASS_PAUSE_MS):
+                await asyncio.sleep(PASS_PAUSE_MS / 1000)
+
+    async def _look_up(self, node: NodeAddress, txid: bytes, wait_ms: int, lane: bytes) -> FinalReceipt | None:
+        """Ask one node for a transaction; return None while it is not final there. Raises TRANSACTION_EXPIRED."""
+        content = await self.ask_node(
+            node,
+            "GET",
+            f"/v1/transactions/{txid.hex()}",
+            lane=lane,
+            query={"wait_ms": wait_ms, "evidence": 1},
+            timeout_ms=wait_ms + REQUEST_TIMEOUT_MS,
+        )
+        answer = read_answer(content, TransactionAnswer)
+        if answer.status == "expired":
+            raise BlockRobotError("TRANSACTION_EXPIRED", txid=txid.hex())
+        if answer.status != "finalized" or answer.evidence is None or answer.index is None:
+            return None
+        return self._trust.receipt(answer.evidence, txid, answer.index)
+
+    async def submit_and_wait(self, transaction: Transaction, timeout_ms: int = WAIT_DEFAULT_MS) -> FinalReceipt:
+        """Submit a transaction and wait for its proved receipt, sending it to other nodes while it is not final.
+
+        Safe to call again with the same transaction: it takes effect once. Raises why every node rejected it,
+        TRANSACTION_EXPIRED, or TRANSACTION_NOT_FINAL_IN_TIME (then it may still become final: look it up).
+        """
+        deadline_ms = self.clock.now_ms() + timeout_ms
+        accepted = False
+        while True:
+            try:
+                await self.submit(transaction)
+                accepted = True
+            except BlockRobotError as error:
+                if not accepted and not _may_ask_another(error):
+                    return await self._final_after_rejection(transaction, error)
+            left_ms = deadline_ms - self.clock.now_ms()
+            if left_ms <= 0:
+                raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", txid=transaction.txid.hex())
+            try:
+                return await self.wait_final(
+                    transaction.txid, min(left_ms, WAIT_SLICE_MS), lane=transaction.body.sender
+                )
+            except BlockRobotError as error:
+                if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
+                    raise
+            # The node that took it may be cut off from the others: begin with the next one.
+            self._first = (self._first + 1) % len(self._nodes)
+
+    async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
+        """A transaction that was final before (and has expired since) is no failure: look before raising."""
+        try:
+            receipt = await self.ask_any(lambda node: self._look_up(node, transaction.txid, 0, transaction.body.sender))
+        except BlockRobotError:
+            raise error from None
+        if receipt is None:
+            raise error
+        return receipt
+
+    async def call(
+        self,
+        key: PrivateKey,
+        contract: str,
+        entry: str,
+        arguments: list[Any],
+        *,
+        timeout_ms: int = WAIT_DEFAULT_MS,
+    ) -> FinalReceipt:
+        """Build, sign, submit and wait; return the receipt of a call that succeeded. Raises CALL_REFUSED and the like."""
+        transaction = self.transactions.build(key, contract, entry, arguments)
+        return (await self.submit_and_wait(transaction, timeout_ms)).require_ok()
+
+    # Reading
+
+    async def newest_header(self, key: PrivateKey) -> Header:
+        """Return the newest finalized header that a node can prove. Raises PROOF_STALE if all lag."""
+
+        async def ask(node: NodeAddress) -> Header:
+            answer = read_answer(await self.ask_node(node, "GET", "/v1/finality", key=key), FinalityAnswer)
+            return self._trust.finality(answer.finality)
+
+        return await self._ask_until_fresh(ask)
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        """Return the proved values of up to 128 flat keys, all from one finalized state, in the session of `key`.
+
+        Raises VALUE_INVALID beyond 128 keys, PROOF_INVALID if no node can prove them, PROOF_STALE if all nodes lag
+        behind what this client has verified before.
+        """
+        if not 1 <= len(keys) <= PROOF_KEYS_MAX_COUNT:
+            raise BlockRobotError("VALUE_INVALID", f"One proof is for 1 to {PROOF_KEYS_MAX_COUNT} keys.")
+        body = msgspec.json.encode({"keys": [flat.hex() for flat in keys]})
+
+        async def ask(node: NodeAddress) -> ProvedState:
+            content = await self.ask_node(node, "POST", "/v1/state-proofs", key=key, body=body)
+            return self._trust.values(read_answer(content, ProofsAnswer), keys)
+
+        return await self._ask_until_fresh(ask)
+
+    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+        """Return one proved value under a contract's key, or None if it is absent."""
+        flat = contract.encode() + b"\x00" + state_key
+        return (await self.state_values([flat], key)).values[flat]
+
+    async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
+        """Return what one node says a view returns: convenient, but not proved. Raises CALL_REFUSED and the like."""
+        document = {"contract": contract, "view": view, "args": encode_value(arguments).hex()}
+        body = msgspec.json.encode(document)
+        content = await self.ask_any(lambda node: self.ask_node(node, "POST", "/v1/queries", key=key, body=body))
+        return decode_value(read_hex(read_answer(content, QueryAnswer).result))
+
+    async def announcements(
+        self, first: int, key: PrivateKey, limit: int = ANNOUNCEMENTS_PAGE_MAX_COUNT
+    ) -> AnnouncementPage:
+        """Return the announcements from number `first` on, at most `limit` (up to 200), proved to be complete.
+
+        `page.next_number < page.count` tells that there are more.
+        """
+        if first < 0 or not 1 <= limit <= ANNOUNCEMENTS_PAGE_MAX_COUNT:
+            raise BlockRobotError("VALUE_INVALID", f"A page has 1 to {ANNOUNCEMENTS_PAGE_MAX_COUNT} announcements.")
+
+        async def ask(node: NodeAddress) -> AnnouncementPage:
+            query = {"from": first, "limit": limit}
+            content = await self.ask_node(node, "GET", "/v1/announcements", key=key, query=query)
+            return read_announcements(self._trust, read_answer(content, ProofsAnswer), first, limit)
+
+        return await self._ask_until_fresh(ask)

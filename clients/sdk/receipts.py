@@ -1,0 +1,55 @@
+"""Receipts of final transactions. Must never be made from a node's word alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from consensus.block import ContractEvent, Receipt
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+
+
+@dataclass(frozen=True, slots=True)
+class FinalReceipt:
+    """What became of a transaction, proved final. `ok` is False if the contract refused; then `code` says why."""
+
+    txid: bytes
+    height: int
+    index: int
+    block_id: bytes
+    timestamp_ms: int
+    ok: bool
+    code: str
+    message: str
+    line: int | None
+    gas_used: int
+    events: tuple[ContractEvent, ...]
+
+    def require_ok(self) -> FinalReceipt:
+        """Return the receipt itself. Raises CALL_REFUSED with the contract's code if the call failed."""
+        if not self.ok:
+            sentence = f"{self.code}: {self.message}" if self.message else self.code
+            raise BlockRobotError("CALL_REFUSED", sentence, contract_code=self.code)
+        return self
+
+    def event_data(self, contract: str, name: str) -> list[Any]:
+        """Return the decoded data of the events of this name, in order."""
+        return [decode_value(event.data) for event in self.events if (event.contract, event.name) == (contract, name)]
+
+
+def final_receipt(receipt: Receipt, *, height: int, index: int, block_id: bytes, timestamp_ms: int) -> FinalReceipt:
+    """Join a proved receipt with the place where it was proved to stand."""
+    return FinalReceipt(
+        txid=receipt.txid,
+        height=height,
+        index=index,
+        block_id=block_id,
+        timestamp_ms=timestamp_ms,
+        ok=receipt.ok,
+        code=receipt.code,
+        message=receipt.message,
+        line=receipt.line,
+        gas_used=receipt.gas_used,
+        events=receipt.events,
+    )

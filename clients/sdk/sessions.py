@@ -1,0 +1,78 @@
+"""The client's sessions, one for each node and key. Must never use one key's session for another key's question."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import msgspec
+
+from clients.sdk.answers import ChallengeAnswer, SessionAnswer, read_answer, read_hex
+from clients.sdk.connections import Connections, NodeAddress
+from clients.sdk.transactions import Clock
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.session import CHALLENGE_SIZE_BYTES, sign_session
+
+RENEW_BEFORE_MS = 15_000
+TOKENS_MAX_COUNT = 1024
+
+
+@dataclass(frozen=True, slots=True)
+class _Token:
+    text: str
+    kind: str
+    expires_at_ms: int
+
+
+class Sessions:
+    """Opens sessions on demand and renews them."""
+
+    def __init__(self, chain_id: bytes, connections: Connections, clock: Clock) -> None:
+        self._chain_id = chain_id
+        self._connections = connections
+        self._clock = clock
+        self._tokens: OrderedDict[tuple[str, bytes], _Token] = OrderedDict()
+
+    async def token(self, node: NodeAddress, key: PrivateKey) -> str:
+        """Return a token for this key at this node, opening a session if there is none that lasts.
+
+        Raises SESSION_REFUSED, NODE_UNREACHABLE and the like.
+        """
+        place = (node.name, key.public_key)
+        known = self._tokens.get(place)
+        if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
+            return known.text
+        opened = await self._open(node, key)
+        self._tokens[place] = opened
+        while len(self._tokens) > TOKENS_MAX_COUNT:
+            self._tokens.popitem(last=False)
+        return opened.text
+
+    def forget(self, node: NodeAddress, public_key: bytes, token: str) -> None:
+        """Drop a token that the node no longer takes, unless it was renewed meanwhile."""
+        known = self._tokens.get((node.name, public_key))
+        if known is not None and known.text == token:
+            del self._tokens[(node.name, public_key)]
+
+    def forget_key(self, public_key: bytes) -> None:
+        """Drop every token of a key."""
+        for place in [place for place in self._tokens if place[1] == public_key]:
+            del self._tokens[place]
+
+    async def _open(self, node: NodeAddress, key: PrivateKey) -> _Token:
+        content = await self._post(node, key, "/v1/session-challenges", {"public_key": key.public_key.hex()})
+        challenge = read_hex(read_answer(content, ChallengeAnswer).challenge)
+        if len(challenge) != CHALLENGE_SIZE_BYTES:
+            raise BlockRobotError("INTERNAL", f"Node {node.name} sent a challenge of a wrong size.")
+        document = {
+            "public_key": key.public_key.hex(),
+            "challenge": challenge.hex(),
+            "signature": sign_session(key, self._chain_id, node.name, challenge).hex(),
+        }
+        answer = read_answer(await self._post(node, key, "/v1/sessions", document), SessionAnswer)
+        return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)
+
+    async def _post(self, node: NodeAddress, key: PrivateKey, path: str, document: dict[str, str]) -> bytes:
+        body = msgspec.json.encode(document)
+        return await self._connections.request(node, "POST", path, lane=key.public_key, body=body)

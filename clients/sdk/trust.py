@@ -1,0 +1,105 @@
+"""What the client believes, and why: the genesis file, and whatever proofs lead to from there.
+
+Must never believe a node's word, and never go back behind the newest header it has verified (the pin).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.answers import EvidenceDocument, FinalityDocument, ProofsAnswer, read_finality, read_hex
+from clients.sdk.receipts import FinalReceipt, final_receipt
+from consensus.block import Header, Receipt
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.light_client import LightClient, verify_finality
+from consensus.primitives.encoding import decode, decode_value, encode
+from consensus.primitives.hashing import sha256, tagged_hash
+from consensus.primitives.merkle import verify_merkle_proof
+from consensus.primitives.trie import Proof, verify_proof
+
+HEADERS_MAX_COUNT = 256
+
+
+@dataclass(frozen=True, slots=True)
+class ProvedState:
+    """Proved values by flat key (None where the key is proved absent), and the block whose state they are of."""
+
+    height: int
+    timestamp_ms: int
+    values: dict[bytes, Any]
+
+
+class Trust:
+    """Checks answers with a light client, and follows evidence down from final headers."""
+
+    def __init__(self, genesis: Genesis, light_client: LightClient) -> None:
+        self._light_client = light_client
+        self._schedule = genesis.schedule
+        self._chain_id = genesis.chain_id
+        self._genesis_id = genesis.block_id
+        self._genesis_header = genesis.block().header
+
+    def finality(self, document: FinalityDocument | None) -> Header:
+        """Check a finality proof (None stands for genesis) and pin its header.
+
+        Raises CERTIFICATE_INVALID, PROOF_INVALID or ENCODING_*; PROOF_STALE if the header is older than the pinned one.
+        """
+        if document is not None:
+            return self._light_client.accept(read_finality(document))
+        if self._light_client.header.height > 0:
+            raise BlockRobotError("PROOF_STALE", "The node knows of nothing final but genesis.")
+        return self._genesis_header
+
+    def values(self, answer: ProofsAnswer, keys: Sequence[bytes]) -> ProvedState:
+        """Check an answer that proves exactly these flat keys, in order, and return the decoded values.
+
+        Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*, PROOF_STALE.
+        """
+        header = self.finality(answer.finality)
+        if [read_hex(proof.key) for proof in answer.proofs] != list(keys):
+            raise BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
+        values: dict[bytes, Any] = {}
+        for key, document in zip(keys, answer.proofs, strict=True):
+            value = None if document.value is None else read_hex(document.value)
+            verify_proof(header.state_root, key, value, decode(read_hex(document.proof), Proof))
+            values[key] = None if value is None else decode_value(value)
+        return ProvedState(height=header.height, timestamp_ms=header.timestamp_ms, values=values)
+
+    def receipt(self, evidence: EvidenceDocument, txid: bytes, index: int) -> FinalReceipt:
+        """Check that the receipt of this transaction stands in a final block. Raises PROOF_INVALID and the like."""
+        header, block_id = self._follow(evidence)
+        receipt = decode(read_hex(evidence.receipt), Receipt)
+        leaf = tagged_hash("blockrobot/receipt-leaf", encode(receipt))
+        path = [read_hex(node) for node in evidence.receipt_path]
+        if receipt.txid != txid or not verify_merkle_proof(header.receipts_root, leaf, index, evidence.count, path):
+            raise BlockRobotError("PROOF_INVALID", "The receipt does not stand in the block that it is claimed for.")
+        leaf = tagged_hash("blockrobot/tx-leaf", txid)
+        path = [read_hex(node) for node in evidence.transaction_path]
+        if not verify_merkle_proof(header.transactions_root, leaf, index, evidence.count, path):
+            raise BlockRobotError("PROOF_INVALID", "The transaction does not stand in the block of its receipt.")
+        return final_receipt(
+            receipt, height=header.height, index=index, block_id=block_id, timestamp_ms=header.timestamp_ms
+        )
+
+    def _follow(self, evidence: EvidenceDocument) -> tuple[Header, bytes]:
+        """Follow the headers from the transaction's block to a final one; return the first header and its id.
+
+        A proof older than the pin is as good as a newer one: what was final stays final.
+        """
+        chain = [read_hex(header) for header in evidence.headers]
+        if not 1 <= len(chain) <= HEADERS_MAX_COUNT:
+            raise BlockRobotError("PROOF_INVALID", "The evidence has no headers or too many.")
+        proof = read_finality(evidence.finality)
+        if proof.header_bytes != chain[-1]:
+            raise BlockRobotError("PROOF_INVALID", "The evidence proves another block final.")
+        final = verify_finality(proof, self._schedule, self._chain_id, self._genesis_id)
+        if final.height >= self._light_client.header.height:
+            self._light_client.accept(proof)
+        for lower, upper in itertools.pairwise(chain):
+            if decode(upper, Header).parent_id != sha256(lower):
+                raise BlockRobotError("PROOF_INVALID", "The headers of the evidence do not follow each other.")
+        return decode(chain[0], Header), sha256(chain[0])
