@@ -138,14 +138,13 @@ class BlockTree:
                 found.append(TwoChain(final=parent, child=node, child_qc=qc))
         return sorted(found, key=lambda chain: chain.final.header.round)
 
-    def is_forked_below(self, qc: QuorumCertificate) -> bool:
-        """Tell whether a certified orphan of a later round leaves the chain below the root: no honest quorum does."""
-        node = self.orphans.get(qc.block_id)
-        return (
-            node is not None
-            and node.header.height == self.root.header.height + 1
-            and node.header.round > self.root.header.round
-        )
+    def contradicts_root(self, node: BlockNode) -> bool:
+        """Tell whether a certified block of a later round leaves the chain below the root: no honest quorum does (R18)."""
+        root, header = self.root, node.header
+        if node.block_id not in self.certificates or node.block_id in self.nodes or header.round <= root.header.round:
+            return False
+        is_sibling = header.height == root.header.height + 1 and header.parent_id != root.block_id
+        return is_sibling or header.height <= root.header.height
 
     def missing_ancestor(self, block_id: bytes) -> tuple[bytes, QuorumCertificate | None] | None:
         """Return the id (and certificate) of the first block missing on the way down, None if all are connected."""

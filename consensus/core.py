@@ -1,7 +1,7 @@
 """The consensus core: Jolteon as a state machine, `handle(event) -> [effects]`. Must never read a clock, draw a random
 number, do I/O, or sign anything that does not stand behind a `Persist` of the same bytes.
 
-The rules R1..R18 quoted here are those of `consensus/README.md`. The driver (a node, or the simulator) carries out the
+The rules R1..R20 quoted here are those of `consensus/README.md`. The driver (a node, or the simulator) carries out the
 effects of all calls in one order.
 """
 
@@ -138,8 +138,8 @@ class Core(Standing):
             node = self._tree.get(qc.block_id)
             if node is not None:
                 self._note_certified(node)
-            elif self._tree.is_forked_below(qc):
-                self._halt("A quorum certified a block that contradicts the finalized chain.")
+            elif qc.block_id in self._tree.orphans:
+                self._check_fork(self._tree.orphans[qc.block_id])
         if qc.round > self.high_qc.round:
             self.high_qc = qc
             self._dirty = True
@@ -189,6 +189,7 @@ class Core(Standing):
             node = make_node(block, self._now_ms)
         except BlockRobotError:
             return None
+        self._check_fork(node)
         is_old = node.header.round < self._tree.root.header.round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
             return None
@@ -205,10 +206,12 @@ class Core(Standing):
         self._fetcher.note_progress(connected)
         if node.header.round == self.round:
             self._proposal_seen_round = self.round
-        qc = self._tree.certificates.get(node.block_id)
-        if qc is not None and self._tree.is_forked_below(qc):
-            self._halt("A quorum certified a block that contradicts the finalized chain.")
         self._on_connected(connected)
+
+    def _check_fork(self, node: BlockNode) -> None:
+        """R18: a quorum that contradicts the finalized chain is a broken promise; go no further."""
+        if self._tree.contradicts_root(node):
+            self._halt("A quorum certified a block that contradicts the finalized chain.")
 
     def _on_connected(self, connected: list[BlockNode]) -> None:
         self._dirty = self._dirty or bool(connected)

@@ -202,7 +202,6 @@ class SimNode:
         self.is_syncing = False
         self.is_store_syncing = False
         self.timers: dict[str, int] = {}
-        self.certified: set[bytes] = set()
         self.told_pending = False
         head, qc = self.stored[-1]
         self.final_txids = {txid_of(wire) for block, _ in self.stored for wire in block.transactions}
@@ -260,7 +259,6 @@ class SimNode:
             self.cluster.reconnect(self.index)
 
     def carry_out(self, effect: Effect) -> None:
-        now = self.cluster.now_ms
         match effect:
             case Broadcast(message=message):
                 for peer in range(len(self.cluster.nodes)):
@@ -276,19 +274,18 @@ class SimNode:
             case FetchBlocks(block_id=block_id, above_height=above, producers=producers):
                 assert producers or self.cluster.count == 1
                 peer = self.cluster.random.choice(producers)
-                self.cluster.transmit(self.index, peer, lambda: self.cluster.nodes[peer].serve(self.index, block_id, above))
+                self.cluster.transmit(
+                    self.index, peer, lambda: self.cluster.nodes[peer].serve(self.index, block_id, above)
+                )
             case SetTimer(kind=kind, round=round_number, delay_ms=delay_ms):
                 self.timers[kind] = token = self.timers.get(kind, 0) + 1
                 self.later(delay_ms, lambda: self.fire(kind, round_number, token))
             case CancelTimer(kind=kind):
                 self.timers[kind] = self.timers.get(kind, 0) + 1
-            case BlockCertified(block_id=block_id):
-                block = self.core.block(block_id)
-                self.certified.update(txid_of(wire) for wire in (block.transactions if block else ()))
+            case BlockCertified():
                 self.later(0, self.tell_work)
             case Halt(reason=reason):
                 self.cluster.halts.append((self.index, reason))
-        del now
 
     def fire(self, kind: str, round_number: int, token: int) -> None:
         if self.timers.get(kind) == token:
@@ -327,16 +324,15 @@ class SimNode:
                     self.mempool[txid_of(wire)] = wire
             self.tell_work()
 
-    def pending(self) -> list[bytes]:
-        branch = {
-            txid_of(wire)
-            for block_id in self.core.certified_branch()
-            for wire in (self.core.block(block_id) or self.cluster.genesis).transactions
-        }
-        return [wire for txid, wire in self.mempool.items() if txid not in branch]
+    def txids_of_branch(self, block_id: bytes) -> set[bytes]:
+        """Return the transactions that are final or in the branch that ends with this block."""
+        branch = self.core.branch(block_id, self.core.finalized.height)
+        return self.final_txids | {txid_of(wire) for block in branch for wire in block.transactions}
 
     def tell_work(self) -> None:
-        pending = bool(self.pending())
+        certified = self.core.certified_branch()
+        known = self.txids_of_branch(certified[-1]) if certified else self.final_txids
+        pending = any(txid not in known for txid in self.mempool)
         if self.is_up and pending != self.told_pending:
             self.told_pending = pending
             self.handle(WorkChanged(pending=pending, now_ms=self.cluster.now_ms))
@@ -352,13 +348,17 @@ class SimNode:
         header = block.header
         if self.core.block(block.block_id) is None:
             return
-        valid = execute(self.header_of(header.parent_id), block.transactions) == header.state_root
+        root = execute(self.header_of(header.parent_id), block.transactions)
+        known = self.txids_of_branch(header.parent_id)
+        valid = root == header.state_root and not any(txid_of(wire) in known for wire in block.transactions)
         self.handle(BlockExecuted(block_id=block.block_id, valid=valid, now_ms=self.cluster.now_ms))
 
     def build(self, order: BuildBlock) -> None:
         if self.core.block(order.parent_id) is None and order.parent_id != self.core.finalized_id:
             return
-        transactions = () if order.empty else tuple(self.pending()[:8])
+        known = self.txids_of_branch(order.parent_id)
+        fresh = [wire for txid, wire in self.mempool.items() if txid not in known]
+        transactions = () if order.empty else tuple(fresh[:8])
         key = self.cluster.keys[self.index]
         block = build_block(order, self.header_of(order.parent_id), transactions, key, self.cluster.now_ms)
         self.handle(BlockBuilt(round=order.round, block=block, now_ms=self.cluster.now_ms))
@@ -432,7 +432,9 @@ class SimNode:
 class Cluster:
     """n nodes, one virtual clock, one source of chance."""
 
-    def __init__(self, count: int = 4, seed: int = 0, settings: ChainSettings | None = None, followers: int = 0) -> None:
+    def __init__(
+        self, count: int = 4, seed: int = 0, settings: ChainSettings | None = None, followers: int = 0
+    ) -> None:
         self.count = count
         self.random = random.Random(seed)
         self.settings = settings or ChainSettings()

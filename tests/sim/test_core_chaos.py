@@ -6,7 +6,8 @@ import pytest
 
 from tests.sim.core_cluster import Cluster, Links
 
-CHAOS_MS = 8_000
+CHAOS_MS = 10_000
+STEP_MS = 100
 HEALED_MS = 60_000
 
 
@@ -46,13 +47,13 @@ def live_through_chaos(seed: int, count: int = 4) -> Cluster:
     cluster.crash_after_sync = 0.01
     cluster.start()
     txids: list[bytes] = []
-    for step in range(CHAOS_MS // 250):
-        if step % 2:
+    for step in range(CHAOS_MS // STEP_MS):
+        if step % 4 == 0:
             cause_trouble(cluster)
         submitted_to = [cluster.random.randrange(count)]
         if cluster.nodes[submitted_to[0]].is_up:
             txids.append(cluster.submit(submitted_to))
-        cluster.run(250)
+        cluster.run(STEP_MS)
     heal(cluster)
     after = cluster.submit()
     assert cluster.run(HEALED_MS, lambda: cluster.all_final([after])), "not live after healing"

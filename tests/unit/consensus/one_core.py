@@ -1,0 +1,253 @@
+"""One production core among scripted peers: the test says what they send and sees what the core does about it."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from consensus.block import (
+    HEADER_VERSION,
+    Block,
+    Header,
+    IndexedSignature,
+    QuorumCertificate,
+    TimeoutCertificate,
+    TimeoutSignature,
+    compute_transactions_root,
+)
+from consensus.core import Core
+from consensus.effects import BuildBlock, CommitBlocks, Effect, ExecuteBlock, Message, Persist
+from consensus.events import (
+    BlockBuilt,
+    BlockExecuted,
+    Event,
+    NoticeReceived,
+    ProposalReceived,
+    Started,
+    TimeoutReceived,
+    TimerFired,
+    VoteReceived,
+    WorkChanged,
+)
+from consensus.genesis import ChainSettings
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, sign_block, sign_timeout, sign_vote
+from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import sha256
+from consensus.schedule import Schedule
+from consensus.signature_cache import SignatureCache
+from tests.sim.core_cluster import (
+    CHAIN_ID,
+    EPOCH_START_MS,
+    NO_RECEIPTS_ROOT,
+    build_block,
+    make_genesis_block,
+    make_keys,
+    make_transaction,
+    txid_of,
+)
+
+NOW_MS = EPOCH_START_MS
+GENESIS = make_genesis_block()
+GENESIS_QC = QuorumCertificate(epoch=0, round=0, block_id=GENESIS.block_id, votes=())
+TRANSACTION = make_transaction(1)
+CHECK = SignatureCache()
+
+E = TypeVar("E", bound=Effect)
+M = TypeVar("M", bound=Message)
+
+
+class Peers:
+    """All producers' keys: whatever they could sign, the test can."""
+
+    def __init__(self, count: int = 4, blocks_per_turn: int = 1) -> None:
+        self.keys = make_keys(count)
+        self.schedule = Schedule(0, tuple(key.public_key for key in self.keys), blocks_per_turn)
+
+    def block(
+        self,
+        round_number: int,
+        parent: Block = GENESIS,
+        qc: QuorumCertificate | None = None,
+        tc: TimeoutCertificate | None = None,
+        *,
+        transactions: tuple[bytes, ...] = (),
+        timestamp_ms: int | None = None,
+        **changes: object,
+    ) -> Block:
+        """Return the leader's signed block of a round; `changes` replace header fields before it is signed."""
+        above = parent.header
+        fields: dict[str, object] = {
+            "version": HEADER_VERSION,
+            "chain_id": CHAIN_ID,
+            "epoch": 0,
+            "height": above.height + 1,
+            "round": round_number,
+            "parent_id": parent.block_id,
+            "qc": qc or self.qc(parent),
+            "tc": tc,
+            "producer": self.schedule.leader(round_number),
+            "timestamp_ms": above.timestamp_ms + 1 if timestamp_ms is None else timestamp_ms,
+            "transactions_root": compute_transactions_root([txid_of(wire) for wire in transactions]),
+            "receipts_root": NO_RECEIPTS_ROOT,
+            "state_root": sha256(above.state_root + b"".join(transactions)),
+            "next_schedule_hash": None,
+            "gas_used": 0,
+        }
+        fields.update(changes)
+        data = encode(Header(**fields))  # type: ignore[arg-type]
+        signature = sign_block(self.keys[self.schedule.leader(round_number)], sha256(data))
+        return Block(header_bytes=data, signature=signature, transactions=transactions)
+
+    def chain(self, *rounds: int, transactions: tuple[bytes, ...] = ()) -> list[Block]:
+        """Return blocks of these rounds, each on the one before; a gap of rounds is bridged by a TC."""
+        blocks: list[Block] = []
+        parent = GENESIS
+        for number in rounds:
+            gap = number - parent.header.round > 1
+            tc = self.tc(number - 1, parent.header.round) if gap else None
+            parent = self.block(number, parent, tc=tc, transactions=() if blocks else transactions)
+            blocks.append(parent)
+        return blocks
+
+    def vote(self, index: int, block: Block) -> Vote:
+        return sign_vote(self.keys[index], CHAIN_ID, 0, block.header.round, block.block_id, index)
+
+    def qc(self, block: Block, voters: tuple[int, ...] | None = None) -> QuorumCertificate:
+        if block.header.round == 0:
+            return GENESIS_QC
+        chosen = range(self.schedule.quorum) if voters is None else voters
+        votes = tuple(IndexedSignature(index=i, signature=self.vote(i, block).signature) for i in chosen)
+        return QuorumCertificate(epoch=0, round=block.header.round, block_id=block.block_id, votes=votes)
+
+    def timeout(
+        self,
+        index: int,
+        round_number: int,
+        qc: QuorumCertificate = GENESIS_QC,
+        entered_by: TimeoutCertificate | None = None,
+    ) -> Timeout:
+        return sign_timeout(self.keys[index], CHAIN_ID, round_number, index, qc, entered_by, 0)
+
+    def tc(self, round_number: int, *qc_rounds: int, signers: tuple[int, ...] | None = None) -> TimeoutCertificate:
+        """Return a TC whose signers named these QC rounds (the last one also for the rest)."""
+        chosen = tuple(range(self.schedule.quorum)) if signers is None else signers
+        named = list(qc_rounds or (0,))
+        entries = []
+        for place, index in enumerate(chosen):
+            number = named[min(place, len(named) - 1)]
+            qc = QuorumCertificate(epoch=0, round=number, block_id=bytes(32), votes=())
+            signature = self.timeout(index, round_number, qc).signature
+            entries.append(TimeoutSignature(index=index, qc_round=number, signature=signature))
+        return TimeoutCertificate(epoch=0, round=round_number, timeouts=tuple(entries))
+
+
+class OneCore(Peers):
+    """The core of producer `index` (a follower if it is None) and everybody else's keys."""
+
+    def __init__(
+        self,
+        index: int | None = 3,
+        *,
+        count: int = 4,
+        settings: ChainSettings | None = None,
+        journal: list[bytes] | None = None,
+        start: bool = True,
+    ) -> None:
+        self.settings = settings or ChainSettings()
+        super().__init__(count, self.settings.blocks_per_turn)
+        self.index = index
+        self.now_ms = NOW_MS
+        self.journal: list[bytes] = list(journal or [])
+        self.core = Core(
+            self.settings,
+            CHAIN_ID,
+            self.schedule,
+            None if index is None else self.keys[index],
+            finalized=GENESIS,
+            finalized_qc=GENESIS_QC,
+            round_zero_id=GENESIS.block_id,
+            journal=self.journal,
+            check=CHECK,
+        )
+        self.started = self.handle(Started(now_ms=self.now_ms)) if start else []
+
+    def handle(self, event: Event) -> list[Effect]:
+        """Give the core one event; what it persists goes to `journal`."""
+        effects = self.core.handle(event)
+        for effect in effects:
+            if isinstance(effect, Persist):
+                self.journal.extend(effect.records)
+        return effects
+
+    def executed(self, effects: list[Effect], *, valid: bool = True) -> list[Effect]:
+        """Answer every ExecuteBlock among the effects, and those that follow; return all effects in order."""
+        every = list(effects)
+        for effect in effects:
+            if isinstance(effect, ExecuteBlock):
+                event = BlockExecuted(block_id=effect.block.block_id, valid=valid, now_ms=self.now_ms)
+                every += self.executed(self.handle(event), valid=valid)
+        return every
+
+    def receive(self, block: Block, *, valid: bool = True, sender: int | None = None) -> list[Effect]:
+        """A proposal arrives and is executed."""
+        event = ProposalReceived(proposal=Proposal(block=block), sender=sender, now_ms=self.now_ms)
+        return self.executed(self.handle(event), valid=valid)
+
+    def vote_from(self, index: int, block: Block) -> list[Effect]:
+        return self.executed(self.handle(VoteReceived(vote=self.vote(index, block), now_ms=self.now_ms)))
+
+    def timeout_from(
+        self,
+        index: int,
+        round_number: int,
+        qc: QuorumCertificate = GENESIS_QC,
+        entered_by: TimeoutCertificate | None = None,
+    ) -> list[Effect]:
+        timeout = self.timeout(index, round_number, qc, entered_by)
+        return self.handle(TimeoutReceived(timeout=timeout, sender=index, now_ms=self.now_ms))
+
+    def notice(self, qc: QuorumCertificate, entered_by: TimeoutCertificate | None = None) -> list[Effect]:
+        notice = CertificateNotice(qc=qc, entered_by=entered_by)
+        return self.executed(self.handle(NoticeReceived(notice=notice, now_ms=self.now_ms)))
+
+    def work(self, pending: bool = True) -> list[Effect]:
+        return self.handle(WorkChanged(pending=pending, now_ms=self.now_ms))
+
+    def fire(self, kind: str, round_number: int | None = None) -> list[Effect]:
+        number = self.core.round if round_number is None else round_number
+        return self.handle(TimerFired(kind=kind, round=number, now_ms=self.now_ms))
+
+    def built(self, order: BuildBlock, transactions: tuple[bytes, ...] = ()) -> list[Effect]:
+        """Build the block that the core ordered, and give it back."""
+        assert self.index is not None
+        parent = self.core.block(order.parent_id) or GENESIS
+        block = build_block(order, parent.header, transactions, self.keys[self.index], self.now_ms)
+        return self.handle(BlockBuilt(round=order.round, block=block, now_ms=self.now_ms))
+
+    def restarted(self) -> OneCore:
+        """Return a core that reads the same journal, as after a crash (the store still holds genesis only)."""
+        return OneCore(self.index, count=len(self.keys), settings=self.settings, journal=self.journal)
+
+
+def of_type(effects: list[Effect], kind: type[E]) -> list[E]:
+    """Return the effects of one kind."""
+    return [effect for effect in effects if isinstance(effect, kind)]
+
+
+def said(effects: list[Effect], kind: type[M]) -> list[M]:
+    """Return the messages of one kind that are broadcast."""
+    messages = [getattr(effect, "message", None) for effect in effects if type(effect).__name__ == "Broadcast"]
+    return [message for message in messages if isinstance(message, kind)]
+
+
+def told(effects: list[Effect], index: int, kind: type[M]) -> list[M]:
+    """Return the messages of one kind that are sent to one peer."""
+    return [
+        effect.message  # type: ignore[attr-defined]
+        for effect in effects
+        if type(effect).__name__ == "SendTo" and effect.index == index and isinstance(effect.message, kind)  # type: ignore[attr-defined]
+    ]
+
+
+def committed(effects: list[Effect]) -> list[Block]:
+    """Return the blocks that became final, oldest first."""
+    return [block for effect in of_type(effects, CommitBlocks) for block in effect.blocks]
