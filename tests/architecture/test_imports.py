@@ -1,0 +1,67 @@
+"""The arrows of the house, as import-linter contracts in pyproject.toml; and what a client's process really loads."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import grimp
+import pytest
+from importlinter.application import use_cases
+from importlinter.configuration import configure
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("consensus", "contracts", "node", "clients", "network")
+DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
+NODE_LIBRARIES = ("lmdb", "pymongo", "prometheus_client")
+
+
+def test_every_arrow_of_the_house_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(ROOT)
+    configure()
+    assert use_cases.lint_imports(config_filename="pyproject.toml", cache_dir=None)
+
+
+def test_the_linter_sees_every_module() -> None:
+    """A folder without `__init__.py` would be left out silently, and could import what it likes."""
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    modules = set()
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            if path.parent in DIALECT_FOLDERS:
+                continue
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            modules.add(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
+    assert modules - graph.modules == set()
+
+
+@pytest.mark.parametrize(
+    ("module", "others"),
+    [
+        ("clients.wallet.cli", ("clients.robot", "clients.registrar")),
+        ("clients.robot.cli", ("clients.wallet", "clients.registrar")),
+        ("clients.registrar.cli", ("clients.wallet", "clients.robot")),
+    ],
+)
+def test_a_clients_process_loads_no_code_of_a_node(module: str, others: tuple[str, ...]) -> None:
+    forbidden = ("node", "contracts", *NODE_LIBRARIES, *others)
+    program = f"import sys, {module}; print('\\n'.join(sys.modules))"
+    child = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = child.stdout.split()
+    assert module in loaded
+    assert [
+        name for name in loaded if name.startswith(tuple(f"{root}." for root in forbidden)) or name in forbidden
+    ] == []
+
+
+def test_the_root_command_loads_no_node_to_reach_the_wallet() -> None:
+    program = (
+        "import sys\nfrom click.testing import CliRunner\nfrom network.cli.main import main\n"
+        "result = CliRunner().invoke(main, ['wallet', '--help'])\n"
+        "assert result.exit_code == 0, result.output\nprint('\\n'.join(sys.modules))"
+    )
+    child = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = child.stdout.split()
+    assert "clients.wallet.cli" in loaded
+    assert [name for name in loaded if name.split(".")[0] in {"node", "contracts", *NODE_LIBRARIES}] == []

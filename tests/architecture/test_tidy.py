@@ -1,0 +1,266 @@
+"""The code base itself, as a test: sizes, names, docstrings, words, limits with units, and a catalogue that is used."""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import subprocess
+import tokenize
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import CATALOGUE
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("consensus", "contracts", "node", "clients", "network")
+DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
+
+MODULE_MAX_LINES = 500
+FUNCTION_MAX_LINES = 70
+DOCUMENTED_MIN_SHARE = 0.95
+BANNED_NAMES = {"utils", "util", "helpers", "helper", "manager", "common", "misc"}
+UNITS = ("BYTES", "MS", "COUNT", "GAS", "CHARS", "BITS", "DEPTH")
+
+# Written in halves, so that this file may be searched as well.
+UNFINISHED = re.compile(r"\b(?:TO" + r"DO|FIX" + r"ME|XX" + r"X|HA" + r"CK)\b")
+STUB = re.compile(r"\bNotImplemented" + r"Error\b")
+CANNOT_FAIL = re.compile(
+    r"\bassert " + r"True\b|\bassert 1\s*$|pytest\.sk" + r"ip\b|\bmark\.sk" + r"ip|\bx" + r"fail\b"
+)
+MACHINE_PATH = re.compile(r"(?<![\w.])/(?:wo" + r"rk|ho" + r"me/\w+|ro" + r"ot|Us" + r"ers/\w+)/")
+FORBIDDEN_WORDS = re.compile(
+    r"\.\./sha"
+    + r"red|\bDESIGN"
+    + r"(?:\.md| §)|\bSPEC"
+    + r"\.md\b|\bissue #?\d|\bsub-?ag"
+    + r"ent|\bhelper ag"
+    + r"ent"
+    r"|\b(?:previous|next|this|another) (?:work )?sess" + r"ion of work\b|\bindex-u" + r"rl\b|\bsess" + r"ion \d+\b",
+    re.IGNORECASE,
+)
+
+
+@cache
+def modules() -> tuple[Path, ...]:
+    """Return every Python file of the five packages that CPython runs (contracts are in a language of their own)."""
+    found = (path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    return tuple(sorted(path for path in found if path.parent not in DIALECT_FOLDERS))
+
+
+@cache
+def test_files() -> tuple[Path, ...]:
+    return tuple(sorted((ROOT / "tests").rglob("*.py")))
+
+
+@cache
+def texts() -> tuple[Path, ...]:
+    """Return every file of the project that is text and that a reader may meet."""
+    listed = subprocess.run(
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        check=True,
+    ).stdout.decode()
+    suffixes = {".py", ".md", ".toml", ".txt", ".html", ".css", ".js", ".yaml", ".yml", ".json", ".cfg", ""}
+    paths = (ROOT / name for name in listed.split("\0") if name)
+    return tuple(path for path in paths if path.suffix in suffixes and path.is_file())
+
+
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+
+
+def place(path: Path, line: int | None = None) -> str:
+    return str(path.relative_to(ROOT)) + ("" if line is None else f":{line}")
+
+
+def matches(paths: tuple[Path, ...], pattern: re.Pattern[str]) -> list[str]:
+    return [
+        f"{place(path, number)}: {line.strip()[:100]}"
+        for path in paths
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1)
+        if pattern.search(line)
+    ]
+
+
+def test_there_is_something_to_look_at() -> None:
+    assert len(modules()) > 100
+    assert len(texts()) > len(modules())
+
+
+def test_no_module_is_longer_than_500_lines() -> None:
+    lengths = {place(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (*modules(), *test_files())}
+    assert {name: length for name, length in lengths.items() if length > MODULE_MAX_LINES} == {}
+
+
+def test_no_function_is_longer_than_70_lines() -> None:
+    long = {}
+    for path in modules():
+        for item in ast.walk(tree_of(path)):
+            if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) and item.end_lineno is not None:
+                length = item.end_lineno - item.lineno + 1
+                if length > FUNCTION_MAX_LINES:
+                    long[f"{place(path, item.lineno)} {item.name}"] = length
+    assert long == {}
+
+
+def test_every_module_says_what_it_is() -> None:
+    without = [place(path) for path in modules() if tree_of(path).body and ast.get_docstring(tree_of(path)) is None]
+    assert without == []
+
+
+def test_every_module_of_weight_says_what_it_must_never_do() -> None:
+    """Packages' own files and very small modules may leave the second sentence out."""
+    silent = []
+    for path in modules():
+        text = path.read_text(encoding="utf-8")
+        heavy = len(text.splitlines()) > 150 and path.name != "__init__.py"
+        if heavy and not re.search(
+            r"\b(?:[Mm]ust never|[Nn]ever|[Mm]ust not)\b", ast.get_docstring(tree_of(path)) or ""
+        ):
+            silent.append(place(path))
+    assert silent == []
+
+
+def public_definitions(path: Path) -> list[tuple[str, bool]]:
+    """Return (place, documented) of the public functions, classes and methods of a module."""
+    found = []
+
+    def visit(body: list[ast.stmt]) -> None:
+        for item in body:
+            if not isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef) or item.name.startswith("_"):
+                continue
+            found.append((f"{place(path, item.lineno)} {item.name}", ast.get_docstring(item) is not None))
+            if isinstance(item, ast.ClassDef):
+                visit(item.body)
+
+    visit(tree_of(path).body)
+    return found
+
+
+def test_public_functions_and_classes_are_documented() -> None:
+    found = [entry for path in modules() for entry in public_definitions(path)]
+    without = [name for name, documented in found if not documented]
+    assert len(found) > 500
+    assert 1 - len(without) / len(found) >= DOCUMENTED_MIN_SHARE, without
+
+
+def test_every_function_is_typed() -> None:
+    untyped = []
+    for path in modules():
+        for item in ast.walk(tree_of(path)):
+            if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef):
+                names = [*item.args.posonlyargs, *item.args.args, *item.args.kwonlyargs]
+                bare = [arg.arg for arg in names if arg.annotation is None and arg.arg not in {"self", "cls"}]
+                if bare or item.returns is None:
+                    untyped.append(f"{place(path, item.lineno)} {item.name} {bare}")
+    assert untyped == []
+
+
+def test_no_file_or_folder_has_a_name_that_says_nothing() -> None:
+    parts = {part.removesuffix(".py") for path in (*modules(), *test_files()) for part in path.relative_to(ROOT).parts}
+    assert parts & BANNED_NAMES == set()
+
+
+@pytest.mark.parametrize("pattern", [UNFINISHED, STUB], ids=["notes to self", "stubs"])
+def test_nothing_is_left_unfinished(pattern: re.Pattern[str]) -> None:
+    assert matches((*modules(), *test_files()), pattern) == []
+
+
+def test_no_test_is_switched_off_or_cannot_fail() -> None:
+    assert matches(test_files(), CANNOT_FAIL) == []
+
+
+def test_no_test_is_without_an_assertion() -> None:
+    """`pytest.raises` counts, and so does a call of a function of the same file or of a checker that asserts."""
+    empty = []
+    for path in test_files():
+        for item in ast.walk(tree_of(path)):
+            if not isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) or not item.name.startswith("test_"):
+                continue
+            words = ast.unparse(item)
+            if not re.search(r"\bassert\b|raises\(|assert_|check_|verify|require_|expect", words):
+                empty.append(f"{place(path, item.lineno)} {item.name}")
+    assert empty == []
+
+
+def test_nothing_is_mocked_in_production_code() -> None:
+    assert matches(modules(), re.compile(r"unittest|\bmock\b|\bpatch\(")) == []
+
+
+def test_no_path_of_one_machine_is_in_the_project() -> None:
+    assert matches(texts(), MACHINE_PATH) == []
+
+
+def test_the_project_speaks_of_itself_alone() -> None:
+    assert matches(texts(), FORBIDDEN_WORDS) == []
+
+
+def test_every_limit_carries_its_unit() -> None:
+    limits = ROOT / "consensus" / "limits.py"
+    names = [
+        target.id
+        for item in tree_of(limits).body
+        if isinstance(item, ast.Assign)
+        for target in item.targets
+        if isinstance(target, ast.Name)
+    ]
+    assert len(names) > 10
+    without = [name for name in names if not any(part in UNITS for part in name.split("_"))]
+    assert without == []
+
+
+@cache
+def strings_in_code() -> dict[str, list[str]]:
+    """Return every string constant of the five packages (not of the catalogue itself) and where it stands."""
+    found: dict[str, list[str]] = {}
+    for path in modules():
+        if path == ROOT / "consensus" / "errors.py":
+            continue
+        for item in ast.walk(tree_of(path)):
+            if isinstance(item, ast.Constant) and isinstance(item.value, str):
+                found.setdefault(item.value, []).append(place(path, item.lineno))
+    return found
+
+
+def test_every_error_that_is_raised_is_in_the_catalogue() -> None:
+    unknown = [
+        f"{place(path, item.lineno)} {item.args[0].value}"
+        for path in modules()
+        for item in ast.walk(tree_of(path))
+        if isinstance(item, ast.Call)
+        and isinstance(item.func, ast.Name)
+        and item.func.id == "BlockRobotError"
+        and item.args
+        and isinstance(item.args[0], ast.Constant)
+        and item.args[0].value not in CATALOGUE
+    ]
+    assert unknown == []
+
+
+def test_every_error_of_the_catalogue_is_used() -> None:
+    assert sorted(set(CATALOGUE) - set(strings_in_code())) == []
+
+
+def test_every_error_is_a_sentence_with_a_next_step() -> None:
+    for entry in CATALOGUE.values():
+        assert entry.meaning.endswith("."), entry.code
+        assert entry.next_step.endswith("."), entry.code
+        assert 400 <= entry.status < 600, entry.code
+
+
+def test_no_code_is_commented_out_behind_a_hash() -> None:
+    """A comment that parses as a call, an assignment or an import was code once."""
+    dead = []
+    for path in modules():
+        for token in tokenize.generate_tokens(io.StringIO(path.read_text(encoding="utf-8")).readline):
+            if token.type != tokenize.COMMENT:
+                continue
+            text = token.string.lstrip("# ").strip()
+            if re.match(r"^(?:import \w+$|from \w[\w.]* import |\w+ = \w+\(.*\)$|return \w+$|print\()", text):
+                dead.append(f"{place(path, token.start[0])}: {text}")
+    assert dead == []
