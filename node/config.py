@@ -55,6 +55,11 @@ class NodeConfig:
         return self.data_dir / "journal"
 
     @property
+    def journal_path(self) -> Path:
+        """The voting journal's file."""
+        return self.journal_dir / "votes.journal"
+
+    @property
     def custody_dir(self) -> Path:
         """Where an embedded custodian store is."""
         return self.data_dir / "custody"

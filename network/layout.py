@@ -1,0 +1,184 @@
+"""Makes a network on disk: keys, certificates, genesis, one data directory a node. Must never overwrite one that is there.
+
+    DIRECTORY/genesis.json
+    DIRECTORY/organisations/<name>/   ca.crt.pem, ca.key.pem, admin.key, registrar.key
+    DIRECTORY/nodes/<name>/           node.toml, genesis.json, keys/, journal/
+
+Private keys are raw 32 bytes (TLS and CA keys: PEM), readable by their owner only.
+"""
+
+from __future__ import annotations
+
+import secrets
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import (
+    GENESIS_VERSION,
+    ChainSettings,
+    Genesis,
+    NodeEntry,
+    Organisation,
+    genesis_to_json,
+)
+from consensus.limits import PRODUCERS_MAX_COUNT
+from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
+from consensus.records.purposes import PURPOSES
+from network.authority import Authority, create_authority, encode_private_key, issue_node_certificate, write_secret
+from node.config import CONFIG_FILE, NodeConfig, config_to_toml
+from node.journal import Journal
+from node.machine import complete_genesis, contract_entries
+
+HOST = "127.0.0.1"
+PORTS_PER_NODE = 10
+POSSESSION_TAG = "blockrobot/producer-possession"
+_ORGANISATION_NAMES = ("hospital", "university")
+
+
+@dataclass(frozen=True, slots=True)
+class _NodeKeys:
+    producer: PrivateKey
+    custodian: PrivateKey | None
+
+
+def _new_key() -> PrivateKey:
+    return PrivateKey(secrets.token_bytes(PRIVATE_KEY_SIZE_BYTES))
+
+
+def organisation_name(number: int) -> str:
+    """Return the name of the organisation with this number, from 0 on."""
+    return _ORGANISATION_NAMES[number] if number < len(_ORGANISATION_NAMES) else f"organisation-{number + 1}"
+
+
+def prove_possession(key: PrivateKey, node: str) -> bytes:
+    """Return a producer's 64-byte proof that it holds its key, for the genesis file."""
+    return key.sign_compact(POSSESSION_TAG, node.encode())
+
+
+def store_uri_of(store: str, network: str, node: str) -> str:
+    """Return the custodian store of one node: `sqlite`, or a database of its own on the MongoDB server named."""
+    if store == "sqlite":
+        return store
+    if not store.startswith(("mongodb://", "mongodb+srv://")):
+        raise BlockRobotError("CONFIGURATION_INVALID", "The store is sqlite or the URI of a MongoDB server.")
+    server, _, options = store.partition("?")
+    scheme, _, rest = server.partition("://")
+    host = rest.split("/", 1)[0]
+    database = f"{network}-{node}".replace(".", "-").replace(" ", "-")
+    return f"{scheme}://{host}/{database}" + (f"?{options}" if options else "")
+
+
+def create_network(
+    directory: Path,
+    *,
+    nodes: int = 4,
+    organisations: int = 2,
+    base_port: int,
+    store: str = "sqlite",
+    network: str = "blockrobot",
+    settings: ChainSettings | None = None,
+) -> Genesis:
+    """Make a network of `nodes` nodes and return its genesis file's content.
+
+    Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
+    organisation is a custodian. `store` is `sqlite` or a MongoDB URI. Raises CONFIGURATION_INVALID for numbers that
+    make no network, DATA_DIRECTORY_INVALID if there is a network already.
+    """
+    if not 1 <= nodes <= PRODUCERS_MAX_COUNT or not 1 <= organisations <= nodes:
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", f"A network has 1 to {PRODUCERS_MAX_COUNT} nodes, and no more organisations."
+        )
+    if not 0 < base_port <= 65_535 - PORTS_PER_NODE * nodes:
+        raise BlockRobotError("CONFIGURATION_INVALID", "The base port leaves no room for the nodes' ports.")
+    if (directory / "genesis.json").exists():
+        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a network in {directory} already.")
+    names = [f"node-{number + 1}" for number in range(nodes)]
+    keys = [_NodeKeys(_new_key(), _new_key() if number < organisations else None) for number in range(nodes)]
+    authorities = [_create_organisation(directory, organisation_name(number)) for number in range(organisations)]
+    genesis = complete_genesis(
+        Genesis(
+            version=GENESIS_VERSION,
+            network=network,
+            created_at_ms=time.time_ns() // 1_000_000,
+            settings=settings or ChainSettings(),
+            organisations=tuple(entry for _, entry in authorities),
+            nodes=tuple(
+                _node_entry(
+                    name, organisation_name(number % organisations), base_port + PORTS_PER_NODE * number, keys[number]
+                )
+                for number, name in enumerate(names)
+            ),
+            contracts=contract_entries(),
+            purposes=tuple(PURPOSES),
+            state_root=b"",
+        )
+    )
+    text = genesis_to_json(genesis)
+    for number, entry in enumerate(genesis.nodes):
+        authority = authorities[number % organisations][0]
+        store_uri = store_uri_of(store, network, entry.name)
+        _create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri)
+    (directory / "genesis.json").write_text(text, encoding="utf-8")
+    return genesis
+
+
+def _create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
+    folder = directory / "organisations" / name
+    authority = create_authority(name)
+    admin, registrar = _new_key(), _new_key()
+    write_secret(folder / "ca.key.pem", encode_private_key(authority.key))
+    (folder / "ca.crt.pem").write_text(authority.certificate_pem, encoding="utf-8")
+    write_secret(folder / "admin.key", admin.secret)
+    write_secret(folder / "registrar.key", registrar.secret)
+    entry = Organisation(
+        name=name,
+        ca_certificate=authority.certificate_pem,
+        admins=(admin.public_key,),
+        registrars=(registrar.public_key,),
+    )
+    return authority, entry
+
+
+def _node_entry(name: str, organisation: str, port: int, keys: _NodeKeys) -> NodeEntry:
+    return NodeEntry(
+        name=name,
+        organisation=organisation,
+        host=HOST,
+        p2p_port=port,
+        api_url=f"http://{HOST}:{port + 1}",
+        producer_key=keys.producer.public_key,
+        producer_possession=prove_possession(keys.producer, name),
+        custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,
+    )
+
+
+def _create_node(
+    folder: Path, entry: NodeEntry, keys: _NodeKeys, authority: Authority, genesis_text: str, store_uri: str
+) -> None:
+    config = NodeConfig(
+        data_dir=folder,
+        name=entry.name,
+        genesis_path=folder / "genesis.json",
+        host=HOST,
+        p2p_port=entry.p2p_port,
+        api_port=entry.p2p_port + 1,
+        operator_port=entry.p2p_port + 2,
+        tls_certificate_path=folder / "keys" / "tls.crt.pem",
+        tls_key_path=folder / "keys" / "tls.key.pem",
+        producer_key_path=folder / "keys" / "producer.key",
+        custodian_key_path=None if keys.custodian is None else folder / "keys" / "custodian.key",
+        custody_store=store_uri,
+        log_level="info",
+    )
+    certificate = issue_node_certificate(authority, entry.name, HOST)
+    write_secret(config.tls_key_path, certificate.key_pem)
+    write_secret(config.tls_certificate_path, certificate.certificate_pem)
+    write_secret(folder / "keys" / "producer.key", keys.producer.secret)
+    if keys.custodian is not None:
+        write_secret(folder / "keys" / "custodian.key", keys.custodian.secret)
+    config.journal_dir.mkdir(parents=True, exist_ok=True)
+    Journal.create(config.journal_path).close()
+    config.genesis_path.write_text(genesis_text, encoding="utf-8")
+    write_secret(folder / CONFIG_FILE, config_to_toml(config).encode())

@@ -1,0 +1,374 @@
+"""Drives the consensus core: carries its effects out in order. Must never send what stands behind an unsynced record.
+
+Events are handled one after another on the event loop. A block small enough is executed at once; a large one in a
+thread, and until it is done the core waits (the loop, and with it the network and the HTTP interface, does not).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Protocol
+
+import structlog
+
+from consensus.block import FinalityProof, Header
+from consensus.core import Core
+from consensus.effects import (
+    BlockCertified,
+    Broadcast,
+    BuildBlock,
+    CancelTimer,
+    CommitBlocks,
+    Effect,
+    ExecuteBlock,
+    FetchBlocks,
+    Halt,
+    Message,
+    Persist,
+    SendTo,
+    SetTimer,
+)
+from consensus.errors import BlockRobotError
+from consensus.events import BlockBuilt, BlockExecuted, Event, FinalizedElsewhere, Started, TimerFired, WorkChanged
+from consensus.messages import Timeout
+from consensus.primitives.encoding import decode
+from consensus.transaction import Transaction
+from node.execution import ExecutedBlock, Executor
+from node.mempool import Mempool
+from node.storage.ledger_store import Position
+
+INLINE_TRANSACTIONS_MAX_COUNT = 24
+DRAIN_MAX_MS = 20
+JOURNAL_COMPACT_ABOVE_BYTES = 4 * 1024 * 1024
+_PATIENCE_TURNS = 2
+
+log = structlog.get_logger(__name__)
+
+
+class VotingJournal(Protocol):
+    """Where records go before a word is spoken."""
+
+    def append(self, record: bytes, kind: int = 0) -> int:
+        """Add a record; it is on disk only after `sync`."""
+        ...
+
+    def sync(self) -> int:
+        """Write and sync all that was appended. Raises JOURNAL_UNWRITABLE: nothing may be sent then."""
+        ...
+
+    def compact(self, keep: Iterable[tuple[int, bytes]]) -> None:
+        """Put these records (kind, bytes) in the place of all others, in one step."""
+        ...
+
+    @property
+    def size_bytes(self) -> int:
+        """How large the journal is."""
+        ...
+
+
+class Outbox(Protocol):
+    """Where the core's messages go."""
+
+    def broadcast(self, message: Message) -> None:
+        """Send to all peers."""
+        ...
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Send to one producer."""
+        ...
+
+    def fetch(self, effect: FetchBlocks) -> None:
+        """Ask producers for blocks; the answer comes back as `BlocksFetched`."""
+        ...
+
+    def gossip_again(self) -> None:
+        """Send the waiting transactions to all peers again (with a timeout)."""
+        ...
+
+
+class FinalizedSink(Protocol):
+    """Where finalized blocks go."""
+
+    def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
+        """Take over blocks to be stored, oldest first."""
+        ...
+
+
+class Engine:
+    """One node's consensus at work."""
+
+    def __init__(
+        self,
+        *,
+        core: Core,
+        executor: Executor,
+        mempool: Mempool,
+        journal: VotingJournal,
+        sink: FinalizedSink,
+        clock: Callable[[], int],
+    ) -> None:
+        self.core = core
+        self.fault = ""
+        self._executor = executor
+        self._mempool = mempool
+        self._journal = journal
+        self._sink = sink
+        self._clock = clock
+        self._outbox: Outbox | None = None
+        self._loop = asyncio.get_running_loop()
+        self._events: deque[Event | Callable[[], None]] = deque()
+        self._effects: deque[Effect] = deque()
+        self._timers: dict[str, asyncio.TimerHandle] = {}
+        self._draining = False
+        self._waiting: asyncio.Future[Event] | None = None
+        self._stopped = False
+        self._pending = False
+        self._branch: dict[bytes, frozenset[bytes]] = {}
+        self._branch_txids: frozenset[bytes] = frozenset()
+        self._unstored: dict[bytes, frozenset[bytes]] = {}
+        self.rounds_timed_out_count = 0
+
+    def start(self, outbox: Outbox) -> None:
+        """Begin. Everything that the core says goes to `outbox`."""
+        self._outbox = outbox
+        self.submit(Started(now_ms=self._clock()))
+
+    async def stop(self) -> None:
+        """Stop timers and wait for a running execution."""
+        self._stopped = True
+        for handle in self._timers.values():
+            handle.cancel()
+        if self._waiting is not None:
+            await asyncio.wait([self._waiting])
+
+    @property
+    def is_signing(self) -> bool:
+        """Tell whether the node takes part: neither halted nor unable to write."""
+        return not self.core.halted and not self.fault
+
+    # Events
+
+    def submit(self, event: Event) -> None:
+        """Hand an event to the core, after those that wait."""
+        self._events.append(event)
+        self._drain()
+
+    def call_between_events(self, action: Callable[[], None]) -> None:
+        """Run an action when no event is half handled and no block is being executed."""
+        self._events.append(action)
+        self._drain()
+
+    def _drain(self) -> None:
+        if self._draining or self._waiting is not None or self._stopped:
+            return
+        self._draining = True
+        deadline = time.monotonic() + DRAIN_MAX_MS / 1000
+        try:
+            while self._waiting is None and not self.fault:
+                if self._effects:
+                    self._carry_out(self._effects.popleft())
+                elif self._events:
+                    if time.monotonic() > deadline:
+                        self._loop.call_soon(self._drain)
+                        break
+                    self._take(self._events.popleft())
+                else:
+                    break
+        finally:
+            self._draining = False
+
+    def _take(self, event: Event | Callable[[], None]) -> None:
+        if callable(event):
+            event()
+            return
+        self._effects.extend(self.core.handle(event))
+
+    # Effects
+
+    def _carry_out(self, effect: Effect) -> None:  # noqa: PLR0912 - one line for each effect
+        outbox = self._outbox
+        if outbox is None:
+            raise AssertionError("the engine has not been started")
+        match effect:
+            case Persist(records=records):
+                self._persist(records)
+            case Broadcast(message=message):
+                outbox.broadcast(message)
+                if isinstance(message, Timeout):
+                    self.rounds_timed_out_count += 1
+                    outbox.gossip_again()
+            case SendTo(index=index, message=message):
+                outbox.send_to(index, message)
+            case ExecuteBlock():
+                self._execute(effect)
+            case BuildBlock():
+                self._build(effect)
+            case CommitBlocks():
+                self._commit(effect)
+            case FetchBlocks():
+                outbox.fetch(effect)
+            case SetTimer(kind=kind, round=round_number, delay_ms=delay_ms):
+                self._set_timer(kind, round_number, delay_ms)
+            case CancelTimer(kind=kind):
+                self._cancel_timer(kind)
+            case BlockCertified(block_id=block_id):
+                self._note_certified(block_id)
+            case Halt(reason=reason):
+                log.critical("halted", reason=reason)
+
+    def _persist(self, records: tuple[bytes, ...]) -> None:
+        """Journal, then speak: a node that cannot write drops all that it wanted to say and says nothing more."""
+        try:
+            for record in records:
+                self._journal.append(record)
+            self._journal.sync()
+        except BlockRobotError as error:
+            self.fail(error.detail)
+
+    # Executing
+
+    def _execute(self, effect: ExecuteBlock) -> None:
+        if len(effect.block.transactions) <= INLINE_TRANSACTIONS_MAX_COUNT:
+            self._events.append(self._verify(effect))
+        else:
+            self._run_in_thread(lambda: self._verify(effect))
+
+    def _run_in_thread(self, work: Callable[[], Event]) -> None:
+        """Do the work in the executor's thread; the core gets nothing else before its result."""
+        future: asyncio.Future[Event] = self._loop.run_in_executor(self._executor.thread, work)
+        self._waiting = future
+        future.add_done_callback(self._resume)
+
+    def _resume(self, future: asyncio.Future[Event]) -> None:
+        self._waiting = None
+        if future.cancelled() or self._stopped:
+            return
+        self._events.appendleft(future.result())
+        self._drain()
+
+    def _verify(self, effect: ExecuteBlock) -> Event:
+        block_id = effect.block.block_id
+        valid, fault = True, False
+        try:
+            self._executor.verify(effect.block)
+        except BlockRobotError as error:
+            log.warning("block_refused", block=block_id.hex(), code=error.code, detail=error.detail)
+            valid = False
+        except Exception:
+            log.exception("block_execution_fault", block=block_id.hex())
+            valid, fault = False, True
+        return BlockExecuted(block_id=block_id, valid=valid, fault=fault, now_ms=self._clock())
+
+    def _build(self, effect: BuildBlock) -> None:
+        timestamp_ms = max(effect.parent_timestamp_ms + 1, self._clock())
+        transactions = [] if effect.empty else self._executor.choose(self._mempool, effect.parent_id, timestamp_ms)
+        if len(transactions) <= INLINE_TRANSACTIONS_MAX_COUNT:
+            self._events.append(self._built(effect, timestamp_ms, transactions))
+        else:
+            self._run_in_thread(lambda: self._built(effect, timestamp_ms, transactions))
+
+    def _built(self, effect: BuildBlock, timestamp_ms: int, transactions: list[Transaction]) -> Event:
+        try:
+            executed, faulty = self._executor.build(effect, timestamp_ms, transactions)
+        except Exception:
+            log.exception("block_building_fault", round=effect.round)
+            return BlockBuilt(round=effect.round, block=None, now_ms=self._clock())
+        if faulty:
+            log.error("transactions_left_out", count=len(faulty))
+            self._loop.call_soon_threadsafe(self._mempool.remove, faulty)
+        return BlockBuilt(round=effect.round, block=executed.block, now_ms=self._clock())
+
+    def _commit(self, effect: CommitBlocks) -> None:
+        executed = [self._executor.executed(block.block_id) for block in effect.blocks]
+        for item in executed:
+            self._mempool.remove(item.txids)
+            self._unstored[item.block_id] = item.txids
+        self._refresh_branch()
+        self._sink.store(executed, effect.proof)
+
+    # The mempool's view of the branch
+
+    def _note_certified(self, block_id: bytes) -> None:
+        block = self.core.block(block_id)
+        if block is None:
+            return
+        executed = self._executor.find(block_id)
+        self._mempool.note_block(is_roomy=executed is not None and executed.is_roomy)
+        self._refresh_branch()
+
+    def _refresh_branch(self) -> None:
+        branch: dict[bytes, frozenset[bytes]] = {}
+        for block_id in self.core.certified_branch():
+            known = self._branch.get(block_id)
+            if known is None:
+                executed = self._executor.find(block_id)
+                known = frozenset() if executed is None else executed.txids
+            if known:
+                branch[block_id] = known
+        self._branch = branch
+        self._branch_txids = frozenset().union(*branch.values()) if branch else frozenset()
+        self.note_work()
+
+    def is_on_branch(self, txid: bytes) -> bool:
+        """Tell whether a transaction is in a certified block that is not stored yet."""
+        return txid in self._branch_txids or any(txid in txids for txids in self._unstored.values())
+
+    def note_stored(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
+        """The ledger store holds everything up to this position: the journal need not, and execution stands on it.
+
+        Blocks that the core did not finalize itself came by sync; it hears of them before the base moves. Only between
+        events.
+        """
+        head = blocks[-1]
+        if head.header.height > self.core.finalized.height:
+            qc = decode(proof.child_header_bytes, Header).qc
+            self._take(FinalizedElsewhere(head=head.block, qc=qc, now_ms=self._clock()))
+        self._executor.move_base()
+        self.core.forget_journalled(position.height)
+        self._unstored = {
+            block_id: txids for block_id, txids in self._unstored.items() if self._executor.find(block_id) is not None
+        }
+        for block in blocks:
+            self._mempool.remove(block.txids)
+        self._compact_journal()
+
+    def _compact_journal(self) -> None:
+        """Replace the journal by the little that it must still say, once it has grown."""
+        if self._journal.size_bytes < JOURNAL_COMPACT_ABOVE_BYTES or self.fault:
+            return
+        try:
+            self._journal.compact([(0, record) for record in self.core.journal_snapshot()])
+        except BlockRobotError as error:
+            self.fail(error.detail)
+
+    def fail(self, reason: str) -> None:
+        """The node cannot write: from now on it signs nothing, and serves reads."""
+        self.fault = reason
+        self._effects.clear()
+        log.critical("node_cannot_write", reason=reason)
+
+    def note_work(self) -> None:
+        """Tell the core if there began, or ceased, to be transactions worth a block."""
+        patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
+        pending = self._mempool.has_work(self._branch_txids, patience)
+        if pending != self._pending:
+            self._pending = pending
+            self.submit(WorkChanged(pending=pending, now_ms=self._clock()))
+
+    # Timers
+
+    def _set_timer(self, kind: str, round_number: int, delay_ms: int) -> None:
+        self._cancel_timer(kind)
+        self._timers[kind] = self._loop.call_later(delay_ms / 1000, self._fire, kind, round_number)
+
+    def _cancel_timer(self, kind: str) -> None:
+        handle = self._timers.pop(kind, None)
+        if handle is not None:
+            handle.cancel()
+
+    def _fire(self, kind: str, round_number: int) -> None:
+        self._timers.pop(kind, None)
+        self.submit(TimerFired(kind=kind, round=round_number, now_ms=self._clock()))

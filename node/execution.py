@@ -1,0 +1,334 @@
+"""Executes blocks on the branch that they stand on, and keeps what came of it. Must never execute the same block twice.
+
+The newest stored block is the base, a snapshot of the ledger; every block above it is an overlay in memory, by block
+id. When blocks are stored the base moves up, and the overlays above stand on the new snapshot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Protocol
+
+from consensus.block import (
+    HEADER_VERSION,
+    Block,
+    Header,
+    Receipt,
+    Receipts,
+    compute_receipts_root,
+    compute_transactions_root,
+)
+from consensus.effects import BuildBlock
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.limits import (
+    BLOCK_GAS_MAX,
+    BLOCK_SIZE_MAX_BYTES,
+    BLOCK_TRANSACTIONS_MAX_COUNT,
+    TRANSACTION_LIFETIME_MAX_MS,
+)
+from consensus.messages import sign_block
+from consensus.primitives.encoding import encode
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.schedule import Schedule
+from consensus.transaction import Transaction
+from contracts.state.view import Overlay, StateView
+from node.mempool import Mempool
+from node.storage.ledger_store import FinalizedBlock, LedgerSnapshot, LedgerStore
+from node.transaction_cache import TransactionCache
+
+BLOCK_CONTENT_MAX_BYTES = BLOCK_SIZE_MAX_BYTES - 64 * 1024
+ROOMY_PER_CENT = 80
+
+
+class Outcome(Protocol):
+    """What the execution of a block's transactions gave. `left_out` are the txids without a receipt."""
+
+    @property
+    def receipts(self) -> tuple[Receipt, ...]: ...  # noqa: D102
+
+    @property
+    def writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+
+    @property
+    def page_writes(self) -> Mapping[bytes, bytes | None]: ...  # noqa: D102
+
+    @property
+    def state_root(self) -> bytes: ...  # noqa: D102
+
+    @property
+    def gas_used(self) -> int: ...  # noqa: D102
+
+    @property
+    def left_out(self) -> tuple[bytes, ...]: ...  # noqa: D102
+
+
+class Machine(Protocol):
+    """What runs the contracts: a pure function of parent state, height, time and transactions."""
+
+    def build(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+    ) -> tuple[Outcome, list[bytes]]:
+        """Execute what fits into a block, in order; return that and the txids that no block should ever hold."""
+        ...
+
+    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> Outcome:
+        """Execute exactly these transactions. Raises BLOCK_INVALID if they cannot all stand in one block."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class ExecutedBlock:
+    """A block and what its execution gave."""
+
+    block: Block
+    block_id: bytes
+    header: Header
+    transactions: list[Transaction]
+    receipts: tuple[Receipt, ...]
+    overlay: Overlay
+    txids: frozenset[bytes]
+
+    @property
+    def is_roomy(self) -> bool:
+        """Tell whether the block had room for more: what it lacks was left out by choice."""
+        size = sum(len(transaction.wire) for transaction in self.transactions)
+        return (
+            self.header.gas_used * 100 < BLOCK_GAS_MAX * ROOMY_PER_CENT
+            and len(self.transactions) * 100 < BLOCK_TRANSACTIONS_MAX_COUNT * ROOMY_PER_CENT
+            and size * 100 < BLOCK_CONTENT_MAX_BYTES * ROOMY_PER_CENT
+        )
+
+    def to_stored(self) -> FinalizedBlock:
+        """Return what the ledger store takes."""
+        return FinalizedBlock(
+            height=self.header.height,
+            block_id=self.block_id,
+            block_bytes=encode(self.block),
+            receipts_bytes=encode(Receipts(receipts=self.receipts)),
+            timestamp_ms=self.header.timestamp_ms,
+            state_root=self.header.state_root,
+            transactions=[(item.txid, item.body.valid_until_ms) for item in self.transactions],
+            state_writes=self.overlay.writes,
+            page_writes=self.overlay.page_writes,
+            events=[encode(event) for receipt in self.receipts for event in receipt.events],
+        )
+
+
+class Executor:
+    """The blocks above the stored ledger, executed."""
+
+    def __init__(
+        self,
+        *,
+        genesis: Genesis,
+        ledger: LedgerStore,
+        machine: Machine,
+        cache: TransactionCache,
+        key: PrivateKey | None,
+    ) -> None:
+        self.schedule: Schedule = genesis.schedule
+        self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="execution")
+        self._chain_id = genesis.chain_id
+        self._ledger = ledger
+        self._machine = machine
+        self._cache = cache
+        self._key = key
+        self._blocks: dict[bytes, ExecutedBlock] = {}
+        self._base: LedgerSnapshot = ledger.snapshot()
+        self._reader: LedgerSnapshot = ledger.snapshot()
+
+    def close(self) -> None:
+        """Let go of the base snapshot and the thread."""
+        self.thread.shutdown(wait=True)
+        self._base.close()
+        self._reader.close()
+
+    @property
+    def reader(self) -> LedgerSnapshot:
+        """A snapshot of the newest stored block for the event loop, apart from the one that blocks are executed on."""
+        return self._reader
+
+    @property
+    def base_height(self) -> int:
+        """The height of the newest stored block that blocks are executed on."""
+        position = self._base.position
+        return -1 if position is None else position.height
+
+    def executed(self, block_id: bytes) -> ExecutedBlock:
+        """Return a block that must have been executed here."""
+        return self._blocks[block_id]
+
+    def find(self, block_id: bytes) -> ExecutedBlock | None:
+        """Return an executed block above the base."""
+        return self._blocks.get(block_id)
+
+    # Branches
+
+    def _view(self, block_id: bytes) -> StateView:
+        executed = self._blocks.get(block_id)
+        if executed is not None:
+            return executed.overlay
+        position = self._base.position
+        if position is None or position.block_id != block_id:
+            raise LookupError(f"the parent {block_id.hex()} was not executed here")
+        return self._base
+
+    def _branch(self, block_id: bytes) -> Iterator[ExecutedBlock]:
+        executed = self._blocks.get(block_id)
+        while executed is not None:
+            yield executed
+            executed = self._blocks.get(executed.header.parent_id)
+
+    def txids_on_branch(self, block_id: bytes) -> frozenset[bytes]:
+        """Return the txids of the executed blocks from this one down to the base."""
+        return frozenset().union(*(executed.txids for executed in self._branch(block_id)))
+
+    def _is_replayed(self, txid: bytes, on_branch: frozenset[bytes]) -> bool:
+        return txid in on_branch or self._base.locate(txid) is not None
+
+    # Verifying
+
+    def verify(self, block: Block) -> ExecutedBlock:
+        """Execute a block of somebody else and compare the roots; its parent was executed or is the base.
+
+        Raises BLOCK_INVALID, or what is wrong with one of its transactions. LookupError for an unknown parent.
+        """
+        block_id = block.block_id
+        known = self._blocks.get(block_id)
+        if known is not None:
+            return known
+        header = block.header
+        parent = self._view(header.parent_id)
+        transactions = [self._cache.verified(wire) for wire in block.transactions]
+        on_branch = self.txids_on_branch(header.parent_id)
+        for transaction in transactions:
+            self._require_admissible(transaction, header.timestamp_ms, on_branch)
+        if len({transaction.txid for transaction in transactions}) != len(transactions):
+            raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction twice.")
+        result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
+        _require_equal(header, result)
+        return self._keep(block, block_id, header, transactions, parent, result)
+
+    def _require_admissible(self, transaction: Transaction, timestamp_ms: int, on_branch: frozenset[bytes]) -> None:
+        body = transaction.body
+        if body.chain_id != self._chain_id:
+            raise BlockRobotError("TRANSACTION_WRONG_CHAIN")
+        if not timestamp_ms < body.valid_until_ms <= timestamp_ms + TRANSACTION_LIFETIME_MAX_MS:
+            raise BlockRobotError("TRANSACTION_EXPIRED", "A transaction's valid_until does not fit the block's time.")
+        if self._is_replayed(transaction.txid, on_branch):
+            raise BlockRobotError("TRANSACTION_REPLAYED")
+
+    def _keep(
+        self,
+        block: Block,
+        block_id: bytes,
+        header: Header,
+        transactions: list[Transaction],
+        parent: StateView,
+        result: Outcome,
+    ) -> ExecutedBlock:
+        executed = ExecutedBlock(
+            block=block,
+            block_id=block_id,
+            header=header,
+            transactions=transactions,
+            receipts=result.receipts,
+            overlay=Overlay(parent, result.writes, result.page_writes, result.state_root),
+            txids=frozenset(transaction.txid for transaction in transactions),
+        )
+        self._blocks[block_id] = executed
+        return executed
+
+    # Building
+
+    def choose(self, mempool: Mempool, parent_id: bytes, timestamp_ms: int) -> list[Transaction]:
+        """Take transactions for a block on this parent: none that is on the branch already."""
+        taken = mempool.take(
+            max_count=BLOCK_TRANSACTIONS_MAX_COUNT,
+            max_bytes=BLOCK_CONTENT_MAX_BYTES,
+            timestamp_ms=timestamp_ms,
+            exclude=self.txids_on_branch(parent_id),
+        )
+        return [transaction for transaction in taken if self._base.locate(transaction.txid) is None]
+
+    def build(
+        self, request: BuildBlock, timestamp_ms: int, transactions: list[Transaction]
+    ) -> tuple[ExecutedBlock, list[bytes]]:
+        """Execute, fill in and sign a block; return it and the txids that no block should hold.
+
+        LookupError for an unknown parent; whatever the machine raises passes through.
+        """
+        if self._key is None:
+            raise AssertionError("a follower never builds")
+        parent = self._view(request.parent_id)
+        result, faulty = self._machine.build(parent, request.height, timestamp_ms, transactions)
+        included = {receipt.txid for receipt in result.receipts}
+        chosen = [transaction for transaction in transactions if transaction.txid in included]
+        header = Header(
+            version=HEADER_VERSION,
+            chain_id=self._chain_id,
+            epoch=request.epoch,
+            height=request.height,
+            round=request.round,
+            parent_id=request.parent_id,
+            qc=request.qc,
+            tc=request.tc,
+            producer=request.producer,
+            timestamp_ms=timestamp_ms,
+            transactions_root=compute_transactions_root([transaction.txid for transaction in chosen]),
+            receipts_root=compute_receipts_root(result.receipts),
+            state_root=result.state_root,
+            next_schedule_hash=None,
+            gas_used=result.gas_used,
+        )
+        header_bytes = encode(header)
+        block_id = sha256(header_bytes)
+        block = Block(
+            header_bytes=header_bytes,
+            signature=sign_block(self._key, block_id),
+            transactions=tuple(transaction.wire for transaction in chosen),
+        )
+        return self._keep(block, block_id, header, chosen, parent, result), faulty
+
+    # Moving up
+
+    def move_base(self) -> None:
+        """The ledger store has moved: stand on its newest block, and forget what is stored or dead.
+
+        Only while nothing is being executed.
+        """
+        newest = self._ledger.snapshot()
+        position = newest.position
+        if position is None or position.height <= self.base_height:
+            newest.close()
+            return
+        previous, self._base = self._base, newest
+        above = sorted(self._blocks.values(), key=lambda executed: executed.header.height)
+        self._blocks = {}
+        for executed in above:
+            parent_id = executed.header.parent_id
+            if executed.header.height > position.height and (
+                parent_id == position.block_id or parent_id in self._blocks
+            ):
+                self._blocks[executed.block_id] = executed
+                if parent_id == position.block_id:
+                    executed.overlay.rebase(newest)
+        previous.close()
+        self._reader.close()
+        self._reader = self._ledger.snapshot()
+
+
+def _require_equal(header: Header, result: Outcome) -> None:
+    """Compare what the header says with what came out here. Raises BLOCK_INVALID."""
+    if result.left_out:
+        raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction that does not fit into it.")
+    if result.gas_used != header.gas_used or result.state_root != header.state_root:
+        raise BlockRobotError("BLOCK_INVALID", "The state after the block is not the one that its header names.")
+    if compute_receipts_root(result.receipts) != header.receipts_root:
+        raise BlockRobotError("BLOCK_INVALID", "The receipts are not the ones that the header names.")
+    if header.next_schedule_hash is not None:
+        raise BlockRobotError("BLOCK_INVALID", "The block changes the schedule, which nothing in it asked for.")

@@ -1,0 +1,172 @@
+"""From "final" to "stored" to "known": writes finalized blocks in order and tells who waits. Must never tell too early.
+
+A waiter is told only after the store holds the block durably, so that what a client was told survives a power cut.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+
+import structlog
+
+from consensus.block import FinalityProof
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from node.execution import ExecutedBlock
+from node.storage.ledger_store import LedgerStore, Position
+
+COMMIT_BLOCKS_MAX_COUNT = 64
+
+log = structlog.get_logger(__name__)
+
+FinalizedListener = Callable[[list[ExecutedBlock], FinalityProof, Position], None]
+
+
+class FinalityFeed:
+    """Who waits for a height or a transaction. All on the event loop."""
+
+    def __init__(self, height: int) -> None:
+        self.height = height
+        self._heights: set[asyncio.Future[None]] = set()
+        self._transactions: dict[bytes, set[asyncio.Future[bool]]] = {}
+
+    def publish(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
+        """Blocks were stored."""
+        self.height = position.height
+        for waiter in self._heights:
+            if not waiter.done():
+                waiter.set_result(None)
+        self._heights.clear()
+        if self._transactions:
+            for block in blocks:
+                for txid in block.txids:
+                    self._resolve(txid, final=True)
+
+    def give_up(self, txids: list[bytes]) -> None:
+        """Transactions expired: nobody need wait for them."""
+        for txid in txids:
+            self._resolve(txid, final=False)
+
+    def _resolve(self, txid: bytes, *, final: bool) -> None:
+        for waiter in self._transactions.pop(txid, ()):
+            if not waiter.done():
+                waiter.set_result(final)
+
+    async def wait_above(self, height: int, timeout_ms: int) -> bool:
+        """Wait until a block above `height` is stored; tell whether one is, or the time ran out."""
+        try:
+            async with asyncio.timeout(timeout_ms / 1000):
+                while self.height <= height:
+                    waiter = asyncio.get_running_loop().create_future()
+                    self._heights.add(waiter)
+                    try:
+                        await waiter
+                    finally:
+                        self._heights.discard(waiter)
+        except TimeoutError:
+            return False
+        return True
+
+    async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
+        """Wait until the transaction is stored as final; tell whether it is, or the time ran out, or it expired."""
+        waiter = asyncio.get_running_loop().create_future()
+        self._transactions.setdefault(txid, set()).add(waiter)
+        try:
+            async with asyncio.timeout(timeout_ms / 1000):
+                final: bool = await waiter
+                return final
+        except TimeoutError:
+            return False
+        finally:
+            waiters = self._transactions.get(txid)
+            if waiters is not None:
+                waiters.discard(waiter)
+                if not waiters:
+                    del self._transactions[txid]
+
+
+class LedgerWriter:
+    """Stores finalized blocks in order, as many at once as wait; then calls its listeners, in order."""
+
+    def __init__(
+        self,
+        ledger: LedgerStore,
+        *,
+        on_failure: Callable[[str], None],
+        between_events: Callable[[Callable[[], None]], None],
+    ) -> None:
+        """`between_events` runs an action when nothing is being executed; listeners are called in such a one."""
+        self._ledger = ledger
+        self._on_failure = on_failure
+        self._between_events = between_events
+        self._listeners: list[FinalizedListener] = []
+        self._waiting: list[tuple[ExecutedBlock, FinalityProof]] = []
+        self._wake = asyncio.Event()
+        self._idle = asyncio.Event()
+        self._idle.set()
+        self._failed = False
+        self._task: asyncio.Task[None] | None = None
+        position = ledger.position
+        self.queued_height = -1 if position is None else position.height
+
+    def add_listener(self, listener: FinalizedListener) -> None:
+        """Call `listener` with the blocks of each commit, once they are durable."""
+        self._listeners.append(listener)
+
+    def start(self) -> None:
+        """Begin to write."""
+        self._task = asyncio.get_running_loop().create_task(self._run(), name="ledger-writer")
+
+    async def stop(self) -> None:
+        """Write what waits, then stop."""
+        if self._task is None:
+            return
+        if not self._failed:
+            await self._idle.wait()
+        self._task.cancel()
+        await asyncio.gather(self._task, return_exceptions=True)
+
+    def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
+        """Queue finalized blocks, oldest first; those that are queued or stored already are left out."""
+        for block in blocks:
+            if block.header.height == self.queued_height + 1:
+                self.queued_height += 1
+                self._waiting.append((block, proof))
+            elif block.header.height > self.queued_height:
+                raise AssertionError(f"block {block.header.height} comes after {self.queued_height}")
+        if self._waiting:
+            self._idle.clear()
+            self._wake.set()
+
+    async def _run(self) -> None:
+        while True:
+            await self._wake.wait()
+            self._wake.clear()
+            while self._waiting:
+                batch = self._take_batch()
+                blocks = [block for block, _ in batch]
+                try:
+                    position = await self._ledger.commit([block.to_stored() for block in blocks], encode(batch[-1][1]))
+                except (BlockRobotError, OSError, ValueError) as error:
+                    self._failed = True
+                    self._idle.set()
+                    log.critical("ledger_failed", detail=str(error))
+                    self._on_failure(f"The ledger cannot be written: {error}")
+                    return
+                del self._waiting[: len(batch)]
+                if not self._waiting:
+                    self._idle.set()
+                self._between_events(partial(self._publish, blocks, batch[-1][1], position))
+
+    def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
+        for listener in self._listeners:
+            listener(blocks, proof, position)
+
+    def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
+        """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs)."""
+        end = min(len(self._waiting), COMMIT_BLOCKS_MAX_COUNT)
+        while end < len(self._waiting) and self._waiting[end][1] is self._waiting[end - 1][1]:
+            end += 1
+        return self._waiting[:end]

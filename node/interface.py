@@ -1,0 +1,169 @@
+"""The node as its HTTP interface sees it: the Protocols of `node.api.services`. Must never show what is not final."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+from consensus.block import Block, FinalityProof, Header, Receipt, Receipts
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode
+from consensus.primitives.trie import Proof
+from consensus.transaction import Transaction, decode_transaction
+from node.api.services import PoolStatus, SubmitResult, TransactionPlace
+from node.engine import Engine
+from node.finality import FinalityFeed
+from node.gossip import Gossip
+from node.mempool import Mempool
+from node.storage.ledger_store import LedgerSnapshot, LedgerStore
+
+SUBMIT_SLICE_COUNT = 64
+EXPIRED_REMEMBERED_MAX_COUNT = 16_384
+
+
+class WallClock:
+    """The machine's clock."""
+
+    def now_ms(self) -> int:
+        """Return milliseconds since 1970 UTC."""
+        return time.time_ns() // 1_000_000
+
+
+class DecodedSnapshot:
+    """A snapshot of the ledger with blocks, receipts and proofs decoded."""
+
+    def __init__(self, snapshot: LedgerSnapshot) -> None:
+        self._snapshot = snapshot
+        self._header: Header | None = None
+
+    @property
+    def header(self) -> Header:
+        """The header of the newest finalized block."""
+        if self._header is None:
+            position = self._snapshot.position
+            block = None if position is None else self.block(position.height)
+            if block is None:
+                raise BlockRobotError("STORAGE_DAMAGED", "The ledger does not hold its newest block.")
+            self._header = block.header
+        return self._header
+
+    @property
+    def finality(self) -> FinalityProof | None:
+        """The proof that `header` is final; None only at genesis."""
+        data = self._snapshot.finality
+        return decode(data, FinalityProof) if data else None
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key, or None."""
+        return self._snapshot.get(key)
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs under the prefix, in key order."""
+        return self._snapshot.scan(prefix, limit)
+
+    def prove(self, key: bytes) -> Proof:
+        """Return the proof of the key's presence or absence under `header.state_root`."""
+        return self._snapshot.prove(key)
+
+    def block(self, height: int) -> Block | None:
+        """Return the finalized block of this height, or None."""
+        data = self._snapshot.block(height)
+        return None if data is None else decode(data, Block)
+
+    def receipts(self, height: int) -> Sequence[Receipt] | None:
+        """Return the receipts of the block of this height, or None."""
+        data = self._snapshot.receipts(height)
+        return None if data is None else decode(data, Receipts).receipts
+
+    def locate(self, txid: bytes) -> TransactionPlace | None:
+        """Return where a finalized transaction stands, or None."""
+        found = self._snapshot.locate(txid)
+        return None if found is None else TransactionPlace(height=found.height, index=found.index)
+
+
+class FinalizedLedger:
+    """`LedgerReader` over the node's store."""
+
+    def __init__(self, ledger: LedgerStore, feed: FinalityFeed) -> None:
+        self._ledger = ledger
+        self._feed = feed
+
+    @contextmanager
+    def snapshot(self) -> Iterator[DecodedSnapshot]:
+        """Open a snapshot of the newest finalized block."""
+        with self._ledger.snapshot() as snapshot:
+            yield DecodedSnapshot(snapshot)
+
+    async def wait_above(self, height: int, timeout_ms: int) -> bool:
+        """Wait until a block above `height` is final; tell whether one is, or the time ran out."""
+        return await self._feed.wait_above(height, timeout_ms)
+
+
+class Pool:
+    """`TransactionPool` over the node's mempool: admits, passes on, wakes the engine."""
+
+    def __init__(
+        self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: WallClock
+    ) -> None:
+        self._mempool = mempool
+        self._engine = engine
+        self._gossip = gossip
+        self._feed = feed
+        self._clock = clock
+        self._expired: OrderedDict[bytes, None] = OrderedDict()
+
+    async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
+        """Check and admit transactions; one result for each wire, in order. An already waiting one is no error."""
+        results: list[SubmitResult] = []
+        for start in range(0, len(wires), SUBMIT_SLICE_COUNT):
+            if start:
+                await asyncio.sleep(0)
+            self._submit_slice(wires[start : start + SUBMIT_SLICE_COUNT], results)
+        return results
+
+    def _submit_slice(self, wires: Iterable[bytes], results: list[SubmitResult]) -> None:
+        now_ms = self._clock.now_ms()
+        fresh: list[Transaction] = []
+        for wire in wires:
+            try:
+                transaction, is_new = self._mempool.admit(wire, now_ms)
+            except BlockRobotError as error:
+                results.append(SubmitResult(txid=_txid_of(wire), error=error))
+                continue
+            results.append(SubmitResult(txid=transaction.txid, error=None))
+            if is_new:
+                fresh.append(transaction)
+        if fresh:
+            self._gossip.offer(fresh)
+            self._engine.note_work()
+
+    def status(self, txid: bytes) -> PoolStatus:
+        """Tell what the pool knows of a transaction that is not final."""
+        if txid in self._mempool or self._engine.is_on_branch(txid):
+            return "pending"
+        return "expired" if txid in self._expired else "unknown"
+
+    async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
+        """Wait until the transaction is final; tell whether it is, or the time ran out (or it expired)."""
+        return await self._feed.wait_final(txid, timeout_ms)
+
+    def purge_expired(self) -> int:
+        """Drop what no block may hold any more, and tell who waits for it; return how many."""
+        expired = self._mempool.purge_expired(self._clock.now_ms())
+        for txid in expired:
+            self._expired[txid] = None
+        while len(self._expired) > EXPIRED_REMEMBERED_MAX_COUNT:
+            self._expired.popitem(last=False)
+        self._feed.give_up(expired)
+        return len(expired)
+
+
+def _txid_of(wire: bytes) -> bytes:
+    """Return the txid that refused bytes would have, or nothing if they are no transaction."""
+    try:
+        return decode_transaction(wire).txid
+    except BlockRobotError:
+        return b""

@@ -1,0 +1,110 @@
+"""`python -m node.main --data-dir DIR`: one node as a process. Must never print a traceback, nor log a secret.
+
+All that it has to say goes to `node.log` in its data directory, as JSON lines. Only a failure to start is printed: one
+sentence and what to do about it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import logging
+import logging.handlers
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from node.config import NodeConfig, load_config
+from node.service import Node
+from node.storage.directory_lock import DirectoryLock
+
+LOG_FILE_MAX_BYTES = 16 * 1024 * 1024
+LOG_FILES_KEPT_COUNT = 3
+
+
+def configure_logging(config: NodeConfig) -> None:
+    """Send structlog's and the standard library's log lines to the node's log file, one JSON object a line."""
+    shared: list[structlog.types.Processor] = [
+        structlog.stdlib.add_log_level,
+        structlog.stdlib.add_logger_name,
+        structlog.processors.TimeStamper(fmt="iso", utc=True),
+        structlog.processors.format_exc_info,
+    ]
+    handler = logging.handlers.RotatingFileHandler(
+        config.log_path, maxBytes=LOG_FILE_MAX_BYTES, backupCount=LOG_FILES_KEPT_COUNT, encoding="utf-8"
+    )
+    handler.setFormatter(
+        structlog.stdlib.ProcessorFormatter(
+            foreign_pre_chain=shared,
+            processors=[
+                structlog.stdlib.ProcessorFormatter.remove_processors_meta,
+                structlog.processors.JSONRenderer(),
+            ],
+        )
+    )
+    logging.basicConfig(handlers=[handler], level=config.log_level.upper(), force=True)
+    structlog.configure(
+        processors=[
+            structlog.stdlib.filter_by_level,
+            *shared,
+            structlog.stdlib.ProcessorFormatter.wrap_for_formatter,
+        ],
+        logger_factory=structlog.stdlib.LoggerFactory(),
+        wrapper_class=structlog.stdlib.BoundLogger,
+        cache_logger_on_first_use=True,
+    )
+
+
+async def run_node(config: NodeConfig) -> None:
+    """Run a node until SIGTERM or SIGINT. Raises BlockRobotError if it cannot start."""
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        loop.add_signal_handler(number, stop.set)
+    async with Node(config):
+        await stop.wait()
+
+
+def _new_event_loop() -> asyncio.AbstractEventLoop:
+    try:
+        import uvloop  # noqa: PLC0415 - not there on every system
+    except ImportError:
+        return asyncio.new_event_loop()
+    loop: asyncio.AbstractEventLoop = uvloop.new_event_loop()
+    return loop
+
+
+def _run(data_dir: Path) -> None:
+    config = load_config(data_dir)
+    lock = DirectoryLock(data_dir)
+    try:
+        configure_logging(config)
+        with asyncio.Runner(loop_factory=_new_event_loop) as runner:
+            runner.run(run_node(config))
+    finally:
+        lock.release()
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node of a data directory; return the exit code: 0 after a clean stop, 1 if it could not run."""
+    parser = argparse.ArgumentParser(prog="python -m node.main", description="Run one BlockRobot node.")
+    parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
+    options = parser.parse_args(arguments)
+    try:
+        _run(options.data_dir.resolve())
+    except BlockRobotError as error:
+        sys.stderr.write(f"{error.code}: {error.detail} {error.next_step}\n")
+        return 1
+    except Exception as error:  # noqa: BLE001 - the outermost wall: the traceback goes to the log, not to the user
+        structlog.get_logger(__name__).exception("node_failed")
+        sys.stderr.write(f"INTERNAL: The node stopped on a fault ({type(error).__name__}); its log has the details.\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

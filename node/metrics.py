@@ -1,0 +1,52 @@
+"""The node's figures in the Prometheus text format. Must never hold an identifier of a person, a tag or a transaction."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, generate_latest
+
+from consensus.block import FinalityProof
+from node.execution import ExecutedBlock
+from node.storage.ledger_store import Position
+
+_LATENCY_BUCKETS_S = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)
+
+
+class NodeMetrics:
+    """Counters that grow with the chain, and gauges read when asked for."""
+
+    def __init__(self, gauges: Mapping[str, tuple[str, Callable[[], float]]], clock: Callable[[], int]) -> None:
+        """`gauges` maps a name to its description and the function that reads it."""
+        self._registry = CollectorRegistry()
+        self._clock = clock
+        self._blocks = Counter("blockrobot_blocks_finalized", "Blocks finalized.", registry=self._registry)
+        self._transactions = Counter(
+            "blockrobot_transactions_finalized", "Transactions finalized.", registry=self._registry
+        )
+        self._failed = Counter(
+            "blockrobot_transactions_failed", "Finalized transactions whose call failed.", registry=self._registry
+        )
+        self._gas = Counter("blockrobot_gas_used", "Gas used by finalized blocks.", registry=self._registry)
+        self._delay = Histogram(
+            "blockrobot_block_to_stored_seconds",
+            "Time from a block's timestamp until it was stored here.",
+            buckets=_LATENCY_BUCKETS_S,
+            registry=self._registry,
+        )
+        for name, (description, read) in gauges.items():
+            Gauge(name, description, registry=self._registry).set_function(read)
+
+    def note_finalized(self, blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
+        """Count stored blocks."""
+        now_ms = self._clock()
+        for block in blocks:
+            self._blocks.inc()
+            self._transactions.inc(len(block.receipts))
+            self._failed.inc(sum(not receipt.ok for receipt in block.receipts))
+            self._gas.inc(block.header.gas_used)
+            self._delay.observe(max(0, now_ms - block.header.timestamp_ms) / 1000)
+
+    def render(self) -> bytes:
+        """Return all figures as Prometheus text."""
+        return generate_latest(self._registry)

@@ -1,0 +1,232 @@
+"""Catching up: fetches finalized blocks from peers, checks and executes them. Must never install what is not proved final.
+
+A batch is a run of blocks above one's own head whose last one a two-chain proof makes final; the ids of the parents
+then make all of them final. Every block is executed here and its roots compared before any of them is stored. Short
+gaps are the core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Protocol
+
+import structlog
+
+from consensus.block import Block, FinalityProof, Header
+from consensus.block_rules import check_block
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from consensus.schedule import verify_qc
+from consensus.signature_cache import SignatureCache
+from node.engine import Engine
+from node.execution import ExecutedBlock, Executor
+from node.finality import FinalityFeed, LedgerWriter
+from node.p2p.wire import BlockBatch, FinalizedRequest, RequestKind
+from node.storage.ledger_store import LedgerSnapshot, LedgerStore
+
+LAG_TOLERATED_BLOCKS = 32
+BATCH_MAX_COUNT = 64
+BATCH_MAX_BYTES = 4 * 1024 * 1024
+PROOF_SEARCH_MAX_COUNT = 256
+RETRY_MS = 500
+INSTALL_TIMEOUT_MS = 30_000
+
+log = structlog.get_logger(__name__)
+
+
+class Requester(Protocol):
+    """Asks peers."""
+
+    async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Return the answer. Raises PEER_UNAVAILABLE."""
+        ...
+
+
+def verify_finality(proof: FinalityProof, genesis: Genesis, check: SignatureCache) -> Header:
+    """Check a two-chain proof; return the header that it makes final. Raises CERTIFICATE_INVALID or ENCODING_*."""
+    header, child = decode(proof.header_bytes, Header), decode(proof.child_header_bytes, Header)
+    if (
+        child.parent_id != sha256(proof.header_bytes)
+        or child.round != header.round + 1
+        or child.epoch != header.epoch
+        or proof.child_qc.block_id != sha256(proof.child_header_bytes)
+        or proof.child_qc.round != child.round
+        or child.qc.block_id != child.parent_id
+    ):
+        raise BlockRobotError("CERTIFICATE_INVALID", "The proof of finality is not a chain of two rounds.")
+    verify_qc(proof.child_qc, genesis.schedule, genesis.chain_id, genesis.block_id, check)
+    return header
+
+
+def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | None) -> FinalityProof | None:
+    """Return the two-chain proof of a stored block out of the two blocks above it, or None if they make none."""
+    if child is None or grandchild is None:
+        return None
+    header, child_header, qc = block.header, child.header, grandchild.header.qc
+    if child_header.round != header.round + 1 or qc.block_id != child.block_id:
+        return None
+    return FinalityProof(header_bytes=block.header_bytes, child_header_bytes=child.header_bytes, child_qc=qc)
+
+
+def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
+    """Return the proof that the stored block of this height is final, if it has one of its own."""
+    position = snapshot.position
+    if position is not None and position.height == height:
+        return decode(snapshot.finality, FinalityProof) if snapshot.finality else None
+    found = [snapshot.block(height + offset) for offset in range(3)]
+    block, child, grandchild = (None if data is None else decode(data, Block) for data in found)
+    return None if block is None else proof_from_blocks(block, child, grandchild)
+
+
+def read_batch(snapshot: LedgerSnapshot, from_height: int) -> BlockBatch:
+    """Return the run of stored blocks from a height on that fits a message and ends with a provable block."""
+    blocks: list[bytes] = []
+    provable, proof, size = 0, None, 0
+    for height, data in snapshot.iter_blocks(from_height, PROOF_SEARCH_MAX_COUNT):
+        size += len(data)
+        if provable and (size > BATCH_MAX_BYTES or len(blocks) >= BATCH_MAX_COUNT):
+            break
+        blocks.append(data)
+        found = finality_of(snapshot, height)
+        if found is not None:
+            provable, proof = len(blocks), found
+    return BlockBatch(blocks=tuple(blocks[:provable]), proof=proof)
+
+
+class Synchroniser:
+    """Keeps a node that is far behind catching up until it is not."""
+
+    def __init__(
+        self,
+        *,
+        genesis: Genesis,
+        ledger: LedgerStore,
+        engine: Engine,
+        executor: Executor,
+        writer: LedgerWriter,
+        feed: FinalityFeed,
+        requester: Requester,
+    ) -> None:
+        self._genesis = genesis
+        self._ledger = ledger
+        self._engine = engine
+        self._executor = executor
+        self._writer = writer
+        self._feed = feed
+        self._requester = requester
+        self._heights: dict[str, int] = {}
+        self._check = SignatureCache()
+        self._task: asyncio.Task[None] | None = None
+        self.blocks_installed_count = 0
+
+    @property
+    def is_running(self) -> bool:
+        """Tell whether the node is catching up."""
+        return self._task is not None and not self._task.done()
+
+    def note_height(self, peer: str, height: int) -> None:
+        """A peer said how far it is: begin to catch up if that is far ahead."""
+        self._heights[peer] = height
+        if height > self._writer.queued_height + LAG_TOLERATED_BLOCKS and not self.is_running:
+            self._task = asyncio.get_running_loop().create_task(self._run(), name="sync")
+
+    def forget(self, peer: str) -> None:
+        """A peer is gone."""
+        self._heights.pop(peer, None)
+
+    async def stop(self) -> None:
+        """Stop catching up."""
+        if self._task is not None:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    def serve(self, body: bytes) -> bytes:
+        """Answer a peer's request for finalized blocks. Raises ENCODING_*."""
+        request = decode(body, FinalizedRequest)
+        with self._ledger.snapshot() as snapshot:
+            return encode(read_batch(snapshot, max(1, request.from_height)))
+
+    async def _run(self) -> None:
+        log.info("sync_started", height=self._writer.queued_height)
+        while True:
+            ahead = {peer: height for peer, height in self._heights.items() if height > self._feed.height}
+            if not ahead or max(ahead.values()) <= self._writer.queued_height + 1:
+                break
+            peer = max(ahead, key=lambda name: ahead[name])
+            try:
+                await self._advance(peer)
+            except BlockRobotError as error:
+                log.warning("sync_failed", peer=peer, code=error.code, detail=error.detail)
+                self._heights.pop(peer, None)
+                await asyncio.sleep(RETRY_MS / 1000)
+        log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
+
+    async def _advance(self, peer: str) -> None:
+        """Fetch, check, execute and install one batch of one peer."""
+        if self._feed.height < self._writer.queued_height:
+            await self._feed.wait_above(self._writer.queued_height - 1, INSTALL_TIMEOUT_MS)
+        request = FinalizedRequest(from_height=self._feed.height + 1)
+        answer = await self._requester.request(peer, RequestKind.FINALIZED, encode(request))
+        batch = decode(answer, BlockBatch)
+        blocks = [decode(data, Block) for data in batch.blocks]
+        if not blocks or batch.proof is None:
+            self._heights.pop(peer, None)
+            return
+        self._check_batch(blocks, batch.proof)
+        executed: list[ExecutedBlock] = []
+        for block in blocks:
+            executed.append(await self._execute(block))
+            await asyncio.sleep(0)
+        self._writer.store(
+            [block for block in executed if block.header.height > self._writer.queued_height], batch.proof
+        )
+        if not await self._feed.wait_above(blocks[-1].header.height - 1, INSTALL_TIMEOUT_MS):
+            raise BlockRobotError("STORAGE_UNWRITABLE", "The ledger did not take the blocks in time.")
+        self.blocks_installed_count += len(blocks)
+
+    def _check_batch(self, blocks: list[Block], proof: FinalityProof) -> None:
+        """Check that the blocks follow one another above the head and that the last one is final."""
+        genesis = self._genesis
+        if verify_finality(proof, genesis, self._check).height != blocks[-1].header.height or (
+            sha256(proof.header_bytes) != blocks[-1].block_id
+        ):
+            raise BlockRobotError("CERTIFICATE_INVALID", "The proof is not for the last block of the batch.")
+        with self._ledger.snapshot() as snapshot:
+            position = snapshot.position
+        if position is None:
+            raise AssertionError("the ledger holds genesis")
+        parent_id, height = position.block_id, position.height
+        for block in blocks:
+            header = block.header
+            height += 1
+            if header.parent_id != parent_id or header.height != height:
+                raise BlockRobotError("BLOCK_INVALID", "The peer's blocks do not follow one another.")
+            check_block(
+                block,
+                header,
+                chain_id=genesis.chain_id,
+                schedule=genesis.schedule,
+                round_zero_id=genesis.block_id,
+                check=self._check,
+            )
+            parent_id = block.block_id
+
+    async def _execute(self, block: Block) -> ExecutedBlock:
+        """Execute a block between two events of the core. Raises what `Executor.verify` raises."""
+        done: asyncio.Future[ExecutedBlock] = asyncio.get_running_loop().create_future()
+
+        def execute() -> None:
+            if done.cancelled():
+                return
+            try:
+                done.set_result(self._executor.verify(block))
+            except Exception as error:  # noqa: BLE001 - handed to the one who waits
+                done.set_exception(error)
+
+        self._engine.call_between_events(execute)
+        try:
+            return await done
+        except LookupError:
+            raise BlockRobotError("BLOCK_INVALID", "The head moved while the batch was being executed.") from None
