@@ -1,0 +1,32 @@
+"""The contract language and its machine: sources in, outcomes out. Must never touch a clock, a file or the network.
+
+    contract = compile_contract(source, "records")        # ContractSourceError lists what is wrong, by line
+    outcome = invoke({"records": contract}, "records", "record", [record_id, owner], host=host,
+                     context=CallContext(caller, height, time_ms, txid, chain_id), gas_limit=250_000, mode="export")
+    if outcome.ok: ...                                     # else outcome.code, .message, .line; discard host writes
+
+`host` implements `HostInterface` over flat keys and encoded values. `contract.abi` describes the entries.
+"""
+
+from __future__ import annotations
+
+from contracts.vm.abi import Abi, Entry
+from contracts.vm.compiled import CompiledContract, compile_contract
+from contracts.vm.faults import VM_CODES, ContractSourceError, Diagnostic, InternalFault
+from contracts.vm.invoke import Outcome, invoke
+from contracts.vm.meter import CallContext, HostInterface
+
+__all__ = [
+    "VM_CODES",
+    "Abi",
+    "CallContext",
+    "CompiledContract",
+    "ContractSourceError",
+    "Diagnostic",
+    "Entry",
+    "HostInterface",
+    "InternalFault",
+    "Outcome",
+    "compile_contract",
+    "invoke",
+]

@@ -1,0 +1,267 @@
+"""The checker: decides whether a parsed source is in the contract language, and says where not. Must never stop at the first problem.
+
+What it lets through the compiler can translate; every node type is refused unless it is named here.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import warnings
+
+from contracts.vm.abi import TYPE_HELP, parse_type
+from contracts.vm.checker_expressions import ExpressionChecker
+from contracts.vm.faults import ContractSourceError, Diagnostic
+from contracts.vm.names import KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names
+from contracts.vm.prelex import prelex
+
+_CONTRACT_NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
+
+_REFUSED: dict[str, tuple[str, str]] = {
+    "Import": ("Nothing can be imported.", "Use the names the language gives: see the reference."),
+    "ImportFrom": ("Nothing can be imported.", "Use the names the language gives: see the reference."),
+    "ClassDef": ("There are no classes.", "Use a dict with text keys."),
+    "AsyncFunctionDef": ("There is no async.", "Use 'def'."),
+    "Try": ("Failures cannot be caught.", "Test with 'if' first; what fails, fails the whole call."),
+    "TryStar": ("Failures cannot be caught.", "Test with 'if' first; what fails, fails the whole call."),
+    "Raise": ("There is no raise.", 'Use require(False, "CODE").'),
+    "Assert": ("There is no assert.", 'Use require(condition, "CODE").'),
+    "With": ("There is no with.", "Write the steps out."),
+    "Global": ("Module names cannot be changed.", "Keep it in the state."),
+    "Nonlocal": ("There are no nested functions.", "Pass it as an argument."),
+    "Match": ("There is no match.", "Use if and elif."),
+    "TypeAlias": ("There is no type statement.", "Write the type out."),
+}
+
+
+def check_source(source: str, name: str) -> SourceFacts:
+    """Parse and check a source. Raises ContractSourceError with all problems found."""
+    if _CONTRACT_NAME.fullmatch(name) is None:
+        message = "A contract's name is 1 to 32 of a-z, 0-9, '-' and '_', a letter first."
+        raise ContractSourceError("contract", (Diagnostic("CONTRACT_NAME", 1, 1, message, "Choose such a name."),))
+    diagnostics, fatal = prelex(source)
+    if fatal:
+        raise ContractSourceError(name, _sorted(diagnostics))
+    tree = _parse(source, name, diagnostics)
+    checker = Checker(diagnostics)
+    checker.module(tree)
+    if diagnostics:
+        raise ContractSourceError(name, _sorted(diagnostics))
+    return checker.facts
+
+
+def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
+    return tuple(sorted(set(diagnostics), key=lambda one: (one.line, one.column, one.code)))
+
+
+def _parse(source: str, name: str, diagnostics: list[Diagnostic]) -> ast.Module:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return ast.parse(source)
+    except SyntaxError as error:
+        line, column = error.lineno or 1, max(error.offset or 1, 1)
+        found = Diagnostic("SYNTAX", line, column, "This is not Python.", f"Python says: {error.msg}.")
+        raise ContractSourceError(name, _sorted([*diagnostics, found])) from None
+    except (ValueError, MemoryError, RecursionError):
+        found = Diagnostic("SYNTAX", 1, 1, "The source cannot be parsed.", "Make its expressions simpler.")
+        raise ContractSourceError(name, _sorted([*diagnostics, found])) from None
+
+
+class Checker(ExpressionChecker):
+    """Checks modules, functions and statements; expressions are checked by its base."""
+
+    def module(self, tree: ast.Module) -> None:
+        """Check a whole source: first what it defines, then what is inside."""
+        for position, statement in enumerate(tree.body):
+            if isinstance(statement, ast.FunctionDef):
+                self._declare_function(statement)
+            elif isinstance(statement, ast.Assign | ast.AnnAssign):
+                self._declare_constant(statement)
+            elif not (position == 0 and _is_docstring(statement)):
+                self._refuse_statement(statement, "At the top there are only constants and functions.")
+        for facts in self.facts.functions.values():
+            self._function(facts)
+        self._check_views()
+        if not any(facts.kind for facts in self.facts.functions.values()):
+            self.report(tree, "NO_ENTRY", "The contract has no entry.", "Mark a function with @export, @view or @genesis.")
+
+    def _refuse_statement(self, node: ast.stmt, otherwise: str) -> None:
+        message, fix = _REFUSED.get(type(node).__name__, (otherwise, "Move it into a function."))
+        self.report(node, "NOT_IN_LANGUAGE", message, fix)
+
+    def _declare_name(self, node: ast.AST, name: str) -> bool:
+        if name in RESERVED:
+            self.report(node, "NAME_RESERVED", f"{name} has a meaning of its own.", "Choose another name.")
+        elif name in self.facts.constants or name in self.facts.functions:
+            self.report(node, "NAME_TWICE", f"{name} is already defined.", "Choose another name.")
+        elif name.startswith("__") or name == "_":
+            self.report(node, "NAME_RESERVED", f"{name} is not a name for this.", "Choose another name.")
+        else:
+            return True
+        return False
+
+    def _declare_constant(self, node: ast.Assign | ast.AnnAssign) -> None:
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
+            self.report(node, "CONSTANT", "A constant is 'NAME = value'.", "Write one name and one value.")
+            return
+        if isinstance(node, ast.AnnAssign) and parse_type(node.annotation) is None:
+            self.report(node.annotation, "ANNOTATION", "This is not a type of the language.", TYPE_HELP)
+        self.constant_expression(node.value)
+        if self._declare_name(node, targets[0].id):
+            self.facts.constants[targets[0].id] = node.value
+
+    def _declare_function(self, node: ast.FunctionDef) -> None:
+        kind = self._kind(node)
+        params = self._params(node, kind)
+        if self._declare_name(node, node.name):
+            names = bound_names(node.body) | frozenset(params)
+            self.facts.functions[node.name] = FunctionFacts(node, kind, params, names)
+
+    def _kind(self, node: ast.FunctionDef) -> str:
+        kind = ""
+        for decorator in node.decorator_list:
+            if not isinstance(decorator, ast.Name) or decorator.id not in KINDS:
+                self.report(decorator, "DECORATOR", "This decorator is unknown.", "Use @export, @view or @genesis.")
+            elif kind:
+                self.report(decorator, "DECORATOR", "A function has at most one decorator.", "Remove one.")
+            else:
+                kind = decorator.id
+        if kind and node.name.startswith("_"):
+            self.report(node, "NAME_RESERVED", "An entry's name does not start with '_'.", "Choose another name.")
+        return kind
+
+    def _params(self, node: ast.FunctionDef, kind: str) -> tuple[str, ...]:
+        arguments = node.args
+        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.posonlyargs:
+            self.report(node, "PARAMETERS", "There are only plain parameters.", "Remove '*', '/' and '**'.")
+        if getattr(node, "type_params", None):
+            self.report(node, "PARAMETERS", "There are no type parameters.", "Remove them.")
+        for argument in arguments.args:
+            if argument.arg in RESERVED:
+                self.report(argument, "NAME_RESERVED", f"{argument.arg} has a meaning of its own.", "Choose another name.")
+            if argument.annotation is None and kind:
+                message = f"The parameter {argument.arg} of an entry has no type."
+                self.report(argument, "ANNOTATION_MISSING", message, f"Write {argument.arg}: TYPE. {TYPE_HELP}")
+            elif argument.annotation is not None and parse_type(argument.annotation) is None:
+                self.report(argument, "ANNOTATION", "This is not a type of the language.", TYPE_HELP)
+        if node.returns is not None and parse_type(node.returns) is None:
+            self.report(node.returns, "ANNOTATION", "This is not a type of the language.", TYPE_HELP)
+        for default in arguments.defaults:
+            self.constant_expression(default)
+        return tuple(argument.arg for argument in arguments.args)
+
+    def _function(self, facts: FunctionFacts) -> None:
+        self.current = facts
+        self.comprehension_names = []
+        body = facts.node.body
+        self._block(body[1:] if _is_docstring(body[0]) and len(body) > 1 else body, in_loop=False)
+
+    def _block(self, body: list[ast.stmt], *, in_loop: bool) -> None:
+        for statement in body:
+            self._statement(statement, in_loop=in_loop)
+
+    def _statement(self, node: ast.stmt, *, in_loop: bool) -> None:
+        match node:
+            case ast.Assign():
+                self._assign(node)
+            case ast.AugAssign():
+                self.operator(node, node.op)
+                self._target(node.target, "AUGMENTED")
+                self.expression(node.value)
+            case ast.AnnAssign():
+                self._annotated(node)
+            case ast.Expr():
+                self._expression_statement(node)
+            case ast.Return():
+                if node.value is not None:
+                    self.expression(node.value)
+            case ast.If() | ast.While() | ast.For():
+                self._compound(node, in_loop=in_loop)
+            case ast.Break() | ast.Continue():
+                if not in_loop:
+                    self.report(node, "OUTSIDE_LOOP", "There is no loop here.", "Remove it.")
+            case ast.Delete():
+                for target in node.targets:
+                    if not isinstance(target, ast.Subscript) or isinstance(target.slice, ast.Slice):
+                        self.report(node, "DELETE", "Only an item can be deleted.", "Write del container[key].")
+                    self.expression(target)
+            case ast.Pass():
+                pass
+            case ast.FunctionDef():
+                self.report(node, "NOT_IN_LANGUAGE", "There are no nested functions.", "Move it to the top.")
+            case _:
+                self._refuse_statement(node, "This statement is not in the language.")
+
+    def _assign(self, node: ast.Assign) -> None:
+        if len(node.targets) != 1:
+            self.report(node, "ASSIGNMENT", "One assignment has one target.", "Write two assignments.")
+        for target in node.targets:
+            self._target(target, "PLAIN")
+        self.expression(node.value)
+
+    def _annotated(self, node: ast.AnnAssign) -> None:
+        if not isinstance(node.target, ast.Name) or node.value is None:
+            self.report(node, "ASSIGNMENT", "A typed assignment is 'name: type = value'.", "Give it a value.")
+        if parse_type(node.annotation) is None:
+            self.report(node.annotation, "ANNOTATION", "This is not a type of the language.", TYPE_HELP)
+        self._target(node.target, "PLAIN")
+        if node.value is not None:
+            self.expression(node.value)
+
+    def _expression_statement(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Call) and not (
+            isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        ):
+            self.report(node, "NO_EFFECT", "This has no effect.", "Assign it, return it or remove it.")
+        self.expression(node.value)
+
+    def _compound(self, node: ast.If | ast.While | ast.For, *, in_loop: bool) -> None:
+        if isinstance(node, ast.For):
+            self._target(node.target, "LOOP")
+            self.expression(node.iter)
+        else:
+            self.expression(node.test)
+        looping = in_loop or not isinstance(node, ast.If)
+        self._block(node.body, in_loop=looping)
+        if node.orelse and not isinstance(node, ast.If):
+            self.report(node, "LOOP_ELSE", "A loop has no else.", "Use a variable.")
+        self._block(node.orelse, in_loop=in_loop)
+
+    def _target(self, node: ast.expr, use: str) -> None:
+        if isinstance(node, ast.Name):
+            if node.id in RESERVED:
+                self.report(node, "NAME_RESERVED", f"{node.id} has a meaning of its own.", "Choose another name.")
+        elif isinstance(node, ast.Subscript) and use != "LOOP" and not isinstance(node.slice, ast.Slice):
+            self.expression(node.value)
+            self.expression(node.slice)
+        elif isinstance(node, ast.Tuple | ast.List) and use != "AUGMENTED" and node.elts:
+            for element in node.elts:
+                if isinstance(element, ast.Name):
+                    self._target(element, use)
+                else:
+                    self.report(element, "ASSIGNMENT", "Only names can be unpacked into.", "Assign in two steps.")
+        else:
+            self.report(node, "ASSIGNMENT", "This cannot be assigned to.", "Assign to a name or an item.")
+
+    def _check_views(self) -> None:
+        functions = self.facts.functions
+        for facts in functions.values():
+            if facts.kind != "view":
+                continue
+            pending, seen = [facts.node.name], set()
+            while pending:
+                name = pending.pop()
+                if name in seen:
+                    continue
+                seen.add(name)
+                if functions[name].writes is not None:
+                    message = f"The view {facts.node.name} changes the state or emits, by way of {name}."
+                    self.report(facts.node, "VIEW_WRITES", message, "Make it an @export, or leave that out.")
+                    break
+                pending.extend(functions[name].calls & functions.keys())
+
+
+def _is_docstring(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)

@@ -1,0 +1,143 @@
+"""A compiled contract and how a source becomes one. Must never keep anything of a call.
+
+Constants and defaults are computed here, once, by the same checked operations that run at call time.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from typing import Any
+
+from consensus.primitives.hashing import sha256
+from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, type_text
+from contracts.vm.checker import check_source
+from contracts.vm.compiler_expressions import FunctionCode
+from contracts.vm.compiler_statements import compile_function
+from contracts.vm.faults import ContractSourceError, Diagnostic, Fault
+from contracts.vm.host import flat_prefix
+from contracts.vm.meter import CallContext, Runtime
+from contracts.vm.names import FunctionFacts, SourceFacts
+from contracts.vm.operations import BINARY, UNARY
+from contracts.vm.values import check_dict_key
+
+CONSTANT_GAS = 100_000
+_NO_CONTEXT = CallContext(b"", 0, 0, b"", b"")
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledEntry:
+    """One entry ready to run: its description, the tests of its arguments and result, its code and defaults."""
+
+    entry: Entry
+    accepts: tuple[Accepts, ...]
+    accepts_result: Accepts | None
+    function: FunctionCode
+    defaults: tuple[Any, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class CompiledContract:
+    """A contract ready to run. `source_hash` is the SHA-256 of the source's UTF-8 bytes."""
+
+    name: str
+    abi: Abi
+    source_hash: bytes
+    prefix: bytes
+    entries: dict[str, CompiledEntry]
+
+
+class _NoHost:
+    """Stands for the ledger while constants are computed: there is nothing to reach."""
+
+    def get(self, key: bytes) -> bytes | None:
+        raise AssertionError(key)
+
+    def put(self, key: bytes, value: bytes) -> None:
+        raise AssertionError(key, value)
+
+    def delete(self, key: bytes) -> None:
+        raise AssertionError(key)
+
+    def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
+        raise AssertionError(prefix, limit)
+
+    def emit(self, name: str, data: bytes) -> None:
+        raise AssertionError(name, data)
+
+
+def _no_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) -> Any:
+    raise AssertionError(runtime.contract, contract, entry, arguments)
+
+
+def compile_contract(source: str, name: str) -> CompiledContract:
+    """Check and compile a source. Raises ContractSourceError, whose `diagnostics` list every problem found."""
+    facts = check_source(source, name)
+    constants, defaults = _compute_constants(facts, name)
+    codes = {key: FunctionCode(key, len(one.params)) for key, one in facts.functions.items()}
+    for key, one in facts.functions.items():
+        compile_function(one, codes[key], constants, facts.functions, codes, defaults)
+    entries = {
+        key: _entry(one, codes[key], tuple(defaults[key])) for key, one in facts.functions.items() if one.kind
+    }
+    abi = Abi(name, tuple(one.entry for one in entries.values()))
+    return CompiledContract(name, abi, sha256(source.encode()), flat_prefix(name), entries)
+
+
+def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ...]) -> CompiledEntry:
+    node = facts.node
+    kind: EntryKind = "export" if facts.kind == "export" else "view" if facts.kind == "view" else "genesis"
+    params = tuple((argument.arg, type_text(argument.annotation)) for argument in node.args.args)
+    accepts = [parse_type(argument.annotation) for argument in node.args.args]
+    entry = Entry(node.name, kind, params, type_text(node.returns), facts.required, node.lineno)
+    checked = tuple(test for test in accepts if test is not None)
+    return CompiledEntry(entry, checked, parse_type(node.returns), function, defaults)
+
+
+def _compute_constants(facts: SourceFacts, name: str) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+    runtime = Runtime({}, _NoHost(), _NO_CONTEXT, CONSTANT_GAS, _no_call, read_only=True)
+    constants: dict[str, Any] = {}
+    problems: list[Diagnostic] = []
+
+    def compute(node: ast.expr) -> Any:
+        try:
+            return _evaluate(node, constants, runtime)
+        except Fault as fault:
+            message = f"This constant cannot be computed: {fault.message}"
+            problems.append(Diagnostic("CONSTANT", node.lineno, node.col_offset + 1, message, "Change it."))
+            return None
+
+    for key, node in facts.constants.items():
+        constants[key] = compute(node)
+    defaults = {key: [compute(node) for node in one.node.args.defaults] for key, one in facts.functions.items()}
+    if problems:
+        raise ContractSourceError(name, tuple(problems))
+    return constants, defaults
+
+
+def _evaluate(node: ast.expr, constants: dict[str, Any], runtime: Runtime) -> Any:
+    runtime.charge(1)
+    match node:
+        case ast.Constant():
+            return node.value
+        case ast.Name():
+            return constants[node.id]
+        case ast.BinOp():
+            left, right = _evaluate(node.left, constants, runtime), _evaluate(node.right, constants, runtime)
+            return BINARY[type(node.op).__name__](runtime, left, right)
+        case ast.UnaryOp():
+            operand = _evaluate(node.operand, constants, runtime)
+            return not operand if isinstance(node.op, ast.Not) else UNARY[type(node.op).__name__](runtime, operand)
+        case ast.List():
+            return [_evaluate(element, constants, runtime) for element in node.elts]
+        case ast.Tuple():
+            return tuple([_evaluate(element, constants, runtime) for element in node.elts])
+        case ast.Dict():
+            result: dict[Any, Any] = {}
+            for key, value in zip(node.keys, node.values, strict=True):
+                assert key is not None
+                name = _evaluate(key, constants, runtime)
+                check_dict_key(name)
+                result[name] = _evaluate(value, constants, runtime)
+            return result
+    raise AssertionError(type(node).__name__)

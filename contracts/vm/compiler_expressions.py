@@ -1,0 +1,435 @@
+"""The compiler's part for expressions: from checked syntax to closures. Must never see a source the checker has not passed.
+
+The static cost of what it compiles (one unit per node, two more per call) gathers in `cost`; the enclosing block takes it.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable
+from typing import Any
+
+from contracts.vm.builtins_table import TYPES, join_texts, text_of
+from contracts.vm.closures import (
+    Code,
+    Frame,
+    binary,
+    call_function,
+    call_method,
+    fast_add,
+    fast_equal,
+    is_none,
+    read_slot,
+    read_variable,
+    unary,
+)
+from contracts.vm.faults import CALL_DEPTH, TYPE_ERROR, Fault
+from contracts.vm.host import CONTEXT_FIELDS
+from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
+from contracts.vm.operations import (
+    BINARY,
+    COMPARE,
+    UNARY,
+    add,
+    equal,
+    get_item,
+    get_slice,
+    iterate,
+    unpack,
+)
+from contracts.vm.values import (
+    DICT_ENTRY_BYTES,
+    HEADER_BYTES,
+    ITEM_BYTES,
+    UNSET,
+    check_dict_key,
+    fresh_constant,
+    is_mutable,
+    type_name,
+)
+
+CALL_NODE_GAS = 2
+FUNCTION_GAS = 40
+COMPREHENSION_STEP_GAS = 3
+_FIRST_SLOT = 2
+
+
+class FunctionCode:
+    """A compiled function; `body` is filled in once it is compiled, so that functions may call each other."""
+
+    __slots__ = ("body", "depth", "name", "param_count", "tail")
+
+    def __init__(self, name: str, param_count: int) -> None:
+        self.name = name
+        self.param_count = param_count
+        self.body: Callable[[Frame], Any] = _unfinished
+        self.tail: list[Any] = []
+        self.depth = 0
+
+    def call(self, runtime: Any, arguments: list[Any]) -> Any:
+        """Run the function on all its arguments and return its result."""
+        runtime.depth -= self.depth
+        if runtime.depth < 0:
+            raise Fault(CALL_DEPTH, "Functions call each other too deep.")
+        frame = [runtime, None, *arguments, *self.tail]
+        self.body(frame)
+        runtime.depth += self.depth
+        return frame[1]
+
+
+def _unfinished(frame: Frame) -> Any:
+    raise AssertionError(f"a function ran before it was compiled ({len(frame)} slots)")
+
+
+class Scope:
+    """Where the names and constants of one function live in its frame."""
+
+    def __init__(self, facts: FunctionFacts) -> None:
+        self.initial: list[Any] = []
+        self._next = _FIRST_SLOT
+        self.slots: dict[str, int] = {}
+        self._constants: dict[tuple[type, Any], int] = {}
+        self.definite: set[int] = set()
+        for name in facts.params:
+            self.slots[name] = self._next
+            self.definite.add(self._next)
+            self._next += 1
+        for name in sorted(facts.local_names - set(facts.params)):
+            self.slots[name] = self.new_slot()
+
+    def new_slot(self, initial: Any = UNSET) -> int:
+        """Return a new slot, holding `initial` when the function starts."""
+        self.initial.append(initial)
+        self._next += 1
+        return self._next - 1
+
+    def constant(self, value: Any) -> int:
+        """Return the slot of an immutable constant."""
+        key = (type(value), repr(value))
+        if key not in self._constants:
+            self._constants[key] = self.new_slot(value)
+        return self._constants[key]
+
+
+class ExpressionCompiler:
+    """Compiles the expressions of one function."""
+
+    def __init__(self, constants: dict[str, Any], functions: dict[str, FunctionFacts], codes: dict[str, FunctionCode],
+                 defaults: dict[str, list[Any]], scope: Scope) -> None:  # fmt: skip
+        self.constants = constants
+        self.functions = functions
+        self.codes = codes
+        self.defaults = defaults
+        self.scope = scope
+        self.cost = 0
+        self._by_type: dict[type[ast.expr], Callable[[Any], Code]] = {
+            ast.Constant: self._constant, ast.Name: self._name, ast.BinOp: self._binop, ast.UnaryOp: self._unaryop,
+            ast.BoolOp: self._boolop, ast.Compare: self._compare, ast.IfExp: self._ifexp, ast.Call: self._call,
+            ast.Attribute: self._attribute, ast.Subscript: self._subscript, ast.List: self._list,
+            ast.Tuple: self._tuple, ast.Dict: self._dict, ast.ListComp: self._listcomp,
+            ast.GeneratorExp: self._listcomp, ast.DictComp: self._dictcomp, ast.JoinedStr: self._joinedstr,
+        }  # fmt: skip
+
+    def expression(self, node: ast.expr) -> Code:
+        """Compile one expression."""
+        self.cost += 1
+        return self._by_type[type(node)](node)
+
+    def constant(self, value: Any) -> Code:
+        """Compile a constant; one that holds lists or dicts is made anew each time."""
+        if is_mutable(value):
+            return Code(lambda frame: fresh_constant(frame[0], value))
+        return read_slot(self.scope.constant(value))
+
+    def _constant(self, node: ast.Constant) -> Code:
+        return self.constant(node.value)
+
+    def _name(self, node: ast.Name) -> Code:
+        slot = self.scope.slots.get(node.id)
+        if slot is None:
+            return self.constant(self.constants[node.id])
+        return read_slot(slot) if slot in self.scope.definite else read_variable(slot, node.id)
+
+    def _binop(self, node: ast.BinOp) -> Code:
+        operation = BINARY[type(node.op).__name__]
+        left, right = self.expression(node.left), self.expression(node.right)
+        return fast_add(operation, left, right) if operation is add else binary(operation, left, right)
+
+    def _unaryop(self, node: ast.UnaryOp) -> Code:
+        operand = self.expression(node.operand)
+        if isinstance(node.op, ast.Not):
+            inner = operand.run
+            return Code(lambda frame: not inner(frame))
+        return unary(UNARY[type(node.op).__name__], operand)
+
+    def _boolop(self, node: ast.BoolOp) -> Code:
+        runs = [self.expression(value).run for value in node.values]
+        last = runs.pop()
+        stop_at = isinstance(node.op, ast.Or)
+        if len(runs) == 1:
+            first = runs[0]
+            if stop_at:
+                return Code(lambda frame: first(frame) or last(frame))
+            return Code(lambda frame: first(frame) and last(frame))
+
+        def run(frame: Frame) -> Any:
+            for part in runs:
+                value = part(frame)
+                if bool(value) is stop_at:
+                    return value
+            return last(frame)
+
+        return Code(run)
+
+    def _compare(self, node: ast.Compare) -> Code:
+        operands = [self.expression(part) for part in (node.left, *node.comparators)]
+        if len(node.ops) == 1:
+            return self._comparison(node.ops[0], operands[0], operands[1])
+        holders = [self.scope.new_slot() for _ in operands]
+        tests = [
+            self._comparison(op, read_slot(holders[place]), read_slot(holders[place + 1])).run
+            for place, op in enumerate(node.ops)
+        ]
+        values = [operand.run for operand in operands]
+
+        def run(frame: Frame) -> bool:
+            frame[holders[0]] = values[0](frame)
+            for place, test in enumerate(tests):
+                frame[holders[place + 1]] = values[place + 1](frame)
+                if not test(frame):
+                    return False
+            return True
+
+        return Code(run)
+
+    def _comparison(self, op: ast.cmpop, left: Code, right: Code) -> Code:
+        if isinstance(op, ast.Is | ast.IsNot):
+            return is_none(left, wanted=isinstance(op, ast.Is))
+        operation = COMPARE[type(op).__name__]
+        return fast_equal(operation, left, right) if operation is equal else binary(operation, left, right)
+
+    def _ifexp(self, node: ast.IfExp) -> Code:
+        test, body, orelse = (self.expression(part).run for part in (node.test, node.body, node.orelse))
+        return Code(lambda frame: body(frame) if test(frame) else orelse(frame))
+
+    def _attribute(self, node: ast.Attribute) -> Code:
+        return unary_context(CONTEXT_FIELDS[node.attr])
+
+    def _subscript(self, node: ast.Subscript) -> Code:
+        container = self.expression(node.value)
+        if not isinstance(node.slice, ast.Slice):
+            return binary(get_item, container, self.expression(node.slice))
+        nothing = read_slot(self.scope.constant(None))
+        start = nothing if node.slice.lower is None else self.expression(node.slice.lower)
+        stop = nothing if node.slice.upper is None else self.expression(node.slice.upper)
+        return call_function(get_slice, [container, start, stop])
+
+    def _items(self, nodes: list[ast.expr]) -> tuple[list[Callable[[Frame], Any]], int]:
+        return [self.expression(element).run for element in nodes], HEADER_BYTES + ITEM_BYTES * len(nodes)
+
+    def _list(self, node: ast.List) -> Code:
+        runs, size = self._items(node.elts)
+
+        def run(frame: Frame) -> list[Any]:
+            frame[0].allocate(size)
+            return [part(frame) for part in runs]
+
+        return Code(run)
+
+    def _tuple(self, node: ast.Tuple) -> Code:
+        runs, size = self._items(node.elts)
+
+        def run(frame: Frame) -> tuple[Any, ...]:
+            frame[0].allocate(size)
+            return tuple([part(frame) for part in runs])
+
+        return Code(run)
+
+    def _dict(self, node: ast.Dict) -> Code:
+        size = HEADER_BYTES + DICT_ENTRY_BYTES * len(node.keys)
+        values = [self.expression(value) for value in node.values]
+        if all(isinstance(key, ast.Constant) and type(key.value) is str for key in node.keys):
+            self.cost += len(node.keys)
+            pairs = [(key.value, value.run) for key, value in zip(node.keys, values, strict=True)]  # type: ignore[union-attr]
+
+            def run_named(frame: Frame) -> dict[Any, Any]:
+                frame[0].allocate(size)
+                return {name: value(frame) for name, value in pairs}
+
+            return Code(run_named)
+        entries = [(self.expression(key).run, value.run) for key, value in zip(node.keys, values, strict=True) if key]
+
+        def run(frame: Frame) -> dict[Any, Any]:
+            frame[0].allocate(size)
+            result: dict[Any, Any] = {}
+            for name, value in entries:
+                key = name(frame)
+                check_dict_key(key)
+                result[key] = value(frame)
+            return result
+
+        return Code(run)
+
+    def _joinedstr(self, node: ast.JoinedStr) -> Code:
+        parts: list[Callable[[Frame], str]] = []
+        for part in node.values:
+            inner = part.value if isinstance(part, ast.FormattedValue) else part
+            parts.append(unary(text_of, self.expression(inner)).run)
+        return Code(lambda frame: join_texts(frame[0], [part(frame) for part in parts]))
+
+    def _listcomp(self, node: ast.ListComp | ast.GeneratorExp) -> Code:
+        source = self.expression(node.generators[0].iter).run
+        outer = self._enter_comprehension(node.generators[0])
+        bind_item, tests = outer[0], outer[1]
+        element = self.expression(node.elt).run
+        cost = self._leave_comprehension(outer)
+
+        def run(frame: Frame) -> list[Any]:
+            runtime = frame[0]
+            result: list[Any] = []
+            for item in iterate(runtime, source(frame)):
+                runtime.charge(cost)
+                bind_item(frame, item)
+                if all_pass(tests, frame):
+                    runtime.allocate(HEADER_BYTES)
+                    result.append(element(frame))
+            return result
+
+        return Code(run)
+
+    def _dictcomp(self, node: ast.DictComp) -> Code:
+        source = self.expression(node.generators[0].iter).run
+        outer = self._enter_comprehension(node.generators[0])
+        bind_item, tests = outer[0], outer[1]
+        name, value = self.expression(node.key).run, self.expression(node.value).run
+        cost = self._leave_comprehension(outer)
+
+        def run(frame: Frame) -> dict[Any, Any]:
+            runtime = frame[0]
+            result: dict[Any, Any] = {}
+            for item in iterate(runtime, source(frame)):
+                runtime.charge(cost)
+                bind_item(frame, item)
+                if all_pass(tests, frame):
+                    key = name(frame)
+                    check_dict_key(key)
+                    runtime.allocate(DICT_ENTRY_BYTES)
+                    result[key] = value(frame)
+            return result
+
+        return Code(run)
+
+    def _enter_comprehension(self, generator: ast.comprehension) -> tuple[Any, ...]:
+        before, cost = dict(self.scope.slots), self.cost
+        self.cost = COMPREHENSION_STEP_GAS
+        elements = generator.target.elts if isinstance(generator.target, ast.Tuple) else [generator.target]
+        slots: list[int] = []
+        for element in elements:
+            assert isinstance(element, ast.Name)
+            slot = self.scope.new_slot()
+            self.scope.slots[element.id] = slot
+            self.scope.definite.add(slot)
+            slots.append(slot)
+        bind_item = bind_many(slots) if isinstance(generator.target, ast.Tuple) else bind_one(slots[0])
+        tests = [self.expression(test).run for test in generator.ifs]
+        return bind_item, tests, before, cost
+
+    def _leave_comprehension(self, entered: tuple[Any, ...]) -> int:
+        cost = self.cost
+        self.scope.slots, self.cost = entered[2], entered[3]
+        return cost
+
+    def _call(self, node: ast.Call) -> Code:
+        self.cost += CALL_NODE_GAS
+        name = dotted_name(node.func)
+        if name == "isinstance":
+            return self._isinstance(node)
+        if name is not None and name in CALLABLES:
+            builtin = CALLABLES[name]
+            bound = bind(builtin.params, builtin.required, node, variadic=builtin.variadic)
+            assert isinstance(bound, Bound)
+            return call_function(builtin.run, [self.expression(part) for part in bound.arguments if part is not None])
+        if name is not None and name in self.functions:
+            return self._function_call(node, name)
+        assert isinstance(node.func, ast.Attribute)
+        methods = bind_method(node.func.attr, node)
+        assert isinstance(methods, dict)
+        subject = self.expression(node.func.value)
+        bound = next(iter(methods.values()))[1]
+        arguments = [self.expression(part) for part in bound.arguments if part is not None]
+        table = {kind: method.run for kind, (method, _) in methods.items()}
+        return call_method(node.func.attr, table, subject, arguments, _method_fault)
+
+    def _isinstance(self, node: ast.Call) -> Code:
+        assert isinstance(node.args[1], ast.Name)
+        value, kind = self.expression(node.args[0]).run, TYPES[node.args[1].id]
+        return Code(lambda frame: type(value(frame)) is kind)
+
+    def _function_call(self, node: ast.Call, name: str) -> Code:
+        facts, function = self.functions[name], self.codes[name]
+        bound = bind(facts.params, facts.required, node)
+        assert isinstance(bound, Bound)
+        parts: list[Code] = []
+        for place in range(len(facts.params)):
+            given = bound.arguments[place] if place < len(bound.arguments) else None
+            if given is not None:
+                parts.append(self.expression(given))
+            else:
+                parts.append(self.constant(self.defaults[name][place - facts.required]))
+        runs = [part.run for part in parts]
+        return Code(_user_call(function, runs))
+
+
+def _user_call(function: FunctionCode, runs: list[Callable[[Frame], Any]]) -> Callable[[Frame], Any]:
+    def run(frame: Frame) -> Any:
+        runtime = frame[0]
+        inner = [runtime, None]
+        for part in runs:
+            inner.append(part(frame))
+        runtime.depth -= function.depth
+        if runtime.depth < 0:
+            raise Fault(CALL_DEPTH, "Functions call each other too deep.")
+        inner += function.tail
+        function.body(inner)
+        runtime.depth += function.depth
+        return inner[1]
+
+    return run
+
+
+def _method_fault(name: str, value: Any) -> Fault:
+    return Fault(TYPE_ERROR, f"A {type_name(value)} has no method {name} with these arguments.")
+
+
+def all_pass(tests: list[Callable[[Frame], Any]], frame: Frame) -> bool:
+    """Whether every condition of a comprehension holds."""
+    for test in tests:  # noqa: SIM110 - a generator would cost a frame of its own
+        if not test(frame):
+            return False
+    return True
+
+
+def bind_one(slot: int) -> Callable[[Frame, Any], None]:
+    """Put each item of a loop into one variable."""
+
+    def run(frame: Frame, item: Any) -> None:
+        frame[slot] = item
+
+    return run
+
+
+def bind_many(slots: list[int]) -> Callable[[Frame, Any], None]:
+    """Unpack each item of a loop into variables."""
+    count = len(slots)
+
+    def run(frame: Frame, item: Any) -> None:
+        values = unpack(frame[0], item, count)
+        for place, slot in enumerate(slots):
+            frame[slot] = values[place]
+
+    return run
+
+
+def unary_context(read: Callable[[Any], Any]) -> Code:
+    """Read a field of `ctx`."""
+    return Code(lambda frame: read(frame[0]))

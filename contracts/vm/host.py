@@ -1,0 +1,181 @@
+"""The functions that reach the ledger: state, events, hashes, signatures, other contracts. Must never read anything else.
+
+Every key a contract names is put under that contract's own prefix here; there is no way to name another's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
+from consensus.primitives import hashing, keys
+from consensus.primitives.encoding import decode_value
+from contracts.vm.builtins_table import Builtin
+from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
+from contracts.vm.meter import Runtime
+from contracts.vm.values import (
+    HEADER_BYTES,
+    ITEM_BYTES,
+    charge_decoded,
+    encode_checked,
+    need_bytes,
+    need_int,
+    need_str,
+    type_name,
+)
+
+EVENT_DATA_MAX_BYTES = 8 * 1024
+SCAN_MAX_COUNT = 256
+TAG_MAX_CHARS = 64
+_EVENT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", re.ASCII)
+
+GET_GAS = 100
+HAS_GAS = 100
+PUT_GAS = 200
+DELETE_GAS = 200
+SCAN_GAS = 200
+SCAN_ITEM_GAS = 20
+EMIT_GAS = 150
+HASH_GAS = 60
+RECOVER_GAS = 1500
+
+
+def flat_prefix(contract: str) -> bytes:
+    """Return what every flat key of this contract starts with."""
+    return contract.encode() + b"\x00"
+
+
+def _key_fault(key: Any) -> Fault:
+    if type(key) is not bytes:
+        return Fault(TYPE_ERROR, f"A state key is bytes, not {type_name(key)}.")
+    return Fault(VALUE_ERROR, f"A state key has 1 to {STATE_KEY_MAX_BYTES} bytes, not {len(key)}.")
+
+
+def _state_get(runtime: Runtime, key: Any, default: Any = None) -> Any:
+    if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
+        raise _key_fault(key)
+    runtime.charge(GET_GAS)
+    data = runtime.host.get(runtime.prefix + key)
+    if data is None:
+        return default
+    runtime.charge(len(data) >> 1)
+    value = decode_value(data)
+    charge_decoded(runtime, value)
+    return value
+
+
+def _state_has(runtime: Runtime, key: Any) -> bool:
+    if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
+        raise _key_fault(key)
+    runtime.charge(HAS_GAS)
+    return runtime.host.get(runtime.prefix + key) is not None
+
+
+def _state_put(runtime: Runtime, key: Any, value: Any) -> None:
+    if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
+        raise _key_fault(key)
+    runtime.check_write()
+    data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
+    runtime.charge(PUT_GAS + len(key) + len(data))
+    runtime.host.put(runtime.prefix + key, data)
+
+
+def _state_delete(runtime: Runtime, key: Any) -> None:
+    if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
+        raise _key_fault(key)
+    runtime.check_write()
+    runtime.charge(DELETE_GAS)
+    runtime.host.delete(runtime.prefix + key)
+
+
+def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
+    if len(need_bytes(prefix, "state.scan")) > STATE_KEY_MAX_BYTES:
+        raise _key_fault(prefix)
+    if not 0 < need_int(limit, "state.scan") <= SCAN_MAX_COUNT:
+        raise Fault(VALUE_ERROR, f"A scan returns 1 to {SCAN_MAX_COUNT} entries.")
+    runtime.charge(SCAN_GAS + SCAN_ITEM_GAS * limit)
+    skipped = len(runtime.prefix)
+    found: list[Any] = []
+    for key, data in runtime.host.scan(runtime.prefix + prefix, limit):
+        runtime.charge(SCAN_ITEM_GAS + (len(data) >> 1))
+        runtime.allocate(2 * HEADER_BYTES + 3 * ITEM_BYTES + len(key))
+        value = decode_value(data)
+        charge_decoded(runtime, value)
+        found.append([key[skipped:], value])
+    return found
+
+
+def _emit(runtime: Runtime, name: Any, data: Any) -> None:
+    if _EVENT_NAME.fullmatch(need_str(name, "emit")) is None:
+        raise Fault(VALUE_ERROR, "An event's name is 1 to 64 ASCII letters, digits, '_', '.' or '-', a letter first.")
+    if type(data) is not dict:
+        raise Fault(TYPE_ERROR, f"An event's data is a dict, not {type_name(data)}.")
+    runtime.check_event()
+    encoded = encode_checked(runtime, data, EVENT_DATA_MAX_BYTES, "An event's data")
+    runtime.charge(EMIT_GAS + len(name) + len(encoded))
+    runtime.events.append((runtime.contract, name, encoded))
+    runtime.host.emit(name, encoded)
+
+
+def _sha256(runtime: Runtime, data: Any) -> bytes:
+    runtime.charge(HASH_GAS + (len(need_bytes(data, "sha256")) >> 4))
+    runtime.allocate(HEADER_BYTES + 32)
+    return hashing.sha256(data)
+
+
+def _check_tag(tag: Any, what: str) -> str:
+    need_str(tag, what)
+    if not 0 < len(tag) <= TAG_MAX_CHARS or not tag.isascii():
+        raise Fault(VALUE_ERROR, f"A tag is 1 to {TAG_MAX_CHARS} ASCII characters.")
+    return str(tag)
+
+
+def _tagged_hash(runtime: Runtime, tag: Any, data: Any) -> bytes:
+    _check_tag(tag, "tagged_hash")
+    runtime.charge(2 * HASH_GAS + (len(need_bytes(data, "tagged_hash")) >> 4))
+    runtime.allocate(HEADER_BYTES + 32)
+    return hashing.tagged_hash(tag, data)
+
+
+def _recover(runtime: Runtime, tag: Any, signature: Any, message: Any) -> bytes | None:
+    _check_tag(tag, "recover")
+    need_bytes(signature, "recover")
+    runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 4))
+    runtime.allocate(HEADER_BYTES + 33)
+    try:
+        return keys.recover(tag, signature, message)
+    except BlockRobotError:
+        return None
+
+
+def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:
+    need_str(contract, "call")
+    need_str(fn, "call")
+    return runtime.enter(runtime, contract, fn, list(arguments))
+
+
+HOST_FUNCTIONS: dict[str, Builtin] = {
+    "state.get": Builtin(_state_get, ("key", "default"), 1),
+    "state.has": Builtin(_state_has, ("key",), 1),
+    "state.put": Builtin(_state_put, ("key", "value"), 2),
+    "state.delete": Builtin(_state_delete, ("key",), 1),
+    "state.scan": Builtin(_state_scan, ("prefix", "limit"), 2),
+    "emit": Builtin(_emit, ("name", "data"), 2),
+    "call": Builtin(_call, ("contract", "fn"), 2, variadic=True),
+    "sha256": Builtin(_sha256, ("data",), 1),
+    "tagged_hash": Builtin(_tagged_hash, ("tag", "data"), 2),
+    "recover": Builtin(_recover, ("tag", "signature", "message"), 3),
+}
+CONTEXT_FIELDS: dict[str, Callable[[Runtime], Any]] = {
+    "caller": lambda runtime: runtime.context.caller,
+    "height": lambda runtime: runtime.context.height,
+    "time": lambda runtime: runtime.context.time_ms,
+    "txid": lambda runtime: runtime.context.txid,
+    "chain": lambda runtime: runtime.context.chain_id,
+    "contract": lambda runtime: runtime.contract,
+    "calling_contract": lambda runtime: runtime.calling_contract,
+}
+WRITING = frozenset({"state.put", "state.delete", "emit"})

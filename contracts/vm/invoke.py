@@ -1,0 +1,133 @@
+"""Running a contract's entry: the one door into the machine. Must never let an unforeseen exception decide a result.
+
+The caller owns what the host gathered: on failure (`ok` false) it discards all writes and events.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from contracts.vm.abi import check_arguments
+from contracts.vm.compiled import CompiledContract, CompiledEntry
+from contracts.vm.faults import ARGUMENTS_INVALID, CALL_DEPTH, ENTRY_UNKNOWN, OK, OUT_OF_GAS, REENTRANT, TYPE_ERROR
+from contracts.vm.faults import Fault, InternalFault
+from contracts.vm.meter import GENESIS_WRITES_MAX_COUNT, WRITES_MAX_COUNT, CallContext, HostInterface, Runtime
+from contracts.vm.values import copy_across, fresh_constant
+
+Mode = Literal["export", "view", "genesis"]
+
+ENTRY_GAS = 50
+CROSS_CALL_GAS = 100
+CROSS_CALL_FRAMES = 40
+_RECURSION_LIMIT_FRAMES = 6000
+
+if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
+    sys.setrecursionlimit(_RECURSION_LIMIT_FRAMES)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a call came to. `code` is "OK" or an error code; `line` is the contract line of a failure, where known."""
+
+    ok: bool
+    code: str
+    message: str
+    line: int | None
+    result: Any
+    gas_used: int
+    events: list[tuple[str, str, bytes]]
+
+
+def invoke(
+    contracts: Mapping[str, CompiledContract],
+    contract: str,
+    entry: str,
+    args: list[Any],
+    *,
+    host: HostInterface,
+    context: CallContext,
+    gas_limit: int,
+    mode: Mode,
+) -> Outcome:
+    """Run one entry and return what it came to; gas is in units of the reference table.
+
+    Raises InternalFault if the interpreter or the host fails in an unforeseen way: then there is no result.
+    """
+    writes_max = GENESIS_WRITES_MAX_COUNT if mode == "genesis" else WRITES_MAX_COUNT
+    runtime = Runtime(contracts, host, context, gas_limit, _enter_by_call, read_only=mode == "view", writes_max=writes_max)
+    try:
+        found = _find(runtime, contract, entry, (mode,))
+        given = _copy_arguments(runtime, args)
+        result = _run(runtime, contracts[contract], found, given)
+        return Outcome(True, OK, "", None, result, gas_limit - runtime.gas, runtime.events)
+    except Fault as fault:
+        used = gas_limit if fault.code == OUT_OF_GAS else gas_limit - max(runtime.gas, 0)
+        message = fault.message
+        if runtime.contract not in ("", contract):
+            message = f"In contract {runtime.contract}: {message}"
+        return Outcome(False, fault.code, message, fault.line, None, used, [])
+    except Exception as error:
+        where = f"{contract}.{entry} in {runtime.contract or contract}"
+        raise InternalFault(f"{where}: {type(error).__name__}: {error}") from error
+
+
+def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -> CompiledEntry:
+    runtime.charge(ENTRY_GAS)
+    compiled = runtime.contracts.get(contract)
+    if compiled is None:
+        raise Fault(ENTRY_UNKNOWN, f"There is no contract {contract[:32]}.")
+    found = compiled.entries.get(entry)
+    if found is None:
+        raise Fault(ENTRY_UNKNOWN, f"The contract {contract} has no entry {entry[:64]}.")
+    if found.entry.kind not in kinds:
+        message = f"{contract}.{entry} is a {found.entry.kind} and cannot be called as {' or '.join(kinds)}."
+        raise Fault(ENTRY_UNKNOWN, message)
+    return found
+
+
+def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
+    try:
+        return [copy_across(runtime, value, "An argument", 1) for value in args]
+    except Fault as fault:
+        if fault.code == OUT_OF_GAS:
+            raise
+        raise Fault(ARGUMENTS_INVALID, fault.message) from None
+
+
+def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arguments: list[Any]) -> Any:
+    """Run an entry as the contract on top of the stack and return its result, copied."""
+    runtime.stack.append(compiled.name)
+    runtime.contract, runtime.prefix = compiled.name, compiled.prefix
+    check_arguments(runtime, found.entry, found.accepts, arguments)
+    missing = len(found.accepts) - len(arguments)
+    if missing:
+        defaults = found.defaults[len(found.defaults) - missing :]
+        arguments = [*arguments, *[fresh_constant(runtime, value) for value in defaults]]
+    result = copy_across(runtime, found.function.call(runtime, arguments), "A result")
+    if found.accepts_result is not None and not found.accepts_result(result):
+        message = f"{found.entry.name} did not return {found.entry.returns}."
+        raise Fault(TYPE_ERROR, message, found.entry.line)
+    runtime.stack.pop()
+    return result
+
+
+def _enter_by_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) -> Any:
+    """What `call` does: run another contract's export or view with the same caller, gas and budgets."""
+    runtime.charge(CROSS_CALL_GAS)
+    runtime.depth -= CROSS_CALL_FRAMES
+    if runtime.depth < 0:
+        raise Fault(CALL_DEPTH, "Contracts call each other too deep.")
+    if contract in runtime.stack:
+        raise Fault(REENTRANT, f"The contract {contract} is already running in this call.")
+    found = _find(runtime, contract, entry, ("export", "view"))
+    given = _copy_arguments(runtime, arguments)
+    before = runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only
+    runtime.calling_contract = runtime.contract
+    runtime.read_only = runtime.read_only or found.entry.kind == "view"
+    result = _run(runtime, runtime.contracts[contract], found, given)
+    runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only = before
+    runtime.depth += CROSS_CALL_FRAMES
+    return result

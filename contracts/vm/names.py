@@ -1,0 +1,114 @@
+"""What a name or a call means in a contract, decided from the source alone. Must never look at a value.
+
+Both the checker and the compiler ask here, so that they cannot disagree.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from contracts.vm.builtins_table import BUILTINS, TYPES, Builtin
+from contracts.vm.host import HOST_FUNCTIONS
+from contracts.vm.methods import METHODS, Method
+
+CALLABLES: dict[str, Builtin] = {**BUILTINS, **HOST_FUNCTIONS}
+NAMESPACES = frozenset({"ctx", "state"})
+RESERVED = frozenset({name.split(".")[0] for name in CALLABLES}) | NAMESPACES | frozenset(TYPES) | {"isinstance"}
+KINDS = ("export", "view", "genesis")
+
+
+@dataclass(slots=True)
+class FunctionFacts:
+    """One function of a source: its node, its kind ("" for a helper), and what its body binds and reaches."""
+
+    node: ast.FunctionDef
+    kind: str
+    params: tuple[str, ...]
+    local_names: frozenset[str]
+    calls: set[str] = field(default_factory=set)
+    writes: ast.Call | None = None
+
+    @property
+    def required(self) -> int:
+        """How many arguments have no default."""
+        return len(self.params) - len(self.node.args.defaults)
+
+
+@dataclass(slots=True)
+class SourceFacts:
+    """The module: constants in order (name -> expression) and functions by name."""
+
+    constants: dict[str, ast.expr] = field(default_factory=dict)
+    functions: dict[str, FunctionFacts] = field(default_factory=dict)
+
+
+def bound_names(body: Sequence[ast.stmt]) -> frozenset[str]:
+    """Return the names that statements bind (not those of comprehensions, which have a scope of their own)."""
+    names: set[str] = set()
+    pending: list[ast.AST] = list(body)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+            names.add(node.id)
+        if not isinstance(node, ast.ListComp | ast.DictComp | ast.GeneratorExp):
+            pending.extend(ast.iter_child_nodes(node))
+    return frozenset(names)
+
+
+def dotted_name(node: ast.expr) -> str | None:
+    """Return `a` or `a.b` for a name or an attribute of a name."""
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+        return f"{node.value.id}.{node.attr}"
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Bound:
+    """Arguments put to their parameters; None where the default stands."""
+
+    arguments: tuple[ast.expr | None, ...]
+
+
+def bind(params: Sequence[str], required: int, call: ast.Call, *, variadic: bool = False) -> Bound | str:
+    """Match a call's arguments to parameters. Returns what is wrong as a sentence if they do not fit."""
+    if variadic:
+        if call.keywords:
+            return "takes no arguments by name."
+        if len(call.args) < required:
+            return f"takes at least {required} arguments, not {len(call.args)}."
+        return Bound(tuple(call.args))
+    if len(call.args) > len(params):
+        return f"takes at most {len(params)} arguments, not {len(call.args)}."
+    slots: list[ast.expr | None] = [*call.args, *[None] * (len(params) - len(call.args))]
+    for keyword in call.keywords:
+        if keyword.arg not in params:
+            return f"has no parameter {keyword.arg}." if keyword.arg else "does not take '**'."
+        place = list(params).index(keyword.arg)
+        if slots[place] is not None:
+            return f"gets {keyword.arg} twice."
+        slots[place] = keyword.value
+    missing = [name for name, given in zip(params[:required], slots, strict=False) if given is None]
+    if missing:
+        return f"lacks {', '.join(missing)}."
+    while slots and slots[-1] is None:
+        slots.pop()
+    return Bound(tuple(slots))
+
+
+def bind_method(name: str, call: ast.Call) -> dict[type, tuple[Method, Bound]] | str:
+    """Return, by type, the methods of that name that these arguments fit, or what is wrong."""
+    fitting: dict[type, tuple[Method, Bound]] = {}
+    problem = ""
+    for kind, method in METHODS.get(name, {}).items():
+        bound = bind(method.params, method.required, call)
+        if isinstance(bound, str):
+            problem = bound
+        elif None in bound.arguments:
+            problem = "must get its arguments in order, none left out."
+        else:
+            fitting[kind] = (method, bound)
+    return fitting or problem

@@ -1,0 +1,230 @@
+"""The values a contract can hold: None, bool, int (256 bits), str, bytes, list, dict, tuple, range. Must never let another in.
+
+Also what crosses a border (state, events, arguments, results): walked and charged before it is copied or encoded, so
+that shared or cyclic structures cannot make the work larger than the charge.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.primitives.encoding import VALUE_DEPTH_MAX, encode_value
+from contracts.vm.faults import INT_OVERFLOW, TYPE_ERROR, VALUE_ERROR, Fault
+from contracts.vm.meter import Runtime
+
+INT_LIMIT = 1 << 256
+DICT_KEY_INT_LIMIT = 1 << 60
+ITEM_BYTES = 8
+HEADER_BYTES = 64
+DICT_ENTRY_BYTES = 128
+
+NoneType = type(None)
+
+
+class Mark:
+    """A sentinel of the interpreter; never reaches a contract."""
+
+    __slots__ = ("name",)
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+UNSET: Any = Mark("unset")
+MISSING: Any = Mark("missing")
+
+
+def type_name(value: Any) -> str:
+    """Return the language's name for the value's type."""
+    return "None" if value is None else type(value).__name__
+
+
+def type_fault(what: str, *values: Any) -> Fault:
+    """Return the fault for an operation on values of types it does not take."""
+    return Fault(TYPE_ERROR, f"{what} does not take {' and '.join(type_name(value) for value in values)}.")
+
+
+def check_int(number: int) -> int:
+    """Return `number` if it is within 256 bits. Raises INT_OVERFLOW."""
+    if -INT_LIMIT < number < INT_LIMIT:
+        return number
+    raise Fault(INT_OVERFLOW, "An integer grew beyond 256 bits.")
+
+
+def need_int(value: Any, what: str) -> int:
+    """Return `value` if it is an int (a bool is none). Raises TYPE_ERROR."""
+    if type(value) is int:
+        return value
+    raise type_fault(what, value)
+
+
+def need_str(value: Any, what: str) -> str:
+    """Return `value` if it is a str. Raises TYPE_ERROR."""
+    if type(value) is str:
+        return value
+    raise type_fault(what, value)
+
+
+def need_bytes(value: Any, what: str) -> bytes:
+    """Return `value` if it is bytes. Raises TYPE_ERROR."""
+    if type(value) is bytes:
+        return value
+    raise type_fault(what, value)
+
+
+def check_dict_key(key: Any) -> None:
+    """Refuse what may not be a dict key: all but str, bytes and ints of at most 60 bits."""
+    kind = type(key)
+    if kind is str or kind is bytes:
+        return
+    if kind is int:
+        if -DICT_KEY_INT_LIMIT < key < DICT_KEY_INT_LIMIT:
+            return
+        raise Fault(VALUE_ERROR, "An integer key of a dict has at most 60 bits.")
+    raise Fault(TYPE_ERROR, f"A dict key is str, bytes or int, not {type_name(key)}.")
+
+
+def text_bytes(text: str) -> int:
+    """Return the modelled size of a text."""
+    return HEADER_BYTES + (len(text) if text.isascii() else 4 * len(text))
+
+
+def allocate_text(runtime: Runtime, text: str) -> str:
+    """Charge a new text and return it."""
+    runtime.allocate(text_bytes(text))
+    return text
+
+
+def allocate_list(runtime: Runtime, items: list[Any]) -> list[Any]:
+    """Charge a new list and return it."""
+    runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(items))
+    return items
+
+
+def charge_decoded(runtime: Runtime, value: Any) -> None:
+    """Charge the memory of a value just read from bytes (a tree, so the walk is as long as the value)."""
+    kind = type(value)
+    if kind is bytes:
+        runtime.allocate(HEADER_BYTES + len(value))
+    elif kind is str:
+        runtime.allocate(text_bytes(value))
+    elif kind is dict:
+        runtime.allocate(_tree_bytes(value))
+    elif kind is list:
+        runtime.allocate(_tree_bytes(value))
+
+
+def _tree_bytes(root: Any) -> int:
+    size = 0
+    pending = [root]
+    while pending:
+        container = pending.pop()
+        if type(container) is dict:
+            size += HEADER_BYTES + DICT_ENTRY_BYTES * len(container)
+            items: Any = container.values()
+        else:
+            size += HEADER_BYTES + ITEM_BYTES * len(container)
+            items = container
+        for item in items:
+            kind = type(item)
+            if kind is bytes:
+                size += HEADER_BYTES + len(item)
+            elif kind is str:
+                size += text_bytes(item)
+            elif kind is dict or kind is list:
+                pending.append(item)
+    return size
+
+
+def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
+    """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
+    _walk(runtime, value, 0, size_max, what)
+    data = encode_value(value)
+    if len(data) > size_max:
+        raise _too_large(what)
+    return data
+
+
+def _too_large(what: str) -> Fault:
+    return Fault(VALUE_ERROR, f"{what} is too large.")
+
+
+def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int:
+    """Charge the walk of a value; return what is left of `left` bytes after a lower bound of its encoded size."""
+    kind = type(value)
+    if kind is bytes:
+        left -= len(value)
+    elif kind is str:
+        left -= len(value)
+    elif kind is int or kind is bool or value is None:
+        left -= 1
+    elif depth >= VALUE_DEPTH_MAX:
+        raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
+    elif kind is dict:
+        runtime.charge(2 + 3 * len(value))
+        for key, item in value.items():
+            left = _walk(runtime, item, depth + 1, left - (1 if type(key) is int else len(key)), what)
+    elif kind is list or kind is tuple:
+        runtime.charge(2 + 2 * len(value))
+        left -= 1
+        for item in value:
+            left = _walk(runtime, item, depth + 1, left, what)
+    else:
+        raise Fault(TYPE_ERROR, f"{what} cannot hold a {type_name(value)}; make it a list.")
+    if left < 0:
+        raise _too_large(what)
+    return left
+
+
+def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
+    """Return a copy of `value` that shares nothing mutable with it, tuples as lists, under charge."""
+    kind = type(value)
+    if kind is bytes or value is None or kind is bool:
+        return value
+    if kind is int:
+        return check_int(value)
+    if kind is str:
+        return _check_text(value, what)
+    if depth >= VALUE_DEPTH_MAX:
+        raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
+    if kind is list or kind is tuple:
+        runtime.charge(2 + 2 * len(value))
+        runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
+        return [copy_across(runtime, item, what, depth + 1) for item in value]
+    if kind is dict:
+        runtime.charge(2 + 3 * len(value))
+        runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+        for key in value:
+            check_dict_key(key)
+        return {key: copy_across(runtime, item, what, depth + 1) for key, item in value.items()}
+    raise Fault(TYPE_ERROR, f"{what} cannot hold a {type_name(value)}; make it a list.")
+
+
+def _check_text(text: str, what: str) -> str:
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise Fault(VALUE_ERROR, f"{what} holds a lone surrogate.") from None
+    return text
+
+
+def fresh_constant(runtime: Runtime, value: Any) -> Any:
+    """Return a new copy of a module constant that holds lists or dicts, so that no call can change it for the next."""
+    kind = type(value)
+    if kind is list:
+        runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
+        return [fresh_constant(runtime, item) for item in value]
+    if kind is tuple:
+        runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
+        return tuple([fresh_constant(runtime, item) for item in value])
+    if kind is dict:
+        runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+        return {key: fresh_constant(runtime, item) for key, item in value.items()}
+    return value
+
+
+def is_mutable(value: Any) -> bool:
+    """Whether the value is, or holds, a list or dict."""
+    if type(value) is tuple:
+        return any(is_mutable(item) for item in value)
+    return type(value) in (list, dict)
