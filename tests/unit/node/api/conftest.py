@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Awaitable, Callable
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from consensus.primitives.keys import PrivateKey
+from consensus.session import sign_session
+from node.api import create_api
+from tests.unit.node.api.small_network import SmallLedger, SmallNode
+
+Api = TestClient[web.Request, web.Application]
+OpenSession = Callable[[PrivateKey], Awaitable[dict[str, str]]]
+
+
+@pytest.fixture
+async def node() -> SmallNode:
+    return SmallNode.around(await SmallLedger().start())
+
+
+@pytest.fixture
+async def api(node: SmallNode) -> AsyncIterator[Api]:
+    async with TestClient(TestServer(create_api(node.services))) as client:
+        yield client
+
+
+@pytest.fixture
+def open_session(node: SmallNode, api: Api) -> OpenSession:
+    """Open a session for a key; return the headers of a request in it."""
+
+    async def open_for(key: PrivateKey) -> dict[str, str]:
+        public_key = key.public_key.hex()
+        answer = await api.post("/v1/session-challenges", json={"public_key": public_key})
+        challenge = (await answer.json())["challenge"]
+        signature = sign_session(key, node.ledger.genesis.chain_id, "n0", bytes.fromhex(challenge))
+        document = {"public_key": public_key, "challenge": challenge, "signature": signature.hex()}
+        answer = await api.post("/v1/sessions", json=document)
+        assert answer.status == 200, await answer.text()
+        return {"Authorization": f"Bearer {(await answer.json())['token']}"}
+
+    return open_for
