@@ -127,7 +127,7 @@ class Connections:
             async with client.request(
                 method,
                 node.url + path,
-                data=body,
+                data=None if body is None else io.BytesIO(body),
                 params=dict(query or {}),
                 headers=headers,
                 timeout=timeout,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -222,6 +223,7 @@ class FakePool:
     refuse_with: str | None = None
     finalize_at_once: bool = False
     fault: Exception | None = None
+    waited_for: asyncio.Event = field(default_factory=asyncio.Event)
 
     async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
         if self.fault is not None:
@@ -260,6 +262,7 @@ class FakePool:
         return "pending" if txid in self.waiting else "unknown"
 
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
+        self.waited_for.set()
         return await self.ledger.feed.wait_final(txid, timeout_ms)
 
 

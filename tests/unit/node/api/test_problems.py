@@ -1,0 +1,146 @@
+"""Refusals are problem documents: a code, a next step, and nothing of the node's inside."""
+
+from __future__ import annotations
+
+import io
+import logging
+from typing import Any
+
+import pytest
+from aiohttp.test_utils import TestClient, TestServer
+
+from consensus.errors import CATALOGUE
+from consensus.limits import CLIP_SIZE_MAX_BYTES
+from consensus.session import sign_session
+from node.api import create_api, rate_limit
+from node.api.rate_limit import RateLimiter
+from tests.unit.node.api.small_network import ROBOT, SUBJECT, ManualClock, SmallNode
+
+
+async def test_a_refusal_has_every_member_of_a_problem_document(api: Any) -> None:
+    answer = await api.get("/v1/finality")
+    assert answer.content_type == "application/problem+json"
+    assert answer.headers["WWW-Authenticate"] == "Bearer"
+    entry = CATALOGUE["SESSION_REQUIRED"]
+    assert await answer.json() == {
+        "type": "urn:blockrobot:error:SESSION_REQUIRED",
+        "title": entry.meaning,
+        "status": 401,
+        "code": "SESSION_REQUIRED",
+        "detail": entry.meaning,
+        "next_step": entry.next_step,
+        "retryable": False,
+    }
+
+
+@pytest.mark.parametrize("path", ["/", "/v1", "/v2/genesis", "/livez", "/readyz", "/metrics", "/status"])
+async def test_an_unknown_address_is_a_problem_too(api: Any, path: str) -> None:
+    answer = await api.get(path)
+    assert (answer.status, (await answer.json())["code"]) == (404, "ROUTE_UNKNOWN")
+
+
+async def test_a_wrong_method_names_the_right_ones(api: Any) -> None:
+    answer = await api.delete("/v1/genesis")
+    assert (answer.status, (await answer.json())["code"]) == (405, "METHOD_NOT_ALLOWED")
+    assert "GET" in answer.headers["Allow"]
+
+
+async def test_a_fault_of_the_node_shows_nothing_of_itself(
+    api: Any, node: SmallNode, caplog: pytest.LogCaptureFixture
+) -> None:
+    node.pool.fault = RuntimeError("the secret inside /home/node")
+    with caplog.at_level(logging.ERROR, logger="node.api"):
+        answer = await api.post("/v1/transactions", data=b"\x91\xc4\x01x")
+    text = await answer.text()
+    assert (answer.status, (await answer.json())["code"]) == (500, "INTERNAL")
+    assert "secret" not in text
+    assert "Traceback" not in text
+    assert [record.exc_info is not None for record in caplog.records if record.name == "node.api"] == [True]
+
+
+async def test_the_log_names_routes_and_never_tokens_or_ids(
+    api: Any, open_session: Any, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.DEBUG, logger="node.api"):
+        headers = await open_session(SUBJECT)
+        await api.get(f"/v1/transactions/{'ab' * 32}", headers=headers)
+    assert any("/v1/transactions/{txid}" in record.getMessage() for record in caplog.records)
+    token = headers["Authorization"].removeprefix("Bearer ")
+    assert token not in caplog.text
+    assert "ab" * 32 not in caplog.text
+
+
+@pytest.mark.parametrize("path", ["/v1/session-challenges", "/v1/sessions"])
+@pytest.mark.parametrize("body", [b"", b"[]", b"{}", b"\xff", b'{"public_key": 1}', b"[" * 900])
+async def test_a_body_that_is_not_as_described_is_refused(api: Any, path: str, body: bytes) -> None:
+    answer = await api.post(path, data=body)
+    assert (answer.status, (await answer.json())["code"]) == (400, "REQUEST_INVALID")
+
+
+async def test_a_body_beyond_its_routes_limit_is_refused(api: Any) -> None:
+    answer = await api.post("/v1/session-challenges", data=b" " * 1025)
+    assert (answer.status, (await answer.json())["code"]) == (413, "REQUEST_TOO_LARGE")
+
+
+async def test_a_body_of_unstated_length_is_cut_off_at_the_limit(api: Any) -> None:
+    async def endless() -> Any:
+        for _ in range(100):
+            yield b" " * 1024
+
+    answer = await api.post("/v1/session-challenges", data=endless())
+    assert (answer.status, (await answer.json())["code"]) == (413, "REQUEST_TOO_LARGE")
+
+
+async def test_a_clip_of_the_largest_size_passes_the_limit_of_bodies(api: Any, open_session: Any) -> None:
+    answer = await api.put(
+        f"/v1/clips/{'00' * 16}", data=io.BytesIO(bytes(CLIP_SIZE_MAX_BYTES)), headers=await open_session(ROBOT)
+    )
+    assert (await answer.json())["code"] == "ENCODING_INVALID"
+
+
+async def test_a_node_without_a_custodian_sends_the_caller_elsewhere(node: SmallNode) -> None:
+    async with TestClient(TestServer(create_api(node.without_custody().services))) as api:
+        public_key = SUBJECT.public_key.hex()
+        asked = await api.post("/v1/session-challenges", json={"public_key": public_key})
+        challenge = (await asked.json())["challenge"]
+        signature = sign_session(SUBJECT, node.ledger.genesis.chain_id, "n0", bytes.fromhex(challenge)).hex()
+        document = {"public_key": public_key, "challenge": challenge, "signature": signature}
+        token = (await (await api.post("/v1/sessions", json=document)).json())["token"]
+        answer = await api.get(f"/v1/backgrounds/{'00' * 32}", headers={"Authorization": f"Bearer {token}"})
+        assert (answer.status, (await answer.json())["code"]) == (404, "CUSTODY_ELSEWHERE")
+
+
+async def test_callers_without_a_session_are_slowed_down(api: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 2.0)
+    assert [(await api.get("/v1/genesis")).status for _ in range(3)] == [200, 200, 429]
+    answer = await api.get("/v1/finality", headers={"Authorization": f"Bearer {'00' * 32}"})
+    assert (answer.status, answer.headers["Retry-After"]) == (429, "1")
+
+
+async def test_a_session_is_not_slowed_down_with_strangers(
+    api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    headers = await open_session(SUBJECT)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 0.0)
+    assert (await api.get("/v1/genesis")).status == 429
+    assert (await api.get("/v1/finality", headers=headers)).status == 200
+
+
+def test_a_bucket_fills_again_and_addresses_do_not_share_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rate_limit, "REQUESTS_BURST_COUNT", 1.0)
+    clock = ManualClock()
+    limiter = RateLimiter(clock)
+    limiter.take("192.0.2.1")
+    limiter.take("192.0.2.2")
+    with pytest.raises(Exception, match="RATE_LIMITED"):
+        limiter.take("192.0.2.1")
+    clock.time_ms += 50
+    limiter.take("192.0.2.1")
+
+
+def test_the_table_of_buckets_stays_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(rate_limit, "ADDRESSES_MAX_COUNT", 3)
+    limiter = RateLimiter(ManualClock())
+    for number in range(10):
+        limiter.take(f"192.0.2.{number}")
+    assert len(limiter._buckets) == 3
