@@ -508,3 +508,11 @@ class Cluster:
     def all_final(self, txids: list[bytes]) -> bool:
         """Tell whether every node is up and has finalized all of these."""
         return all(node.is_up and all(txid in node.final_txids for txid in txids) for node in self.nodes)
+
+    def final_where_up(self, txid: bytes) -> bool:
+        """Tell whether every node that is up has finalized this one."""
+        return all(txid in node.final_txids for node in self.nodes if node.is_up)
+
+    def run_until_final(self, duration_ms: float, txid: bytes) -> bool:
+        """Let time pass until this transaction is final on every node that is up."""
+        return self.run(duration_ms, lambda: self.final_where_up(txid))

@@ -1,0 +1,210 @@
+"""R12, R13: journal, then speak; after a crash say the same again and nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.core import Core
+from consensus.effects import Broadcast, BuildBlock, CommitBlocks, ExecuteBlock, Persist, SendTo
+from consensus.errors import BlockRobotError
+from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalRecord, read_journal
+from consensus.messages import Proposal, Timeout, Vote
+from consensus.primitives.encoding import decode
+from tests.sim.core_cluster import CHAIN_ID
+from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, of_type, said
+
+
+def records(node):
+    return [decode(data, JournalRecord) for data in node.journal]
+
+
+def test_every_word_stands_behind_the_record_of_the_same_bytes():
+    node = OneCore(1)
+    everything = []
+    (order,) = of_type(node.work(), BuildBlock)
+    everything.append(node.built(order, (TRANSACTION,)))
+    everything.append(node.fire("round"))
+    everything.append(node.notice(node.core.high_qc, node.tc(1)))
+    everything.append(node.receive(node.block(2, tc=node.tc(1))))
+    for effects in everything:
+        journalled: list[object] = []
+        for effect in effects:
+            if isinstance(effect, Persist):
+                for data in effect.records:
+                    record = decode(data, JournalRecord)
+                    journalled += [record.vote, record.timeout, *record.blocks]
+            if isinstance(effect, Broadcast | SendTo) and isinstance(effect.message, Vote | Timeout):
+                assert effect.message in journalled
+            if isinstance(effect, Broadcast) and isinstance(effect.message, Proposal):
+                assert effect.message.block in journalled
+
+
+def test_a_proposal_and_the_own_vote_are_one_record_and_one_sync():
+    node = OneCore(1)
+    (order,) = of_type(node.work(), BuildBlock)
+    effects = node.built(order)
+    assert len(of_type(effects, Persist)) == 1
+    (record,) = records(node)
+    assert record.kind == KIND_PROPOSAL
+    assert record.vote is not None
+    assert record.proposed_id == record.vote.block_id == record.blocks[0].block_id
+
+
+def test_a_vote_brings_those_ancestors_that_the_journal_lacks():
+    node = OneCore()
+    one, two, three = node.chain(1, 2, 3)
+    node.fire("heartbeat", 0)
+    node.fire("round")
+    node.receive(one)  # no vote: the round was given up
+    node.receive(two)
+    node.receive(three)
+    timeout, second, third = records(node)
+    assert (timeout.kind, timeout.blocks) == (KIND_TIMEOUT, ())
+    assert (second.kind, second.blocks, second.high_qc) == (KIND_VOTE, (one, two), two.header.qc)
+    assert third.blocks == (three,)
+
+
+def test_after_a_crash_between_sync_and_sending_the_same_vote_is_sent():
+    node = OneCore()
+    one = node.block(1)
+    before = said(node.receive(one), Vote)
+    after = node.restarted()
+    assert said(after.started, Vote) == before
+    assert said(after.executed(after.started), Vote) == before
+
+
+def test_after_a_crash_the_same_proposal_is_sent_and_no_other():
+    node = OneCore(1)
+    (order,) = of_type(node.work(), BuildBlock)
+    before = said(node.built(order, (TRANSACTION,)), Proposal)
+    after = node.restarted()
+    assert said(after.started, Proposal) == before
+    assert of_type(after.executed(after.started), BuildBlock) == []
+    assert of_type(after.work(), BuildBlock) == []
+
+
+def test_after_a_crash_the_same_timeout_is_sent():
+    node = OneCore()
+    node.work()
+    before = said(node.fire("round"), Timeout)
+    after = node.restarted()
+    assert said(after.started, Timeout) == before
+    assert after.core.has_timed_out
+
+
+def test_a_crash_before_the_sync_leaves_nothing_said():
+    node = OneCore()
+    one, other = node.block(1), node.block(1, transactions=(TRANSACTION,))
+    node.receive(one)
+    node.journal.clear()
+    assert said(node.restarted().receive(other), Vote) == [node.vote(3, other)]
+
+
+def test_the_journal_brings_back_round_certificates_and_blocks():
+    node = OneCore()
+    one, three = node.chain(1, 3)
+    node.receive(one)
+    node.receive(three)
+    after = node.restarted()
+    assert (after.core.round, after.core.high_qc, after.core.last_voted_round) == (3, node.core.high_qc, 3)
+    assert after.core.entered_by == node.core.entered_by
+    assert [effect.block for effect in of_type(after.started, ExecuteBlock)] == [one]
+    assert after.core.branch(three.block_id, 0) == [one, three]
+
+
+def test_what_was_final_before_the_power_cut_is_final_again_after_it():
+    """The store had synced nothing: the journal alone brings the blocks back."""
+    node = OneCore()
+    one, two = node.chain(1, 2)
+    node.receive(one)
+    node.receive(two)
+    node.notice(node.qc(two))
+    after = node.restarted()
+    after.executed(after.started)
+    assert of_type(after.notice(after.qc(two)), CommitBlocks)[0].blocks == (one,)
+
+
+def test_a_snapshot_says_the_same_as_the_journal():
+    node = OneCore()
+    node.work()
+    node.receive(node.block(1))
+    node.notice(node.core.high_qc, node.tc(1))
+    node.fire("round")
+    full, short = read_journal(node.journal, 0), read_journal(node.core.journal_snapshot(), 0)
+    assert full == short
+
+
+def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
+    node = OneCore()
+    one, two, three = node.chain(1, 2, 3)
+    for block in (one, two, three):
+        node.receive(block)
+    assert node.core.finalized_id == one.block_id
+    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {one, two, three}
+    node.core.forget_journalled(1)
+    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {two, three}
+
+
+def test_a_restart_from_a_snapshot_goes_on_as_from_the_journal():
+    node = OneCore()
+    for block in node.chain(1, 2, 3):
+        node.receive(block)
+    node.journal = list(node.core.journal_snapshot())
+    after = node.restarted()
+    assert (after.core.round, after.core.last_voted_round) == (3, 3)
+    assert said(after.started, Vote) == [node.core._voter.last_vote]
+
+
+def test_a_block_that_was_forgotten_is_not_journalled_again():
+    node = OneCore()
+    blocks = node.chain(1, 2, 3, 4)
+    for block in blocks[:3]:
+        node.receive(block)
+    node.core.forget_journalled(1)
+    node.core.journal_snapshot()
+    node.journal.clear()
+    node.receive(blocks[3])
+    (record,) = records(node)
+    assert record.blocks == (blocks[3],)
+
+
+def test_a_node_whose_store_lags_too_far_signs_nothing(monkeypatch):
+    monkeypatch.setattr("consensus.journalling.UNSTORED_BLOCKS_MAX_COUNT", 1)
+    node = OneCore()
+    one, two, three, four = node.chain(1, 2, 3, 4)
+    for block in (one, two, three):
+        node.receive(block)
+    assert node.core.finalized_id == one.block_id
+    assert said(node.receive(four), Vote) == []
+    assert said(node.fire("round"), Timeout) == []
+    node.core.forget_journalled(2)
+    assert len(said(node.fire("round"), Timeout)) == 1
+
+
+def test_records_of_another_epoch_are_not_this_epochs_words():
+    node = OneCore()
+    node.receive(node.block(1))
+    assert read_journal(node.journal, 1).last_voted_round == 0
+
+
+def test_bytes_that_are_no_record_are_refused():
+    with pytest.raises(BlockRobotError, match="ENCODING_INVALID"):
+        OneCore(journal=[b"not a record"])
+
+
+def test_a_store_ahead_of_the_journal_wins():
+    node = OneCore()
+    one, two = node.chain(1, 2)
+    node.receive(one)
+    core = Core(
+        node.settings,
+        CHAIN_ID,
+        node.schedule,
+        node.keys[3],
+        finalized=two,
+        finalized_qc=node.qc(two),
+        round_zero_id=GENESIS.block_id,
+        journal=node.journal,
+    )
+    assert (core.round, core.last_voted_round, core.finalized_id) == (3, 1, two.block_id)
+    assert core.block(one.block_id) is None
