@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic.render import Renderer
+from clients.sdk.picture import decode_depth_png
 
 FOREIGN_PIXELS_MAX_SHARE = 0.001
 JUDGED_FRAMES_MAX_COUNT = 40
@@ -21,7 +21,7 @@ def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: 
     """
     sequence = int(picture.name.split(".")[0])
     _, labels = renderer.frame_with_truth(sequence)
-    shown = cv2.imread(str(picture), cv2.IMREAD_UNCHANGED)
+    shown = decode_depth_png(picture.read_bytes())
     aliases = [person.alias for person in scenario.people]
     others = np.isin(labels, [index + 1 for index, alias in enumerate(aliases) if alias != owner])
     total = int(others.sum())
