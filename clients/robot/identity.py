@@ -28,6 +28,9 @@ class _KeyFile(msgspec.Struct):
     sealing: bytes
     spool: bytes
 
+    def __repr__(self) -> str:
+        return "_KeyFile()"
+
 
 @dataclass(frozen=True, slots=True, repr=False)
 class RobotIdentity:

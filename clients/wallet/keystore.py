@@ -1,7 +1,8 @@
 """The wallet on disk: one encrypted file, written whole or not at all. Must never write a secret in the clear.
 
 Argon2id turns the passphrase into a key; XChaCha20-Poly1305 seals the content, which is everything: the words, what the
-wallet knows of its visits (itself sensitive: it says where somebody was), and the newest verified header.
+wallet knows of its visits (itself sensitive: it says where somebody was), and the newest verified header. A checksum of
+the sealed bytes tells a damaged file from a wrong passphrase.
 """
 
 from __future__ import annotations
@@ -21,11 +22,16 @@ from nacl.bindings import (
 from nacl.exceptions import CryptoError
 
 from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import tagged_hash
 
 _MAGIC = b"BRWALLET1"
 _SALT_BYTES = pwhash.argon2id.SALTBYTES
 _NONCE_BYTES = 24
 _KEY_BYTES = 32
+_CHECKSUM_TAG = "blockrobot/wallet-file"
+# No wallet of ours asks for more; a forged file must not make the machine work for hours or run out of memory.
+OPERATIONS_MAX_COUNT = 16
+MEMORY_MAX_BYTES = pwhash.argon2id.MEMLIMIT_SENSITIVE
 WALLET_FILE_MAX_BYTES = 64 * 1024 * 1024
 
 
@@ -58,6 +64,9 @@ class WalletContent(msgspec.Struct):
     pinned_header: bytes = b""
     asked_erasures: list[bytes] = msgspec.field(default_factory=list)
 
+    def __repr__(self) -> str:
+        return f"WalletContent({len(self.visits)} visits)"
+
 
 def _derive_key(passphrase: str, salt: bytes, cost: PassphraseCost) -> bytes:
     return bytes(
@@ -85,6 +94,24 @@ def _write_whole(path: Path, data: bytes) -> None:
         os.fsync(folder)
     finally:
         os.close(folder)
+
+
+def _read_parts(path: Path, data: bytes) -> tuple[bytes, bytes, bytes, PassphraseCost, bytes]:
+    """Return header, nonce, sealed content, cost and salt. Raises WALLET_DAMAGED."""
+    try:
+        header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
+        if not header.startswith(_MAGIC) or tagged_hash(_CHECKSUM_TAG, header, nonce, sealed) != checksum:
+            raise BlockRobotError("WALLET_DAMAGED", f"{path} is not a wallet file, or was changed.")
+        salt, operations, memory = msgspec.msgpack.decode(header[len(_MAGIC) :], type=tuple[bytes, int, int])
+    except msgspec.MsgspecError:
+        raise BlockRobotError("WALLET_DAMAGED", f"{path} is not a wallet file.") from None
+    if (
+        len(salt) != _SALT_BYTES
+        or not pwhash.argon2id.OPSLIMIT_MIN <= operations <= OPERATIONS_MAX_COUNT
+        or not pwhash.argon2id.MEMLIMIT_MIN <= memory <= MEMORY_MAX_BYTES
+    ):
+        raise BlockRobotError("WALLET_DAMAGED", f"{path} asks for more work than any wallet does.")
+    return header, nonce, sealed, PassphraseCost(operations, memory), salt
 
 
 class Keystore:
@@ -121,23 +148,22 @@ class Keystore:
             raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.") from None
         if len(data) > WALLET_FILE_MAX_BYTES:
             raise BlockRobotError("WALLET_DAMAGED", f"{path} is too large to be a wallet.")
-        try:
-            header, nonce, sealed = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes])
-            if not header.startswith(_MAGIC):
-                raise ValueError("not a wallet")
-            salt, operations, memory = msgspec.msgpack.decode(header[len(_MAGIC) :], type=tuple[bytes, int, int])
-            key = _derive_key(passphrase, salt, PassphraseCost(operations, memory))
-        except (msgspec.MsgspecError, ValueError, TypeError):
-            raise BlockRobotError("WALLET_DAMAGED", f"{path} is not a wallet file.") from None
+        header, nonce, sealed, cost, salt = _read_parts(path, data)
+        key = _derive_key(passphrase, salt, cost)
         try:
             plain = crypto_aead_xchacha20poly1305_ietf_decrypt(sealed, header, nonce, key)
         except (CryptoError, ValueError, TypeError):
             raise BlockRobotError("WALLET_PASSPHRASE_WRONG") from None
-        return cls(path, key, header, msgspec.msgpack.decode(plain, type=WalletContent))
+        try:
+            content = msgspec.msgpack.decode(plain, type=WalletContent)
+        except msgspec.MsgspecError:
+            raise BlockRobotError("WALLET_DAMAGED", f"{path} was written by another version.") from None
+        return cls(path, key, header, content)
 
     def save(self) -> None:
         """Seal the content and replace the file in one step."""
         nonce = secrets.token_bytes(_NONCE_BYTES)
         plain = msgspec.msgpack.encode(self.content)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(plain, self._header, nonce, self._key)
-        _write_whole(self._path, msgspec.msgpack.encode((self._header, nonce, sealed)))
+        checksum = tagged_hash(_CHECKSUM_TAG, self._header, nonce, sealed)
+        _write_whole(self._path, msgspec.msgpack.encode((self._header, nonce, sealed, checksum)))

@@ -51,7 +51,7 @@ def modules() -> tuple[Path, ...]:
 
 
 @cache
-def test_files() -> tuple[Path, ...]:
+def files_of_tests() -> tuple[Path, ...]:
     return tuple(sorted((ROOT / "tests").rglob("*.py")))
 
 
@@ -93,7 +93,9 @@ def test_there_is_something_to_look_at() -> None:
 
 
 def test_no_module_is_longer_than_500_lines() -> None:
-    lengths = {place(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (*modules(), *test_files())}
+    lengths = {
+        place(path): len(path.read_text(encoding="utf-8").splitlines()) for path in (*modules(), *files_of_tests())
+    }
     assert {name: length for name, length in lengths.items() if length > MODULE_MAX_LINES} == {}
 
 
@@ -162,23 +164,25 @@ def test_every_function_is_typed() -> None:
 
 
 def test_no_file_or_folder_has_a_name_that_says_nothing() -> None:
-    parts = {part.removesuffix(".py") for path in (*modules(), *test_files()) for part in path.relative_to(ROOT).parts}
+    parts = {
+        part.removesuffix(".py") for path in (*modules(), *files_of_tests()) for part in path.relative_to(ROOT).parts
+    }
     assert parts & BANNED_NAMES == set()
 
 
 @pytest.mark.parametrize("pattern", [UNFINISHED, STUB], ids=["notes to self", "stubs"])
 def test_nothing_is_left_unfinished(pattern: re.Pattern[str]) -> None:
-    assert matches((*modules(), *test_files()), pattern) == []
+    assert matches((*modules(), *files_of_tests()), pattern) == []
 
 
 def test_no_test_is_switched_off_or_cannot_fail() -> None:
-    assert matches(test_files(), CANNOT_FAIL) == []
+    assert matches(files_of_tests(), CANNOT_FAIL) == []
 
 
 def test_no_test_is_without_an_assertion() -> None:
     """`pytest.raises` counts, and so does a call of a function of the same file or of a checker that asserts."""
     empty = []
-    for path in test_files():
+    for path in files_of_tests():
         for item in ast.walk(tree_of(path)):
             if not isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) or not item.name.startswith("test_"):
                 continue

@@ -1,0 +1,139 @@
+"""The wallet's file: encrypted, whole or not at all, readable by its user only."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+import msgspec
+import pytest
+from nacl import pwhash
+
+from clients.wallet.keystore import Keystore, KnownVisit, PassphraseCost, WalletContent
+from consensus.errors import BlockRobotError
+
+WORDS = "abandon " * 23 + "art"
+CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)
+VISIT = KnownVisit(owner=b"O" * 33, ephemeral=b"R" * 33, robot=b"M" * 33, sequence=4, bucket_ms=300_000)
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "wallets" / "ann.wallet"
+
+
+def code_of(path: Path, passphrase: str = "tea") -> str:
+    with pytest.raises(BlockRobotError) as caught:
+        Keystore.open(path, passphrase)
+    return caught.value.code
+
+
+def test_what_was_saved_is_found_again(path: Path) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    store.content.visits.append(VISIT)
+    store.content.pinned_header = b"header"
+    store.save()
+    again = Keystore.open(path, "tea").content
+    assert (again.words, again.visits, again.pinned_header) == (WORDS, [VISIT], b"header")
+
+
+def test_a_wrong_passphrase_is_said_to_be_wrong(path: Path) -> None:
+    Keystore.create(path, WORDS, "tea", CHEAP)
+    assert code_of(path, "coffee") == "WALLET_PASSPHRASE_WRONG"
+
+
+def test_the_file_is_for_its_user_only(path: Path) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+    store.save()
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+
+
+def test_neither_words_nor_visits_stand_in_the_file(path: Path) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    store.content.visits.append(VISIT)
+    store.save()
+    data = path.read_bytes()
+    assert b"abandon" not in data
+    assert VISIT.owner not in data
+
+
+def test_each_saving_seals_anew(path: Path) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    first = path.read_bytes()
+    store.save()
+    assert path.read_bytes() != first
+
+
+def test_a_wallet_is_never_overwritten_by_a_new_one(path: Path) -> None:
+    Keystore.create(path, WORDS, "tea", CHEAP)
+    before = path.read_bytes()
+    with pytest.raises(BlockRobotError) as caught:
+        Keystore.create(path, WORDS, "other", CHEAP)
+    assert caught.value.code == "WALLET_EXISTS"
+    assert path.read_bytes() == before
+
+
+def test_where_there_is_none_none_is_opened(path: Path) -> None:
+    assert code_of(path) == "WALLET_NOT_FOUND"
+
+
+def test_every_shortened_file_is_called_damaged(path: Path) -> None:
+    Keystore.create(path, WORDS, "tea", CHEAP)
+    data = path.read_bytes()
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        assert code_of(path) == "WALLET_DAMAGED", length
+
+
+def test_every_flipped_byte_is_called_damage_and_not_a_wrong_passphrase(path: Path) -> None:
+    """Whoever types the right passphrase must not be told that it is wrong; and a changed cost must not be paid."""
+    Keystore.create(path, WORDS, "tea", CHEAP)
+    data = path.read_bytes()
+    for place in range(len(data)):
+        path.write_bytes(data[:place] + bytes([data[place] ^ 0x81]) + data[place + 1 :])
+        assert code_of(path) == "WALLET_DAMAGED", place
+
+
+def test_a_file_that_asks_for_absurd_work_is_refused_unopened(path: Path) -> None:
+    """A forged file with a right checksum must not hang the machine."""
+    forged = Keystore.create(path, WORDS, "tea", CHEAP)
+    dear = [b"s" * pwhash.argon2id.SALTBYTES, 2**31, 2**40]
+    forged._header = b"BRWALLET1" + msgspec.msgpack.encode(dear)
+    forged.save()
+    assert code_of(path) == "WALLET_DAMAGED"
+
+
+def test_a_crash_before_the_new_file_is_in_place_leaves_the_old_one(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    before = path.read_bytes()
+
+    def crash(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", crash)
+    store.content.handle = b"h" * 32
+    with pytest.raises(OSError, match="No space"):
+        store.save()
+    monkeypatch.undo()
+    assert path.read_bytes() == before
+    assert [entry.name for entry in path.parent.iterdir()] == [path.name]
+    assert Keystore.open(path, "tea").content.handle == b""
+
+
+def test_no_secret_shows_when_a_wallet_is_printed(path: Path) -> None:
+    store = Keystore.create(path, WORDS, "tea", CHEAP)
+    store.content.visits.append(VISIT)
+    for shown in (repr(store), str(store), repr(store.content), str(store.content)):
+        assert "abandon" not in shown
+        assert repr(VISIT.owner) not in shown
+        assert "tea" not in shown.replace("Keystore", "")
+
+
+def test_an_older_wallet_opens_with_what_is_new_left_empty() -> None:
+    old = msgspec.msgpack.encode({"words": WORDS})
+    assert msgspec.msgpack.decode(old, type=WalletContent).visits == []
