@@ -6,6 +6,7 @@ of any other lane. A node that wanted to link a visit's owner key to a member wo
 
 from __future__ import annotations
 
+import io
 import ipaddress
 import ssl
 from collections.abc import Mapping
