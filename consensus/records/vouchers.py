@@ -1,9 +1,11 @@
-"""Enrolment: the registrar's voucher, the card's one-time key and code. Must never let one registration pass for another.
+"""Enrolment: the registrar's voucher, the card's one-time key and code.
 
-A card holds a random handle, a one-time secret e (public E) and the registrar's signature over (chain, handle, E, role,
-expiry). Who registers signs with e over (chain, handle, his four keys): whoever merely sees that transaction cannot
-register the handle for himself. Every signed message is a plain concatenation of fixed-size fields, the only text
-last, so that the contract builds the same bytes.
+Must never let one registration pass for another.
+
+A card holds a random handle, a one-time secret e (public E) and the registrar's signature over (chain,
+handle, E, role, expiry). Who registers signs with e over (chain, handle, his four keys): whoever merely
+sees that transaction cannot register the handle for himself. Every signed message is a plain concatenation
+of fixed-size fields, the only text last, so that the contract builds the same bytes.
 """
 
 from __future__ import annotations
@@ -77,7 +79,10 @@ def card_message(chain_id: bytes, handle: bytes, member: bytes, spend: bytes, vi
 def rotation_message(
     chain_id: bytes, handle: bytes, member: bytes, new_member: bytes, spend: bytes, view: bytes, sealing: bytes
 ) -> bytes:
-    """Return what a member's new key signs to take over: chain, handle, old M, new M, S, V, X. Raises VALUE_INVALID."""
+    """Return what a member's new key signs to take over: chain, handle, old M, new M, S, V, X.
+
+    Raises VALUE_INVALID.
+    """
     _require_sizes((member, PUBLIC_KEY_SIZE_BYTES))
     rest = card_message(chain_id, handle, new_member, spend, view, sealing)
     head = HASH_SIZE_BYTES + HANDLE_SIZE_BYTES
@@ -87,7 +92,10 @@ def rotation_message(
 def issue_card(
     registrar: PrivateKey, *, chain_id: bytes, handle: bytes, card_secret: bytes, role: str, not_after_ms: int
 ) -> Card:
-    """Sign a voucher and return the card. `handle` and `card_secret` are 32 fresh random bytes each of the caller's."""
+    """Sign a voucher and return the card.
+
+    `handle` and `card_secret` are 32 fresh random bytes each of the caller's.
+    """
     card_public = PrivateKey(card_secret).public_key
     message = voucher_message(chain_id, handle, card_public, role, not_after_ms)
     return Card(

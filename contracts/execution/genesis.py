@@ -1,0 +1,82 @@
+"""Builds the state that a chain begins with. Must never depend on anything but the genesis file and shipped contracts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from contracts.execution.call_host import CallHost
+from contracts.execution.registry import require_contracts
+from contracts.state.trie import apply_batch
+from contracts.state.view import MemoryState
+from contracts.vm import CallContext, invoke
+
+GENESIS_GAS_MAX = 50_000_000
+_GENESIS_ENTRY = "genesis"
+
+
+@dataclass(frozen=True, slots=True)
+class GenesisState:
+    """The first state: flat keys with encoded values, trie pages by nibble path, and the root."""
+
+    writes: dict[bytes, bytes]
+    pages: dict[bytes, bytes]
+    state_root: bytes
+
+
+def _identity_arguments(genesis: Genesis) -> list[Any]:
+    organisations = [[org.name, list(org.admins), list(org.registrars)] for org in genesis.organisations]
+    custodians = [[node.custodian_key, node.name, node.organisation] for node in genesis.custodians]
+    return [organisations, custodians, list(genesis.purposes)]
+
+
+def build_genesis_state(genesis: Genesis) -> GenesisState:
+    """Run the contracts' genesis entries. `genesis.state_root` is not looked at.
+
+    Raises GENESIS_INVALID if the file names other contracts or an entry refuses it.
+    """
+    contracts = require_contracts(genesis)
+    state = MemoryState()
+    host = CallHost(state)
+    context = CallContext(
+        caller=bytes(33), height=0, time_ms=genesis.created_at_ms, txid=bytes(32), chain_id=genesis.chain_id
+    )
+    outcome = invoke(
+        contracts,
+        "identity",
+        _GENESIS_ENTRY,
+        _identity_arguments(genesis),
+        host=host,
+        context=context,
+        gas_limit=GENESIS_GAS_MAX,
+        mode="genesis",
+    )
+    if not outcome.ok:
+        raise BlockRobotError("GENESIS_INVALID", f"The contracts refuse the genesis file: {outcome.message}")
+    host.keep()
+    update = apply_batch(state, state.state_root, host.writes)
+    return GenesisState(
+        writes={key: value for key, value in host.writes.items() if value is not None},
+        pages={path: page for path, page in update.pages.items() if page is not None},
+        state_root=update.root,
+    )
+
+
+def complete_genesis(genesis: Genesis) -> Genesis:
+    """Return the genesis with its state root filled in. Raises GENESIS_INVALID."""
+    return msgspec.structs.replace(genesis, state_root=build_genesis_state(genesis).state_root)
+
+
+def open_genesis(genesis: Genesis) -> GenesisState:
+    """Return the first state of a finished genesis file, on a node's start.
+
+    Raises GENESIS_INVALID if the root that the file names is not the one that the contracts give here.
+    """
+    state = build_genesis_state(genesis)
+    if state.state_root != genesis.state_root:
+        raise BlockRobotError("GENESIS_INVALID", "The genesis file's state root is not that of its contracts.")
+    return state

@@ -1,0 +1,55 @@
+"""The contracts that ship with BlockRobot: their sources, hashes and compiled forms. Must never run a source as Python.
+
+The sources lie beside this package as data, in the contract language. A genesis file names each by the hash of its
+source, so that nodes with different sources never share a chain.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from importlib import resources
+from types import MappingProxyType
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import ContractEntry, Genesis
+from consensus.primitives.hashing import tagged_hash
+from contracts.vm import CompiledContract, compile_contract
+
+SOURCE_TAG = "blockrobot/contract-source"
+PRIVACY_CONTRACTS = ("access", "audit", "erasure", "identity", "records")
+
+
+def read_source(name: str) -> str:
+    """Return the source text of a shipped contract. Raises TRANSACTION_CONTRACT_UNKNOWN."""
+    if name not in PRIVACY_CONTRACTS:
+        raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"No contract {name!r} ships with BlockRobot.")
+    text = resources.files("contracts").joinpath("privacy", f"{name}.py").read_text(encoding="utf-8")
+    return text.replace("\r\n", "\n")
+
+
+def compute_source_hash(source: str) -> bytes:
+    """Return the 32-byte hash by which a genesis file names a source."""
+    return tagged_hash(SOURCE_TAG, source.encode())
+
+
+@cache
+def load_contracts() -> Mapping[str, CompiledContract]:
+    """Return all shipped contracts, compiled once per process, by name."""
+    return MappingProxyType({name: compile_contract(read_source(name), name) for name in PRIVACY_CONTRACTS})
+
+
+def contract_entries() -> tuple[ContractEntry, ...]:
+    """Return what a genesis file lists for the shipped contracts."""
+    return tuple(
+        ContractEntry(name=name, source_hash=compute_source_hash(read_source(name))) for name in PRIVACY_CONTRACTS
+    )
+
+
+def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
+    """Return the contracts of a chain. Raises GENESIS_INVALID if its sources are not the ones that ship here."""
+    if genesis.contracts != contract_entries():
+        raise BlockRobotError(
+            "GENESIS_INVALID", "The genesis file names contracts that this version of BlockRobot does not ship."
+        )
+    return load_contracts()

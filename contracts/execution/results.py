@@ -1,0 +1,48 @@
+"""What the execution of a block takes and gives. Must never hold anything that another node would see differently."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from consensus.block import Receipt
+from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, CALL_GAS_MAX
+
+
+@dataclass(frozen=True, slots=True)
+class BlockContext:
+    """What contracts may know of the block they run in: chain id (32 bytes), height, timestamp in ms."""
+
+    chain_id: bytes
+    height: int
+    time_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class ExecutionLimits:
+    """How much one call and one block may use up, and how many transactions a block takes."""
+
+    call_gas: int = CALL_GAS_MAX
+    block_gas: int = BLOCK_GAS_MAX
+    transactions_count: int = BLOCK_TRANSACTIONS_MAX_COUNT
+
+
+PROTOCOL_LIMITS = ExecutionLimits()
+
+
+@dataclass(frozen=True, slots=True)
+class BlockResult:
+    """What a block does to its parent's state. Receipts stand for the transactions that were executed, in order.
+
+    `left_out` names the transactions without a receipt: `faulty` are those that no block should ever hold, since the
+    interpreter itself failed on them; the others no longer fitted. Both are empty for a valid block of somebody else.
+    """
+
+    receipts: tuple[Receipt, ...]
+    writes: Mapping[bytes, bytes | None]
+    page_writes: Mapping[bytes, bytes | None]
+    state_root: bytes
+    receipt_root: bytes
+    gas_used: int
+    left_out: tuple[bytes, ...] = ()
+    faulty: tuple[bytes, ...] = ()

@@ -1,0 +1,43 @@
+"""Answers a contract's views on one version of the state. Must never write, and never decide anything for the chain."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from contracts.execution.call_host import CallHost
+from contracts.execution.results import BlockContext
+from contracts.state.view import StateReader
+from contracts.vm import CallContext, CompiledContract, invoke
+
+VIEW_GAS_MAX = 2_000_000
+
+
+def run_view(
+    state: StateReader,
+    contracts: Mapping[str, CompiledContract],
+    context: BlockContext,
+    contract: str,
+    view: str,
+    arguments: list[Any],
+    *,
+    caller: bytes = bytes(33),
+    gas_limit: int = VIEW_GAS_MAX,
+) -> Any:
+    """Return what a view answers. `context` is that of the newest block of this state.
+
+    Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, REQUEST_INVALID if the view refuses.
+    """
+    compiled = contracts.get(contract)
+    if compiled is None or not any(entry.name == view and entry.kind == "view" for entry in compiled.abi.entries):
+        raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"There is no view {contract}.{view}.")
+    call = CallContext(
+        caller=caller, height=context.height, time_ms=context.time_ms, txid=bytes(32), chain_id=context.chain_id
+    )
+    outcome = invoke(
+        contracts, contract, view, arguments, host=CallHost(state), context=call, gas_limit=gas_limit, mode="view"
+    )
+    if not outcome.ok:
+        raise BlockRobotError("REQUEST_INVALID", f"The view refused: {outcome.code}: {outcome.message}")
+    return outcome.result

@@ -1,0 +1,212 @@
+"""Who is who: members, their handles and roles, organisations and custodians. Must never learn a tag's UID.
+
+A handle is a random name that a registrar drew for a card. It is registered once, by whoever holds the card's one-time
+key, under a registrar's voucher.
+
+member/M -> {handle, role, org, spend, view, sealing, purposes, status, since}; handle/H -> M; org/name -> {admins,
+registrars}; registrar/M -> org; custodian/M -> {name, org}; custodians -> sorted list; purpose/code -> True.
+"""
+
+KEY_BYTES = 33
+HANDLE_BYTES = 32
+SEALING_BYTES = 32
+SIGNATURE_BYTES = 65
+PURPOSES_MAX_COUNT = 16
+ROLES = ("subject", "staff", "robot", "officer", "auditor")
+VOUCHER_TAG = "blockrobot/voucher"
+CARD_TAG = "blockrobot/card"
+ROTATION_TAG = "blockrobot/rotation"
+
+
+@genesis
+def genesis(organisations: list, custodian_nodes: list, purposes: list):
+    """Write the first state: [[name, admins, registrars]], [[key, name, org]] and purpose codes."""
+    for name, admins, registrars in organisations:
+        state.put(b"org/" + name.encode(), {"admins": admins, "registrars": registrars})
+        for registrar in registrars:
+            state.put(b"registrar/" + registrar, name)
+    keys = []
+    for key, name, org in custodian_nodes:
+        state.put(b"custodian/" + key, {"name": name, "org": org})
+        keys.append(key)
+    state.put(b"custodians", sorted(keys))
+    for code in purposes:
+        state.put(b"purpose/" + code.encode(), True)
+
+
+def check_keys(spend: bytes, view: bytes, sealing: bytes):
+    require(len(spend) == KEY_BYTES and len(view) == KEY_BYTES, "KEY_SIZE_WRONG", "S and V have 33 bytes each.")
+    require(len(sealing) == SEALING_BYTES, "KEY_SIZE_WRONG", "X has 32 bytes.")
+
+
+def check_purposes(purposes: list):
+    require(len(purposes) <= PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "A member consents to at most 16 purposes.")
+    for code in purposes:
+        require(isinstance(code, str) and purpose_known(code), "PURPOSE_UNKNOWN", "The purpose is not published.")
+
+
+def require_member(handle: bytes) -> dict:
+    """Return the caller's own state; he must be active and registered under this handle."""
+    require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
+    owner = state.get(b"handle/" + handle)
+    require(owner is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
+    require(owner == ctx.caller, "NOT_THE_MEMBER", "The caller is not registered under this handle.")
+    entry = state.get(b"member/" + ctx.caller)
+    require(entry is not None and entry["status"] == "active", "MEMBER_NOT_ACTIVE", "The member has left.")
+    return entry
+
+
+@export
+def register(
+    handle: bytes,
+    card_key: bytes,
+    role: str,
+    not_after_ms: int,
+    voucher_signature: bytes,
+    spend: bytes,
+    view: bytes,
+    sealing: bytes,
+    card_signature: bytes,
+    purposes: list,
+):
+    """Register the caller under a handle. Who may call: whoever holds the card's key, under a registrar's voucher."""
+    require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
+    require(len(card_key) == KEY_BYTES, "KEY_SIZE_WRONG", "A card key has 33 bytes.")
+    check_keys(spend, view, sealing)
+    require(role in ROLES, "ROLE_UNKNOWN", "There is no such role.")
+    require(0 <= not_after_ms and not_after_ms < 9007199254740992, "VOUCHER_EXPIRED", "The expiry is out of range.")
+    require(ctx.time <= not_after_ms, "VOUCHER_EXPIRED", "The voucher is too old; the registrar issues a new card.")
+    voucher = ctx.chain + handle + card_key + u64(not_after_ms) + role.encode()
+    registrar = recover(VOUCHER_TAG, voucher_signature, voucher)
+    org = None
+    if registrar is not None:
+        org = state.get(b"registrar/" + registrar)
+    require(org is not None, "NOT_A_REGISTRAR", "The voucher is not signed by a registrar for these fields.")
+    card = ctx.chain + handle + ctx.caller + spend + view + sealing
+    require(recover(CARD_TAG, card_signature, card) == card_key, "CARD_SIGNATURE_WRONG", "The card signed other keys.")
+    require(not state.has(b"handle/" + handle), "HANDLE_TAKEN", "The handle is registered already.")
+    require(not state.has(b"member/" + ctx.caller), "MEMBER_EXISTS", "The key is registered already.")
+    check_purposes(purposes)
+    state.put(b"handle/" + handle, ctx.caller)
+    entry = {
+        "handle": handle,
+        "role": role,
+        "org": org,
+        "spend": spend,
+        "view": view,
+        "sealing": sealing,
+        "purposes": purposes,
+        "status": "active",
+        "since": ctx.time,
+    }
+    state.put(b"member/" + ctx.caller, entry)
+    emit("registered", {"member": ctx.caller, "role": role})
+
+
+@export
+def authenticate(handle: bytes):
+    """Show on the chain that the caller's key is the handle's. Who may call: the member of the handle."""
+    require_member(handle)
+    emit("authenticated", {"member": ctx.caller})
+
+
+@export
+def rotate(handle: bytes, new_member: bytes, spend: bytes, view: bytes, sealing: bytes, new_member_signature: bytes):
+    """Put new keys in place of the caller's. Who may call: the member of the handle, with the new key's agreement."""
+    entry = require_member(handle)
+    require(len(new_member) == KEY_BYTES, "KEY_SIZE_WRONG", "M has 33 bytes.")
+    check_keys(spend, view, sealing)
+    require(not state.has(b"member/" + new_member), "MEMBER_EXISTS", "The new key is registered already.")
+    message = ctx.chain + handle + ctx.caller + new_member + spend + view + sealing
+    signer = recover(ROTATION_TAG, new_member_signature, message)
+    require(signer == new_member, "ROTATION_SIGNATURE_WRONG", "The new key did not sign this rotation.")
+    old = reduced(entry, "rotated")
+    entry["spend"] = spend
+    entry["view"] = view
+    entry["sealing"] = sealing
+    state.put(b"member/" + new_member, entry)
+    state.put(b"handle/" + handle, new_member)
+    state.put(b"member/" + ctx.caller, old)
+    emit("rotated", {"member": ctx.caller, "new_member": new_member})
+
+
+@export
+def leave(handle: bytes):
+    """End the membership and remove its keys. Who may call: the member of the handle."""
+    entry = require_member(handle)
+    state.put(b"member/" + ctx.caller, reduced(entry, "left"))
+    emit("left", {"member": ctx.caller})
+
+
+@export
+def revoke(handle: bytes):
+    """End another's membership (a stolen robot). Who may call: an admin or registrar of the member's organisation."""
+    require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
+    owner = state.get(b"handle/" + handle)
+    require(owner is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
+    entry = state.get(b"member/" + owner)
+    require(entry["status"] == "active", "MEMBER_NOT_ACTIVE", "The member has left.")
+    org = state.get(b"org/" + entry["org"].encode())
+    entitled = ctx.caller in org["admins"] or ctx.caller in org["registrars"]
+    require(entitled, "NOT_AN_ADMIN", "Only an admin or a registrar of the member's organisation may do that.")
+    state.put(b"member/" + owner, reduced(entry, "revoked"))
+    emit("revoked", {"member": owner})
+
+
+def reduced(entry: dict, status: str) -> dict:
+    """Return what is left of a member who is none any more: no keys to find or seal anything with."""
+    return {
+        "handle": entry["handle"],
+        "role": entry["role"],
+        "org": entry["org"],
+        "spend": b"",
+        "view": b"",
+        "sealing": b"",
+        "purposes": [],
+        "status": status,
+        "since": ctx.time,
+    }
+
+
+@view
+def member(m: bytes) -> dict | None:
+    """Return a member's state, or None."""
+    return state.get(b"member/" + m)
+
+
+@view
+def member_of_handle(handle: bytes) -> dict | None:
+    """Return {member, ...state} of a handle, or None."""
+    owner = state.get(b"handle/" + handle)
+    if owner is None:
+        return None
+    found = state.get(b"member/" + owner)
+    found["member"] = owner
+    return found
+
+
+@view
+def role_of(m: bytes) -> str:
+    """Return the role of an active member, or an empty text."""
+    found = state.get(b"member/" + m)
+    if found is None or found["status"] != "active":
+        return ""
+    return found["role"]
+
+
+@view
+def is_custodian(m: bytes) -> bool:
+    """Tell whether the key is a custodian's."""
+    return state.has(b"custodian/" + m)
+
+
+@view
+def custodians() -> list:
+    """Return the keys of all custodians, sorted."""
+    return state.get(b"custodians", [])
+
+
+@view
+def purpose_known(code: str) -> bool:
+    """Tell whether a purpose is on this network's list."""
+    return 0 < len(code) and len(code) <= 32 and state.has(b"purpose/" + code.encode())

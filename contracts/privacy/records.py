@@ -1,0 +1,269 @@
+"""Visits and records: what robots recorded, of whom only one-time owner keys tell. Must never hold a member key of a subject.
+
+visit/O -> {robot, ephemeral, view_tag, bucket_ms, purpose, status, record_count, height, sequence}; record/id -> {owner,
+robot, commitment_root, ciphertext_root, sealed_metadata, bucket_ms, expires_at_ms, height, txid, status, erased_frames,
+custodians}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True.
+
+A record's status goes active -> erasing -> erased (asked for), or active -> expired -> erased (by itself). From "expired"
+or "erased" on its roots and metadata are gone. `custodians` lists those that reported its expiry.
+"""
+
+KEY_BYTES = 33
+ID_BYTES = 16
+HASH_BYTES = 32
+SEALED_METADATA_BYTES = 560
+BUCKET_MS = 300000
+BUCKET_AHEAD_MAX_MS = 300000
+BUCKET_AGE_MAX_MS = 86400000
+VISIT_MAX_MS = 600000
+RETENTION_MAX_MS = 31622400000
+RECORDS_A_CALL_MAX_COUNT = 64
+RECORD_COUNT_MAX = 100000
+SCAN_MAX_COUNT = 256
+SCAN_PART_COUNT = 32
+
+
+def require_robot():
+    require(call("identity", "role_of", ctx.caller) == "robot", "NOT_A_ROBOT", "Only an active robot may do that.")
+
+
+def check_bucket(bucket_ms: int):
+    """A bucket is five whole minutes, not ahead, and a day old at most: a robot's spool outlasts a cut of the network."""
+    require(bucket_ms >= 0 and bucket_ms % BUCKET_MS == 0, "BUCKET_WRONG", "A bucket begins on five full minutes.")
+    require(bucket_ms <= ctx.time + BUCKET_AHEAD_MAX_MS, "BUCKET_WRONG", "The bucket lies ahead.")
+    require(bucket_ms >= ctx.time - BUCKET_AGE_MAX_MS, "BUCKET_WRONG", "The bucket is more than a day old.")
+
+
+@export
+def open_visit(owner: bytes, ephemeral: bytes, view_tag: int, bucket_ms: int, purpose: str):
+    """Open a visit under a one-time owner key. Who may call: a robot."""
+    require_robot()
+    require(len(owner) == KEY_BYTES and len(ephemeral) == KEY_BYTES, "KEY_SIZE_WRONG", "O and R have 33 bytes each.")
+    require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
+    check_bucket(bucket_ms)
+    require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
+    require(not state.has(b"visit/" + owner), "VISIT_EXISTS", "There is a visit under this owner key.")
+    sequence = state.get(b"announcement-count", 0)
+    state.put(b"announcement-count", sequence + 1)
+    state.put(b"announcement/" + u64(sequence), [owner, ephemeral, view_tag, bucket_ms, ctx.caller])
+    opened = {
+        "robot": ctx.caller,
+        "ephemeral": ephemeral,
+        "view_tag": view_tag,
+        "bucket_ms": bucket_ms,
+        "purpose": purpose,
+        "status": "open",
+        "record_count": 0,
+        "height": ctx.height,
+        "sequence": sequence,
+    }
+    state.put(b"visit/" + owner, opened)
+    call("audit", "append", owner, b"", "visit_opened", {"purpose": purpose})
+    data = {"owner": owner, "ephemeral": ephemeral, "view_tag": view_tag, "bucket_ms": bucket_ms, "sequence": sequence}
+    emit("visit_opened", data)
+
+
+def require_open_visit(owner: bytes) -> dict:
+    require(len(owner) == KEY_BYTES, "KEY_SIZE_WRONG", "O has 33 bytes.")
+    opened = state.get(b"visit/" + owner)
+    require(opened is not None, "VISIT_UNKNOWN", "There is no visit under this owner key.")
+    require(opened["robot"] == ctx.caller, "NOT_THE_ROBOT", "Another robot opened this visit.")
+    require(opened["status"] == "open", "VISIT_CLOSED", "The visit is closed.")
+    return opened
+
+
+@export
+def record(
+    record_id: bytes,
+    owner: bytes,
+    commitment_root: bytes,
+    ciphertext_root: bytes,
+    sealed_metadata: bytes,
+    bucket_ms: int,
+    expires_at_ms: int,
+):
+    """Commit to one clip of one owner. Who may call: the robot that opened the owner's visit, while it is open."""
+    require_robot()
+    opened = require_open_visit(owner)
+    require(len(record_id) == ID_BYTES, "RECORD_ID_WRONG", "A record id has 16 bytes.")
+    require(len(commitment_root) == HASH_BYTES and len(ciphertext_root) == HASH_BYTES, "ROOT_WRONG", "A root has 32 bytes.")
+    require(len(sealed_metadata) == SEALED_METADATA_BYTES, "METADATA_WRONG", "Sealed metadata has 560 bytes.")
+    check_bucket(bucket_ms)
+    late = bucket_ms - opened["bucket_ms"]
+    require(late >= 0 and late <= VISIT_MAX_MS + BUCKET_MS, "VISIT_TOO_LONG", "A visit lasts at most ten minutes.")
+    require(expires_at_ms > ctx.time, "EXPIRY_WRONG", "The record would be expired at once.")
+    require(expires_at_ms - ctx.time <= RETENTION_MAX_MS, "EXPIRY_WRONG", "A record is kept for a year at most.")
+    require(not state.has(b"record/" + record_id), "RECORD_EXISTS", "There is a record of this id.")
+    entry = {
+        "owner": owner,
+        "robot": ctx.caller,
+        "commitment_root": commitment_root,
+        "ciphertext_root": ciphertext_root,
+        "sealed_metadata": sealed_metadata,
+        "bucket_ms": bucket_ms,
+        "expires_at_ms": expires_at_ms,
+        "height": ctx.height,
+        "txid": ctx.txid,
+        "status": "active",
+        "erased_frames": [],
+        "custodians": [],
+    }
+    state.put(b"record/" + record_id, entry)
+    state.put(b"of-visit/" + owner + record_id, True)
+    call("audit", "append", owner, record_id, "recorded", {})
+    data = {
+        "record_id": record_id,
+        "owner": owner,
+        "commitment_root": commitment_root,
+        "ciphertext_root": ciphertext_root,
+        "expires_at_ms": expires_at_ms,
+        "robot": ctx.caller,
+    }
+    emit("recorded", data)
+
+
+@export
+def close_visit(owner: bytes, record_count: int):
+    """Close a visit and say how many records it has. Who may call: the robot that opened it."""
+    require_robot()
+    opened = require_open_visit(owner)
+    require(record_count >= 0 and record_count <= RECORD_COUNT_MAX, "RECORD_COUNT_WRONG", "The count is out of range.")
+    opened["status"] = "closed"
+    opened["record_count"] = record_count
+    state.put(b"visit/" + owner, opened)
+    call("audit", "append", owner, b"", "visit_closed", {"record_count": record_count})
+    emit("visit_closed", {"owner": owner, "record_count": record_count})
+
+
+def check_ids(record_ids: list):
+    require(len(record_ids) > 0, "RECORDS_MISSING", "No record is named.")
+    require(len(record_ids) <= RECORDS_A_CALL_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
+    for record_id in record_ids:
+        known = isinstance(record_id, bytes) and len(record_id) == ID_BYTES
+        require(known, "RECORD_ID_WRONG", "A record id has 16 bytes.")
+
+
+def require_own(record_id: bytes, owner: bytes) -> dict:
+    entry = state.get(b"record/" + record_id)
+    require(entry is not None, "RECORD_UNKNOWN", "There is no such record.")
+    require(entry["owner"] == owner, "NOT_THE_OWNER", "The record belongs to another owner key.")
+    return entry
+
+
+@view
+def require_records(owner: bytes, record_ids: list, any_status: bool) -> bool:
+    """Fail unless the owner has a visit and all these records (at most 64) are its own, and active if asked."""
+    require(len(owner) == KEY_BYTES, "KEY_SIZE_WRONG", "O has 33 bytes.")
+    require(state.has(b"visit/" + owner), "VISIT_UNKNOWN", "There is no visit under this owner key.")
+    require(len(record_ids) <= RECORDS_A_CALL_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
+    for record_id in record_ids:
+        require(isinstance(record_id, bytes) and len(record_id) == ID_BYTES, "RECORD_ID_WRONG", "A record id has 16 bytes.")
+        entry = require_own(record_id, owner)
+        require(any_status or entry["status"] == "active", "RECORD_ERASED", "The record is erased.")
+    return True
+
+
+def reduce(entry: dict, status: str) -> dict:
+    """Take out of a record's state what could still say anything of the pictures."""
+    entry["commitment_root"] = b""
+    entry["ciphertext_root"] = b""
+    entry["sealed_metadata"] = b""
+    entry["status"] = status
+    return entry
+
+
+@export
+def begin_erasure(owner: bytes, record_ids: list, frames: list):
+    """Mark whole records as being erased, or check that frames of one may be. Who may call: the contract `erasure`."""
+    require(ctx.calling_contract == "erasure", "NOT_THE_ERASURE_CONTRACT", "Only the contract erasure may do that.")
+    check_ids(record_ids)
+    for record_id in record_ids:
+        entry = require_own(record_id, owner)
+        require(entry["status"] == "active", "RECORD_ERASED", "The record is erased, or its erasure is asked for.")
+        if len(frames) == 0:
+            entry["status"] = "erasing"
+            state.put(b"record/" + record_id, entry)
+
+
+@export
+def complete_erasure(record_ids: list, frames: list):
+    """Reduce erased records, or note the erased frames of one. Who may call: the contract `erasure`."""
+    require(ctx.calling_contract == "erasure", "NOT_THE_ERASURE_CONTRACT", "Only the contract erasure may do that.")
+    check_ids(record_ids)
+    for record_id in record_ids:
+        entry = state.get(b"record/" + record_id)
+        if len(frames) == 0:
+            state.put(b"record/" + record_id, reduce(entry, "erased"))
+        elif entry["status"] == "active" or entry["status"] == "erasing":
+            erased = entry["erased_frames"]
+            for frame in frames:
+                if frame not in erased:
+                    erased.append(frame)
+            entry["erased_frames"] = sorted(erased)
+            state.put(b"record/" + record_id, entry)
+
+
+@export
+def expire(record_ids: list, custodian: bytes, custodian_count: int) -> list:
+    """Reduce expired records and note who destroyed them. Returns their owners, each once.
+
+    Who may call: the contract `erasure`.
+    """
+    require(ctx.calling_contract == "erasure", "NOT_THE_ERASURE_CONTRACT", "Only the contract erasure may do that.")
+    check_ids(record_ids)
+    owners = []
+    for record_id in record_ids:
+        entry = state.get(b"record/" + record_id)
+        require(entry is not None, "RECORD_UNKNOWN", "There is no such record.")
+        require(entry["expires_at_ms"] <= ctx.time, "RECORD_NOT_EXPIRED", "The record has not expired.")
+        reported = entry["custodians"]
+        waiting = entry["status"] == "active" or entry["status"] == "expired"
+        if waiting and custodian not in reported:
+            reported.append(custodian)
+            status = "expired"
+            if len(reported) >= custodian_count:
+                status = "erased"
+            state.put(b"record/" + record_id, reduce(entry, status))
+            if entry["owner"] not in owners:
+                owners.append(entry["owner"])
+    return owners
+
+
+@view
+def visit(owner: bytes) -> dict | None:
+    """Return a visit's state, or None."""
+    return state.get(b"visit/" + owner)
+
+
+@view
+def get(record_id: bytes) -> dict | None:
+    """Return a record's state, or None."""
+    return state.get(b"record/" + record_id)
+
+
+@view
+def announcements(first: int, limit: int) -> list:
+    """Return at most 256 announcements from number `first` on: [O, R, view tag, bucket, robot]."""
+    count = state.get(b"announcement-count", 0)
+    found = []
+    for number in range(max(0, first), min(count, first + min(limit, SCAN_MAX_COUNT))):
+        found.append(state.get(b"announcement/" + u64(number)))
+    return found
+
+
+@view
+def of_visit(owner: bytes) -> list:
+    """Return the ids of a visit's records, sorted. (Up to 256 for each first byte; ids are random.)"""
+    prefix = b"of-visit/" + owner
+    entries = state.scan(prefix, SCAN_MAX_COUNT)
+    if len(entries) == SCAN_MAX_COUNT:
+        entries = []
+        for first in range(256):
+            part = state.scan(prefix + first.to_bytes(1), SCAN_PART_COUNT)
+            if len(part) == SCAN_PART_COUNT:
+                part = state.scan(prefix + first.to_bytes(1), SCAN_MAX_COUNT)
+            entries.extend(part)
+    ids = []
+    for entry in entries:
+        ids.append(entry[0][len(prefix):])
+    return ids

@@ -1,0 +1,160 @@
+"""Stories of enrolment: who gets a handle, who does not, and how a membership changes and ends."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.primitives.keys import PrivateKey
+from consensus.records.vouchers import sign_rotation
+from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of
+
+
+def test_a_card_registers_its_bearer_once(hospital: Hospital) -> None:
+    anna, card = Person("anna"), hospital.card("anna")
+    receipt = hospital.must(anna.identity, "identity", "register", *hospital.register_arguments(anna, card))
+    assert data_of(receipt, "registered") == {"member": anna.identity.public_key, "role": "subject"}
+    member = hospital.view("identity", "member", anna.identity.public_key)
+    assert member["handle"] == card.handle
+    assert (member["role"], member["org"], member["status"]) == ("subject", "ward", "active")
+    assert (member["spend"], member["sealing"]) == (anna.spend.public_key, anna.sealing)
+    assert hospital.view("identity", "member_of_handle", card.handle)["member"] == anna.identity.public_key
+
+    thief = Person("thief")
+    again = hospital.send(thief.identity, "identity", "register", *hospital.register_arguments(thief, card))
+    assert (again.ok, again.code) == (False, "HANDLE_TAKEN")
+
+
+def test_a_registration_seen_in_the_mempool_is_of_no_use_to_a_thief(hospital: Hospital) -> None:
+    anna, thief = Person("anna"), Person("thief")
+    seen = hospital.register_arguments(anna, hospital.card("anna"))
+    copied = hospital.send(thief.identity, "identity", "register", *seen)
+    assert copied.code == "CARD_SIGNATURE_WRONG"
+    own_keys = [*seen[:5], thief.spend.public_key, thief.view.public_key, thief.sealing, *seen[8:]]
+    assert hospital.send(thief.identity, "identity", "register", *own_keys).code == "CARD_SIGNATURE_WRONG"
+    hospital.must(anna.identity, "identity", "register", *seen)
+
+
+def test_a_voucher_of_a_stranger_is_refused(hospital: Hospital) -> None:
+    anna = Person("anna")
+    card = hospital.card("anna", registrar=key_of("stranger"))
+    receipt = hospital.send(anna.identity, "identity", "register", *hospital.register_arguments(anna, card))
+    assert receipt.code == "NOT_A_REGISTRAR"
+
+
+def test_a_voucher_of_another_chain_is_refused(hospital: Hospital) -> None:
+    anna = Person("anna")
+    card = hospital.card("anna", chain_id=bytes(32))
+    receipt = hospital.send(anna.identity, "identity", "register", *hospital.register_arguments(anna, card))
+    assert receipt.code == "NOT_A_REGISTRAR"
+
+
+def test_a_subject_cannot_make_herself_a_robot(hospital: Hospital) -> None:
+    anna, card = Person("anna"), hospital.card("anna")
+    arguments = hospital.register_arguments(anna, card, role="robot")
+    assert hospital.send(anna.identity, "identity", "register", *arguments).code == "NOT_A_REGISTRAR"
+    arguments = hospital.register_arguments(anna, card, role="admin")
+    assert hospital.send(anna.identity, "identity", "register", *arguments).code == "ROLE_UNKNOWN"
+
+
+def test_an_expired_voucher_is_refused_and_cannot_be_prolonged(hospital: Hospital) -> None:
+    anna, card = Person("anna"), hospital.card("anna")
+    hospital.time_ms += 2 * DAY_MS
+    arguments = hospital.register_arguments(anna, card)
+    assert hospital.send(anna.identity, "identity", "register", *arguments).code == "VOUCHER_EXPIRED"
+    later = hospital.register_arguments(anna, card, not_after_ms=card.not_after_ms + 5 * DAY_MS)
+    assert hospital.send(anna.identity, "identity", "register", *later).code == "NOT_A_REGISTRAR"
+
+
+def test_one_key_registers_one_handle(hospital: Hospital) -> None:
+    anna = hospital.enrol("anna")
+    receipt = hospital.send(
+        anna.identity, "identity", "register", *hospital.register_arguments(anna, hospital.card("second"))
+    )
+    assert receipt.code == "MEMBER_EXISTS"
+
+
+@pytest.mark.parametrize("purposes", [["world-domination"], [b"care"], [""], ["care", "care" * 20]])
+def test_only_published_purposes_can_be_consented_to(hospital: Hospital, purposes: list[object]) -> None:
+    anna = Person("anna")
+    arguments = hospital.register_arguments(anna, hospital.card("anna"), purposes=purposes)
+    assert hospital.send(anna.identity, "identity", "register", *arguments).code == "PURPOSE_UNKNOWN"
+
+
+def test_authenticate_shows_that_the_key_is_the_handles(hospital: Hospital) -> None:
+    anna, ben = hospital.enrol("anna"), hospital.enrol("ben")
+    receipt = hospital.must(anna.identity, "identity", "authenticate", anna.handle)
+    assert data_of(receipt, "authenticated") == {"member": anna.identity.public_key}
+    assert hospital.send(ben.identity, "identity", "authenticate", anna.handle).code == "NOT_THE_MEMBER"
+    assert hospital.send(ben.identity, "identity", "authenticate", bytes(32)).code == "HANDLE_UNKNOWN"
+
+
+def _rotation(hospital: Hospital, old: Person, new: Person, signer: PrivateKey) -> list[object]:
+    signature = sign_rotation(
+        new.identity if signer is new.identity else signer,
+        chain_id=hospital.chain_id,
+        handle=old.handle,
+        member=old.identity.public_key,
+        spend=new.spend.public_key,
+        view=new.view.public_key,
+        sealing=new.sealing,
+    )
+    keys = [new.identity.public_key, new.spend.public_key, new.view.public_key, new.sealing]
+    return [old.handle, *keys, signature]
+
+
+def test_rotation_hands_the_handle_to_the_new_key_and_empties_the_old(hospital: Hospital) -> None:
+    anna, new = hospital.enrol("anna"), Person("anna-new")
+    hospital.must(anna.identity, "identity", "rotate", *_rotation(hospital, anna, new, new.identity))
+    member = hospital.view("identity", "member_of_handle", anna.handle)
+    assert (member["member"], member["spend"]) == (new.identity.public_key, new.spend.public_key)
+    old = hospital.view("identity", "member", anna.identity.public_key)
+    assert (old["status"], old["spend"], old["sealing"]) == ("rotated", b"", b"")
+    assert hospital.send(anna.identity, "identity", "authenticate", anna.handle).code == "NOT_THE_MEMBER"
+    hospital.must(new.identity, "identity", "authenticate", anna.handle)
+
+
+def test_rotation_needs_the_agreement_of_the_new_key(hospital: Hospital) -> None:
+    anna, new, ben = hospital.enrol("anna"), Person("anna-new"), hospital.enrol("ben")
+    forged = _rotation(hospital, anna, new, anna.identity)
+    assert hospital.send(anna.identity, "identity", "rotate", *forged).code == "ROTATION_SIGNATURE_WRONG"
+    onto_ben = _rotation(hospital, anna, ben, ben.identity)
+    assert hospital.send(anna.identity, "identity", "rotate", *onto_ben).code == "MEMBER_EXISTS"
+
+
+def test_leaving_removes_the_keys_and_frees_no_handle(hospital: Hospital) -> None:
+    anna = hospital.enrol("anna")
+    hospital.must(anna.identity, "identity", "leave", anna.handle)
+    left = hospital.view("identity", "member", anna.identity.public_key)
+    assert (left["status"], left["view"], left["purposes"]) == ("left", b"", [])
+    assert hospital.send(anna.identity, "identity", "authenticate", anna.handle).code == "MEMBER_NOT_ACTIVE"
+    ben = Person("ben")
+    card = hospital.card("ben", handle=anna.handle)
+    receipt = hospital.send(ben.identity, "identity", "register", *hospital.register_arguments(ben, card))
+    assert receipt.code == "HANDLE_TAKEN"
+
+
+@pytest.mark.parametrize("by", ["registrar", "admin"])
+def test_a_stolen_robot_is_revoked_and_records_no_more(hospital: Hospital, by: str) -> None:
+    anna = hospital.enrol("anna")
+    visit = hospital.open_visit(anna)
+    hospital.must(key_of(by), "identity", "revoke", hospital.robot.handle)
+    record = hospital.send(hospital.robot.identity, "records", "record", *hospital.record_arguments(visit))
+    assert record.code == "NOT_A_ROBOT"
+    assert hospital.send(key_of(by), "identity", "revoke", hospital.robot.handle).code == "MEMBER_NOT_ACTIVE"
+
+
+@pytest.mark.parametrize("changed", [0, 1, 4, 5, 6, 7, 8])
+def test_a_field_of_a_wrong_size_is_refused(hospital: Hospital, changed: int) -> None:
+    anna = Person("anna")
+    arguments = hospital.register_arguments(anna, hospital.card("anna"))
+    arguments[changed] = arguments[changed][:-1]
+    receipt = hospital.send(anna.identity, "identity", "register", *arguments)
+    assert receipt.code in {"HANDLE_SIZE_WRONG", "KEY_SIZE_WRONG", "NOT_A_REGISTRAR", "CARD_SIGNATURE_WRONG"}
+    assert hospital.view("identity", "member", anna.identity.public_key) is None
+
+
+def test_genesis_cannot_be_run_a_second_time(hospital: Hospital) -> None:
+    crown_me = [[["ward", [key_of("thief").public_key], [key_of("thief").public_key]]], [], []]
+    receipt = hospital.send(key_of("thief"), "identity", "genesis", *crown_me)
+    assert not receipt.ok
+    assert hospital.value("identity", b"registrar/" + key_of("thief").public_key) is None

@@ -1,0 +1,114 @@
+"""Every entry that changes something, tried by everyone who may not call it: nothing but a receipt remains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from consensus.primitives.keys import PrivateKey
+from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
+
+
+class Scene:
+    """A visit with a record, an access request and an erasure request, and everybody who might meddle."""
+
+    def __init__(self, hospital: Hospital) -> None:
+        self.hospital = hospital
+        self.anna, self.ben = hospital.enrol("anna"), hospital.enrol("ben")
+        self.other_robot = hospital.enrol("other-robot", "robot")
+        self.visit: Visit = hospital.open_visit(self.anna)
+        self.others_visit = hospital.open_visit(self.ben)
+        self.record_id = hospital.record(self.visit)
+        self.erased_id = hospital.record(self.visit)
+        self.access_id = hospital.must(self.visit.key, "access", "request", [self.record_id], "own-access").txid
+        self.erasure_id = hospital.must(self.visit.key, "erasure", "request", [self.erased_id], []).txid
+        self.everyone: dict[str, PrivateKey] = {
+            "anna": self.anna.identity,
+            "ben": self.ben.identity,
+            "owner": self.visit.key,
+            "other-owner": self.others_visit.key,
+            "robot": hospital.robot.identity,
+            "other-robot": self.other_robot.identity,
+            "officer": hospital.enrol("officer", "officer").identity,
+            "registrar": hospital.registrar,
+            "admin": hospital.admin,
+            "custodian": hospital.custodians[0],
+            "stranger": key_of("stranger"),
+        }
+
+
+def _open(scene: Scene) -> list[Any]:
+    return scene.hospital.visit_of(scene.ben, 9)[1]
+
+
+def _record(scene: Scene) -> list[Any]:
+    return scene.hospital.record_arguments(scene.visit, 9)
+
+
+Arguments = Callable[[Scene], list[Any]]
+RULES: list[tuple[str, str, Arguments, set[str]]] = [
+    ("identity", "authenticate", lambda s: [s.anna.handle], {"anna"}),
+    ("identity", "leave", lambda s: [s.anna.handle], {"anna"}),
+    ("identity", "revoke", lambda s: [s.anna.handle], {"registrar", "admin"}),
+    ("identity", "rotate", lambda s: [s.anna.handle, bytes(33), bytes(33), bytes(33), bytes(32), bytes(65)], set()),
+    ("identity", "genesis", lambda _: [[], [], []], set()),
+    ("records", "open_visit", _open, {"robot", "other-robot"}),
+    ("records", "record", _record, {"robot"}),
+    ("records", "close_visit", lambda s: [s.visit.owner, 2], {"robot"}),
+    ("records", "begin_erasure", lambda s: [s.visit.owner, [s.record_id], []], set()),
+    ("records", "complete_erasure", lambda s: [[s.record_id], []], set()),
+    ("records", "expire", lambda s: [[s.record_id], bytes(33), 1], set()),
+    ("access", "request", lambda s: [[s.record_id], "own-access"], {"owner"}),
+    ("access", "released", lambda s: [s.access_id, [s.record_id]], {"custodian"}),
+    ("access", "refused", lambda s: [s.access_id, "GONE"], {"custodian"}),
+    ("access", "verdict", lambda s: [s.record_id, "verified", []], {"owner"}),
+    ("erasure", "request", lambda s: [[s.record_id], []], {"owner"}),
+    ("erasure", "request", lambda s: [[s.record_id], [1]], {"owner"}),
+    ("erasure", "receipt", lambda s: [s.erasure_id, 1, "", 0, bytes(32)], {"custodian"}),
+    ("audit", "append", lambda s: [s.visit.owner, b"", "recorded", {}], set()),
+]
+
+
+@pytest.mark.parametrize(("contract", "entry", "arguments", "allowed"), RULES)
+def test_everyone_else_is_refused(
+    hospital: Hospital, contract: str, entry: str, arguments: Arguments, allowed: set[str]
+) -> None:
+    scene = Scene(hospital)
+    values = arguments(scene)
+    for name, key in scene.everyone.items():
+        if name in allowed:
+            continue
+        root = hospital.state.state_root
+        receipt = hospital.send(key, contract, entry, *values)
+        assert not receipt.ok, f"{name} may call {contract}.{entry}"
+        assert receipt.code not in {"TYPE_ERROR", "KEY_ERROR", "VALUE_ERROR", "OUT_OF_GAS"}, name
+        assert hospital.state.state_root == root
+
+
+@pytest.mark.parametrize(("contract", "entry", "arguments", "allowed"), [rule for rule in RULES if rule[3]])
+def test_those_who_may_call_can(contract: str, entry: str, arguments: Arguments, allowed: set[str]) -> None:
+    for name in allowed:
+        scene = Scene(Hospital())
+        scene.hospital.must(scene.everyone[name], contract, entry, *arguments(scene))
+
+
+def test_expiry_is_reported_by_custodians_only(hospital: Hospital) -> None:
+    scene = Scene(hospital)
+    hospital.time_ms += 400 * 24 * 3600 * 1000
+    for name, key in scene.everyone.items():
+        receipt = hospital.send(key, "erasure", "expired", [scene.record_id], bytes(32))
+        assert receipt.ok == (name == "custodian"), name
+
+
+def test_every_exported_entry_is_under_a_rule(hospital: Hospital) -> None:
+    ruled = {(contract, entry) for contract, entry, _, _ in RULES}
+    ruled |= {("identity", "register"), ("erasure", "expired")}
+    exported = {
+        (name, entry.name)
+        for name, contract in hospital.contracts.items()
+        for entry in contract.abi.entries
+        if entry.kind != "view"
+    }
+    assert exported == ruled
