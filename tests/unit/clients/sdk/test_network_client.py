@@ -1,0 +1,370 @@
+"""The client asks several nodes and believes none."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer
+
+from clients.sdk import NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_SIZE_MAX_BYTES
+from consensus.primitives.encoding import encode_value
+from consensus.primitives.hashing import sha256
+from consensus.transaction import Transaction
+from tests.unit.node.api.small_network import (
+    ACCESS_ID,
+    OWNER,
+    RECORD_ID,
+    ROBOT,
+    STRANGER,
+    SUBJECT,
+    ManualClock,
+    SmallLedger,
+    flat,
+    make_upload,
+)
+
+DEAD_URL = "http://127.0.0.1:9"
+
+
+def make_transaction(client: NetworkClient) -> Transaction:
+    return client.transactions.build(SUBJECT, "access", "request", [[], "care"])
+
+
+async def refusal_of(work: Any) -> str:
+    with pytest.raises(BlockRobotError) as refusal:
+        await work
+    return refusal.value.code
+
+
+# Transactions
+
+
+async def test_a_submitted_transaction_comes_back_with_a_proved_receipt(nodes: Any) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.finalize_at_once = True
+    receipt = await client.submit_and_wait(make_transaction(client))
+    assert (receipt.ok, receipt.code, receipt.height, receipt.index, receipt.gas_used) == (True, "OK", 1, 0, 7)
+    assert receipt.require_ok() is receipt
+
+
+async def test_a_refused_call_is_a_receipt_that_raises_when_asked(nodes: Any) -> None:
+    client, pool = nodes.client(), nodes["n0"].node.pool
+    transaction = make_transaction(client)
+    await client.submit(transaction)
+    await pool.finalize("RECORD_ERASED")
+    receipt = await client.wait_final(transaction.txid)
+    assert not receipt.ok
+    with pytest.raises(BlockRobotError, match="RECORD_ERASED") as refusal:
+        receipt.require_ok()
+    assert refusal.value.code == "CALL_REFUSED"
+
+
+async def test_a_transaction_deep_in_the_chain_is_proved_from_the_blocks_above(nodes: Any) -> None:
+    client, ledger = nodes.client(), nodes["n0"].node.ledger
+    transaction = make_transaction(client)
+    await client.submit(transaction)
+    await nodes["n0"].node.pool.finalize()
+    # No two blocks above it have consecutive rounds at first: the proof is found further up.
+    for gap in (1, 2, 0, 0):
+        await ledger.extend(gap=gap)
+    receipt = await client.wait_final(transaction.txid)
+    assert (receipt.height, receipt.txid) == (1, transaction.txid)
+
+
+async def test_the_whole_batch_is_answered_one_by_one(nodes: Any) -> None:
+    client = nodes.client()
+    foreign = make_transaction(client)
+    batch = [make_transaction(client), make_transaction(client), foreign]
+    assert await client.submit_batch(batch) == [None, None, None]
+    assert await client.submit_batch([]) == []
+    assert len(set(nodes["n0"].node.pool.submissions)) == 3
+
+
+async def test_sending_a_final_transaction_again_is_no_error(nodes: Any) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.finalize_at_once = True
+    transaction = make_transaction(client)
+    first = await client.submit_and_wait(transaction)
+    assert await client.submit_and_wait(transaction) == first
+
+
+async def test_why_a_transaction_was_rejected_is_raised(nodes: Any) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.refuse_with = "SENDER_WITHOUT_STANDING"
+    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_WITHOUT_STANDING"
+
+
+async def test_an_expired_transaction_ends_the_wait(nodes: Any) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.expired.add(bytes(32))
+    assert await refusal_of(client.wait_final(bytes(32))) == "TRANSACTION_EXPIRED"
+
+
+async def test_a_wait_ends_at_its_time(nodes: Any) -> None:
+    client = nodes.client()
+    assert await refusal_of(client.wait_final(bytes(32), 0)) == "TRANSACTION_NOT_FINAL_IN_TIME"
+
+
+async def test_a_transaction_is_sent_to_another_node_while_it_is_not_final(
+    nodes: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    client = nodes.client()
+    nodes["n1"].node.pool.finalize_at_once = True
+
+    async def run_out(*_: Any, **__: Any) -> None:
+        if not nodes["n1"].node.pool.submissions:
+            raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
+        return await NetworkClient.wait_final(client, *_, **__)
+
+    monkeypatch.setattr(client, "wait_final", run_out)
+    transaction = make_transaction(client)
+    receipt = await client.submit_and_wait(transaction)
+    assert receipt.txid == transaction.txid
+    assert nodes["n0"].node.pool.submissions == nodes["n1"].node.pool.submissions == [transaction.txid]
+
+
+async def test_every_transaction_has_its_own_salt_and_a_limited_life(nodes: Any) -> None:
+    client = nodes.client()
+    first, second = make_transaction(client), make_transaction(client)
+    assert first.txid != second.txid
+    assert first.body.chain_id == client.genesis.chain_id
+    assert first.body.valid_until_ms == client.clock.now_ms() + 120_000
+    with pytest.raises(BlockRobotError, match="TRANSACTION_TOO_FAR_AHEAD"):
+        client.transactions.build(SUBJECT, "a", "b", [], lifetime_ms=600_001)
+
+
+# Fail-over
+
+
+async def test_a_dead_node_is_passed_over(nodes: Any) -> None:
+    client = nodes.client(urls={"n2": DEAD_URL, **nodes.urls})
+    assert (await client.state_value("records", b"announcement-count", SUBJECT)) == 3
+
+
+async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:
+    client = nodes.client(urls={"n0": DEAD_URL, "n1": DEAD_URL})
+    assert await refusal_of(client.query("echo", "back", [], SUBJECT)) == "NODE_UNREACHABLE"
+
+
+async def test_a_busy_node_is_passed_over_and_a_clear_refusal_is_not(nodes: Any) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.fault = RuntimeError("busy")
+    await client.submit(make_transaction(client))
+    assert len(nodes["n1"].node.pool.submissions) == 1
+    before = len(nodes["n0"].seen)
+    assert await refusal_of(client.query("echo", "other", [], SUBJECT)) == "CALL_REFUSED"
+    assert len(nodes["n0"].seen) == before
+
+
+async def serve(answer: web.Response) -> TestServer:
+    async def handle(_: web.Request) -> web.Response:
+        return answer
+
+    application = web.Application()
+    application.router.add_route("*", "/{rest:.*}", handle)
+    server = TestServer(application)
+    await server.start_server()
+    return server
+
+
+@pytest.mark.parametrize(
+    ("answer", "code", "sentence"),
+    [
+        ({"text": '{"code": "BRAND_NEW", "detail": "Of tomorrow."}', "status": 418}, "INTERNAL", "BRAND_NEW: Of"),
+        ({"text": "<html>", "status": 502}, "INTERNAL", "502"),
+        ({"text": "<html>", "status": 200}, "INTERNAL", "no SubmitAnswer"),
+        ({"text": '{"results": []}', "status": 200}, "INTERNAL", "another number"),
+        ({"text": "", "status": 302}, "INTERNAL", "302"),
+    ],
+)
+async def test_an_answer_that_nobody_understands_is_internal(
+    nodes: Any, answer: dict[str, Any], code: str, sentence: str
+) -> None:
+    server = await serve(web.Response(**answer))
+    client = nodes.client(urls={"n0": str(server.make_url(""))})
+    with pytest.raises(BlockRobotError, match=sentence) as refusal:
+        await client.submit(make_transaction(client))
+    assert refusal.value.code == code
+    await server.close()
+
+
+# Addresses
+
+
+@pytest.mark.parametrize(
+    "urls", [{"n0": "http://192.0.2.1:80"}, {"elsewhere": "http://127.0.0.1:1"}, {"n0": "ftp://127.0.0.1"}, {}]
+)
+async def test_addresses_that_cannot_be_trusted_are_refused(nodes: Any, urls: dict[str, str]) -> None:
+    genesis = nodes["n0"].node.ledger.genesis
+    with pytest.raises(BlockRobotError) as refusal:
+        NetworkClient(genesis, urls)
+    assert refusal.value.code == "CONFIGURATION_INVALID"
+
+
+# Sessions and lanes
+
+
+async def test_a_session_is_opened_once_and_renewed_when_it_ends(nodes: Any) -> None:
+    client, node = nodes.client(), nodes["n0"]
+    for _ in range(3):
+        await client.query("echo", "back", [], SUBJECT)
+    assert [seen.path for seen in node.seen].count("/v1/sessions") == 1
+    node.node.clock.time_ms += 600_000
+    assert await client.query("echo", "back", [1], SUBJECT) == [1]
+    assert [seen.path for seen in node.seen].count("/v1/sessions") == 2
+
+
+async def test_a_session_that_is_about_to_end_is_renewed_beforehand(nodes: Any) -> None:
+    client = nodes.client()
+    await client.query("echo", "back", [], SUBJECT)
+    client.clock.time_ms += 590_000
+    await client.query("echo", "back", [], SUBJECT)
+    assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 2
+
+
+async def test_a_key_without_standing_is_told_so(nodes: Any) -> None:
+    assert await refusal_of(nodes.client().query("echo", "back", [], STRANGER)) == "SESSION_REFUSED"
+
+
+async def test_no_two_keys_ever_meet_on_one_connection(nodes: Any) -> None:
+    client = nodes.client()
+    await client.query("echo", "back", [], SUBJECT)
+    await client.state_value("records", b"visit/" + OWNER.public_key, OWNER)
+    await client.submit(client.transactions.build(OWNER, "access", "request", [[], "care"]))
+    await client.submit(make_transaction(client))
+    await client.query("echo", "back", [], SUBJECT)
+    seen = nodes["n0"].seen
+    tokens_by_port: dict[int, set[str | None]] = {}
+    for one in seen:
+        tokens_by_port.setdefault(one.port, set()).add(one.token)
+    assert all(len(tokens - {None}) <= 1 for tokens in tokens_by_port.values())
+    submissions = [one.port for one in seen if one.path == "/v1/transactions"]
+    owner_ports = {one.port for one in seen if one.path == "/v1/state-proofs"}
+    assert submissions[0] in owner_ports
+    assert submissions[1] not in owner_ports
+    assert not any(one.cookies for one in seen)
+
+
+async def test_a_forgotten_key_begins_anew_on_a_fresh_connection(nodes: Any) -> None:
+    client = nodes.client()
+    await client.query("echo", "back", [], OWNER)
+    await client.forget_key(OWNER.public_key)
+    await client.query("echo", "back", [], OWNER)
+    queries = [one for one in nodes["n0"].seen if one.path == "/v1/queries"]
+    assert queries[0].port != queries[1].port
+    assert queries[0].token != queries[1].token
+
+
+# Proved reading
+
+
+async def test_values_are_proved_present_and_absent(nodes: Any) -> None:
+    client = nodes.client()
+    await nodes["n0"].node.ledger.extend(writes={flat("records", b"new"): encode_value([1, 2])})
+    state = await client.state_values([flat("records", b"new"), flat("records", b"none")], OWNER)
+    assert state.height == 1
+    assert list(state.values.values()) == [[1, 2], None]
+    assert (await client.newest_header(OWNER)).height == 1
+
+
+async def test_a_lie_of_one_node_is_found_and_another_is_asked(nodes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    from node.api.routes import proofs
+
+    client, honest = nodes.client(), proofs.prove_keys
+    calls: list[int] = []
+
+    def lie_once(*arguments: Any) -> Any:
+        calls.append(1)
+        found = honest(*arguments)
+        if len(calls) > 1:
+            return found
+        from msgspec.structs import replace
+
+        return [replace(one, value=encode_value("a lie").hex()) for one in found]
+
+    monkeypatch.setattr(proofs, "prove_keys", lie_once)
+    assert await client.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert len(calls) == 2
+
+
+async def test_no_node_can_take_a_client_back_in_time() -> None:
+    from tests.unit.clients.sdk.conftest import TwoNodes
+
+    network = TwoNodes()
+    ahead, behind = await SmallLedger().start(), await SmallLedger().start()
+    await network.add("n0", ahead)
+    await network.add("n1", behind)
+    for _ in range(2):
+        await ahead.extend()
+    client = network.client()
+    await client.newest_header(SUBJECT)
+    later = network.client(pinned=client.pinned, urls={"n1": network.urls["n1"]})
+    waiting = asyncio.create_task(later.newest_header(SUBJECT))
+    both = network.client(pinned=client.pinned, urls={"n1": network.urls["n1"], "n0": network.urls["n0"]})
+    assert (await both.newest_header(SUBJECT)).height == 2
+    assert not waiting.done()
+    await behind.extend()
+    await behind.extend()
+    assert (await waiting).height == 2
+    await network.close()
+
+
+async def test_announcements_are_proved_complete(nodes: Any) -> None:
+    client = nodes.client()
+    page = await client.announcements(0, SUBJECT, 2)
+    assert (page.count, page.next_number, [item.number for item in page.items]) == (3, 2, [0, 1])
+    assert page.items[1].robot == ROBOT.public_key
+    page = await client.announcements(2, SUBJECT)
+    assert (page.next_number, [item.view_tag for item in page.items]) == (3, [2])
+    assert (await client.announcements(3, SUBJECT)).items == ()
+
+
+@pytest.mark.parametrize("kept", [0, 1, 2])
+async def test_a_page_that_leaves_one_out_is_refused(nodes: Any, monkeypatch: pytest.MonkeyPatch, kept: int) -> None:
+    from node.api.routes import announcements
+
+    honest = announcements.prove_keys
+
+    def leave_out(snapshot: Any, keys: Any) -> Any:
+        return honest(snapshot, keys)[: 1 + kept]
+
+    monkeypatch.setattr(announcements, "prove_keys", leave_out)
+    assert await refusal_of(nodes.client().announcements(0, SUBJECT)) == "PROOF_INVALID"
+
+
+# Custodians
+
+
+async def test_custodians_are_those_of_the_genesis_file(nodes: Any) -> None:
+    assert [node.name for node in nodes.client().custody.custodians] == ["n0"]
+
+
+async def test_a_clip_goes_up_from_the_robot_and_down_to_its_owner(nodes: Any) -> None:
+    custody = nodes.client().custody
+    await custody.upload_clip(custody.custodians[0], make_upload(), ROBOT)
+    clip = await custody.download_clip(custody.custodians[0], RECORD_ID, ACCESS_ID, OWNER)
+    assert [frame.ciphertext for frame in clip.frames] == make_upload().ciphertexts
+    code = await refusal_of(custody.download_clip(custody.custodians[0], RECORD_ID, bytes(32), OWNER))
+    assert code == "ACCESS_NOT_GRANTED"
+
+
+async def test_an_empty_frame_is_checked_against_its_hash(nodes: Any) -> None:
+    custody = nodes.client().custody
+    content = bytes(1024 * 1024 + 1)
+    digest = await custody.put_background(custody.custodians[0], content, ROBOT)
+    assert digest == sha256(content)
+    assert await custody.get_background(digest, OWNER) == content
+    nodes["n0"].node.custody.backgrounds[digest] = b"changed"
+    assert await refusal_of(custody.get_background(digest, OWNER)) == "UPLOAD_HASH_MISMATCH"
+    assert await refusal_of(custody.get_background(bytes(32), OWNER)) == "NOT_FOUND"
+    assert len(content) < CLIP_SIZE_MAX_BYTES
+
+
+async def test_the_system_clock_is_used_unless_another_is_given(nodes: Any) -> None:
+    async with NetworkClient(nodes["n0"].node.ledger.genesis) as client:
+        assert client.clock.now_ms() > ManualClock().now_ms()
