@@ -82,6 +82,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it, or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
+    ErrorEntry("PEER_MESSAGE_INVALID", 400, "A peer sent bytes that are no message of the protocol.", "Check that all nodes run the same version."),
+    ErrorEntry("PEER_UNAVAILABLE", 503, "The peer is not connected or did not answer in time.", "Wait until it is back; see `blockrobot status`.", retryable=True),
     ErrorEntry("PEER_REFUSED", 403, "The peer's certificate is not of an organisation of this network.", "Check the certificate and the genesis file."),
     # Custody
     ErrorEntry("UPLOAD_HASH_MISMATCH", 400, "The uploaded bytes do not have the hash they claim.", "Upload again; the bytes were damaged on the way."),
