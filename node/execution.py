@@ -27,7 +27,6 @@ from consensus.limits import (
     BLOCK_GAS_MAX,
     BLOCK_SIZE_MAX_BYTES,
     BLOCK_TRANSACTIONS_MAX_COUNT,
-    TRANSACTION_LIFETIME_MAX_MS,
 )
 from consensus.messages import sign_block
 from consensus.primitives.encoding import encode
@@ -35,6 +34,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.transaction import Transaction
+from contracts.execution.validity import check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
 from node.mempool import Mempool
 from node.storage.ledger_store import FinalizedBlock, LedgerSnapshot, LedgerStore
@@ -118,6 +118,17 @@ class ExecutedBlock:
         )
 
 
+class _BranchTransactions:
+    """The txids of one branch: in memory those above the stored ledger, below that the ledger's own index."""
+
+    def __init__(self, above: frozenset[bytes], base: LedgerSnapshot) -> None:
+        self._above = above
+        self._base = base
+
+    def __contains__(self, txid: object, /) -> bool:
+        return txid in self._above or (isinstance(txid, bytes) and self._base.locate(txid) is not None)
+
+
 class Executor:
     """The blocks above the stored ledger, executed."""
 
@@ -187,8 +198,15 @@ class Executor:
         """Return the txids of the executed blocks from this one down to the base."""
         return frozenset().union(*(executed.txids for executed in self._branch(block_id)))
 
-    def _is_replayed(self, txid: bytes, on_branch: frozenset[bytes]) -> bool:
-        return txid in on_branch or self._base.locate(txid) is not None
+    def _recent(self, block_id: bytes) -> _BranchTransactions:
+        return _BranchTransactions(self.txids_on_branch(block_id), self._base)
+
+    def _time_of(self, block_id: bytes) -> int:
+        executed = self._blocks.get(block_id)
+        if executed is not None:
+            return executed.header.timestamp_ms
+        position = self._base.position
+        return -1 if position is None else position.timestamp_ms
 
     # Verifying
 
@@ -204,23 +222,16 @@ class Executor:
         header = block.header
         parent = self._view(header.parent_id)
         transactions = [self._cache.verified(wire) for wire in block.transactions]
-        on_branch = self.txids_on_branch(header.parent_id)
-        for transaction in transactions:
-            self._require_admissible(transaction, header.timestamp_ms, on_branch)
-        if len({transaction.txid for transaction in transactions}) != len(transactions):
-            raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction twice.")
+        check_block_transactions(
+            transactions,
+            chain_id=self._chain_id,
+            parent_time_ms=self._time_of(header.parent_id),
+            time_ms=header.timestamp_ms,
+            recent=self._recent(header.parent_id),
+        )
         result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
         _require_equal(header, result)
         return self._keep(block, block_id, header, transactions, parent, result)
-
-    def _require_admissible(self, transaction: Transaction, timestamp_ms: int, on_branch: frozenset[bytes]) -> None:
-        body = transaction.body
-        if body.chain_id != self._chain_id:
-            raise BlockRobotError("TRANSACTION_WRONG_CHAIN")
-        if not timestamp_ms < body.valid_until_ms <= timestamp_ms + TRANSACTION_LIFETIME_MAX_MS:
-            raise BlockRobotError("TRANSACTION_EXPIRED", "A transaction's valid_until does not fit the block's time.")
-        if self._is_replayed(transaction.txid, on_branch):
-            raise BlockRobotError("TRANSACTION_REPLAYED")
 
     def _keep(
         self,
@@ -253,7 +264,8 @@ class Executor:
             timestamp_ms=timestamp_ms,
             exclude=self.txids_on_branch(parent_id),
         )
-        return [transaction for transaction in taken if self._base.locate(transaction.txid) is None]
+        recent = self._recent(parent_id)
+        return select_valid(taken, chain_id=self._chain_id, time_ms=timestamp_ms, recent=recent)
 
     def build(
         self, request: BuildBlock, timestamp_ms: int, transactions: list[Transaction]

@@ -1,0 +1,119 @@
+"""A network of real node processes on free ports, and a client that submits to it. For the tests of this folder."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import msgspec
+
+from consensus.primitives.keys import PrivateKey
+from consensus.transaction import Transaction, sign_transaction
+from network.cluster import Cluster
+from network.layout import PORTS_PER_NODE, create_network
+
+_BASE_PORT_MIN, _BASE_PORT_MAX = 20_000, 32_000
+FINAL_TIMEOUT_S = 30.0
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        try:
+            probe.bind(("127.0.0.1", port))
+        except OSError:
+            return False
+    return True
+
+
+def find_base_port(nodes: int) -> int:
+    """Return a base port whose range is free: below the ports that the system hands out by itself."""
+    while True:
+        base = secrets.choice(range(_BASE_PORT_MIN, _BASE_PORT_MAX, 100))
+        if all(_is_free(base + PORTS_PER_NODE * node + offset) for node in range(nodes) for offset in range(3)):
+            return base
+
+
+class NetworkUnderTest:
+    """A cluster and one HTTP client."""
+
+    def __init__(self, folder: Path, nodes: int) -> None:
+        self.folder = folder
+        self.genesis = create_network(folder, nodes=nodes, organisations=min(2, nodes), base_port=find_base_port(nodes))
+        self.cluster = Cluster(folder)
+        self.names = self.cluster.names
+        registrar = folder / "organisations" / self.genesis.organisations[0].name / "registrar.key"
+        self.registrar = PrivateKey(registrar.read_bytes())
+        self.http = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=15))
+
+    async def start(self) -> None:
+        self.cluster.start_all()
+        await self.cluster.wait_ready()
+
+    async def close(self) -> None:
+        await self.http.close()
+        self.cluster.stop_all()
+
+    def transaction(self, **changes: Any) -> Transaction:
+        """A call by the registrar that every node admits and executes (the contract refuses it: nobody is there)."""
+        fields: dict[str, Any] = {
+            "chain_id": self.genesis.chain_id,
+            "contract": "identity",
+            "entry": "authenticate",
+            "arguments": [secrets.token_bytes(32)],
+            "valid_until_ms": time.time_ns() // 1_000_000 + 120_000,
+            "salt": secrets.token_bytes(8),
+        }
+        return sign_transaction(self.registrar, **(fields | changes))
+
+    def _url(self, name: str, path: str) -> str:
+        return self.genesis.node(name).api_url + path
+
+    async def submit(self, name: str, transactions: list[Transaction]) -> list[dict[str, Any]]:
+        """Send transactions to one node; return its answer for each."""
+        body = msgspec.msgpack.encode([transaction.wire for transaction in transactions])
+        headers = {"Content-Type": "application/msgpack"}
+        async with self.http.post(self._url(name, "/v1/transactions"), data=body, headers=headers) as response:
+            answer: dict[str, Any] = await response.json()
+            return answer["results"]
+
+    async def place(self, name: str, txid: bytes, wait_ms: int = 5_000) -> dict[str, Any]:
+        """Ask one node what became of a transaction."""
+        url = self._url(name, f"/v1/transactions/{txid.hex()}?wait_ms={wait_ms}")
+        async with self.http.get(url) as response:
+            answer: dict[str, Any] = await response.json()
+            return answer
+
+    async def finalize(self, name: str, transaction: Transaction) -> dict[str, Any]:
+        """Submit to one node and wait there until it is final; tries again while the node is away."""
+        deadline = time.monotonic() + FINAL_TIMEOUT_S
+        while True:
+            try:
+                await self.submit(name, [transaction])
+                answer = await self.place(name, transaction.txid)
+                if answer["status"] == "finalized":
+                    return answer
+            except aiohttp.ClientError:
+                await asyncio.sleep(0.1)
+            assert time.monotonic() < deadline, "the transaction was not final in time"
+
+    async def status(self, name: str) -> dict[str, Any]:
+        """What one node says of itself."""
+        return next(report.status for report in await self.cluster.status() if report.name == name) or {}
+
+    async def wait_height(self, name: str, height: int) -> None:
+        """Wait until one node has stored a height."""
+        deadline = time.monotonic() + FINAL_TIMEOUT_S
+        while (await self.status(name)).get("finalized_height", -1) < height:
+            assert time.monotonic() < deadline, f"{name} did not reach height {height}"
+            await asyncio.sleep(0.05)
+
+    async def block_id(self, name: str, txid: bytes) -> str:
+        """The block that holds a final transaction, as one node sees it."""
+        answer = await self.place(name, txid, wait_ms=10_000)
+        assert answer["status"] == "finalized"
+        return str(answer["block_id"])

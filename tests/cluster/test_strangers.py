@@ -1,0 +1,89 @@
+"""Whoever is not a node of the network gets nothing from a node's peer port, and does not disturb it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import ssl
+from pathlib import Path
+
+from consensus.primitives.encoding import encode
+from network.authority import Authority, create_authority, issue_node_certificate, write_secret
+from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
+from tests.cluster.network_under_test import NetworkUnderTest
+
+TARGET = "node-2"
+
+
+def _client_context(folder: Path, authority: Authority | None, name: str) -> ssl.SSLContext:
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    if authority is not None:
+        certificate = issue_node_certificate(authority, name)
+        write_secret(folder / f"{name}.key", certificate.key_pem)
+        (folder / f"{name}.crt").write_bytes(certificate.certificate_pem)
+        context.load_cert_chain(folder / f"{name}.crt", folder / f"{name}.key")
+    return context
+
+
+async def _knock(network: NetworkUnderTest, context: ssl.SSLContext | None, payload: bytes) -> bytes:
+    """Connect to the peer port of TARGET, say something, and return all that comes back."""
+    port = network.cluster.config(TARGET).p2p_port
+    try:
+        reader, writer = await asyncio.open_connection("127.0.0.1", port, ssl=context)
+        writer.write(payload)
+        answer = await asyncio.wait_for(reader.read(), 5)
+        writer.close()
+    except OSError:
+        return b""
+    return answer
+
+
+def _log(network: NetworkUnderTest) -> list[dict[str, object]]:
+    path = network.cluster.config(TARGET).log_path
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+async def test_plain_tcp_is_cut_off(network: NetworkUnderTest) -> None:
+    hello = Hello(version=PROTOCOL_VERSION, chain_id=network.genesis.chain_id, name="node-1", finalized_height=0)
+    answer = await _knock(network, None, encode_frame(FrameKind.HELLO, encode(hello)) * 3)
+    assert FrameKind.HELLO not in answer[4:5]
+    await network.finalize(TARGET, network.transaction())
+
+
+async def test_a_client_without_a_certificate_is_refused(network: NetworkUnderTest, tmp_path: Path) -> None:
+    assert await _knock(network, _client_context(tmp_path, None, "node-1"), b"") == b""
+    await network.finalize(TARGET, network.transaction())
+
+
+async def test_a_certificate_of_a_foreign_authority_is_refused(network: NetworkUnderTest, tmp_path: Path) -> None:
+    foreign = create_authority("hospital")
+    assert await _knock(network, _client_context(tmp_path, foreign, "node-1"), b"") == b""
+    await network.finalize(TARGET, network.transaction())
+
+
+async def test_an_organisation_cannot_pass_for_a_node_of_another(network: NetworkUnderTest, tmp_path: Path) -> None:
+    """The university's authority issues a certificate in the name of the hospital's node."""
+    assert network.genesis.node("node-1").organisation == "hospital"
+    university = _stored_authority(network, "university")
+    assert await _knock(network, _client_context(tmp_path, university, "node-1"), b"") == b""
+    assert "PEER_REFUSED" in {line.get("code") for line in _log(network)}
+
+
+async def test_a_name_that_is_no_node_is_refused(network: NetworkUnderTest, tmp_path: Path) -> None:
+    hospital = _stored_authority(network, "hospital")
+    assert await _knock(network, _client_context(tmp_path, hospital, "node-9"), b"") == b""
+    assert "PEER_REFUSED" in {line.get("code") for line in _log(network)}
+
+
+def _stored_authority(network: NetworkUnderTest, name: str) -> Authority:
+    from cryptography import x509
+    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+    from cryptography.hazmat.primitives.serialization import load_pem_private_key
+
+    folder = network.folder / "organisations" / name
+    key = load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
+    assert isinstance(key, EllipticCurvePrivateKey)
+    certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
+    return Authority(organisation=name, certificate=certificate, key=key)

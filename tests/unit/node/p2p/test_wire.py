@@ -1,0 +1,62 @@
+"""Frames come out as they went in, however the stream is cut, and nothing over its limit is ever waited for."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from node.p2p.wire import (
+    FRAME_MAX_BYTES,
+    FrameDecoder,
+    FrameKind,
+    decode_request,
+    encode_frame,
+    encode_request,
+)
+
+
+def test_frames_survive_any_cutting_of_the_stream() -> None:
+    chance = random.Random(7)
+    sent = [(chance.choice(list(FrameKind)), chance.randbytes(chance.randrange(60))) for _ in range(200)]
+    stream = b"".join(encode_frame(kind, payload) for kind, payload in sent)
+    decoder, received, position = FrameDecoder(), [], 0
+    while position < len(stream):
+        step = chance.randrange(1, 90)
+        received += list(decoder.feed(stream[position : position + step]))
+        position += step
+    assert received == sent
+
+
+def test_a_frame_over_the_limit_of_its_kind_is_refused_before_its_bytes_came() -> None:
+    head = (FRAME_MAX_BYTES[FrameKind.VOTE] + 2).to_bytes(4, "big") + bytes([FrameKind.VOTE])
+    with pytest.raises(BlockRobotError) as caught:
+        list(FrameDecoder().feed(head))
+    assert caught.value.code == "PEER_MESSAGE_INVALID"
+
+
+@pytest.mark.parametrize("head", [b"\x00\x00\x00\x00\x03", b"\x00\x00\x00\x05\x63", b"GET / HTTP/1.1"])
+def test_what_is_no_frame_is_refused(head: bytes) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        list(FrameDecoder().feed(head))
+    assert caught.value.code == "PEER_MESSAGE_INVALID"
+
+
+def test_frames_before_a_bad_one_are_still_delivered() -> None:
+    frames = FrameDecoder().feed(encode_frame(FrameKind.VOTE, b"good") + b"\xff" * 8)
+    assert next(frames) == (FrameKind.VOTE, b"good")
+    with pytest.raises(BlockRobotError):
+        next(frames)
+
+
+def test_one_does_not_send_what_the_other_would_refuse() -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        encode_frame(FrameKind.HEIGHT, bytes(FRAME_MAX_BYTES[FrameKind.HEIGHT] + 1))
+    assert caught.value.code == "PEER_MESSAGE_INVALID"
+
+
+def test_a_request_keeps_its_number_and_kind() -> None:
+    assert decode_request(encode_request(77, 3, b"body")) == (77, 3, b"body")
+    with pytest.raises(BlockRobotError):
+        decode_request(b"\x00\x00")

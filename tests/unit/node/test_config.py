@@ -1,0 +1,82 @@
+"""A node's configuration is read whole or refused with the field that is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from node.config import config_to_toml, load_config, load_key
+
+GOOD = """
+[node]
+name = "node-1"
+[listen]
+p2p_port = 7000
+api_port = 7001
+operator_port = 7002
+[keys]
+tls_certificate = "keys/tls.crt.pem"
+tls_key = "keys/tls.key.pem"
+producer = "keys/producer.key"
+"""
+
+
+def _write(folder: Path, text: str) -> Path:
+    (folder / "node.toml").write_text(text, encoding="utf-8")
+    return folder
+
+
+def test_paths_are_relative_to_the_data_directory_and_the_rest_has_defaults(tmp_path: Path) -> None:
+    config = load_config(_write(tmp_path, GOOD))
+    assert config.producer_key_path == tmp_path / "keys" / "producer.key"
+    assert config.custodian_key_path is None
+    assert (config.host, config.custody_store, config.log_level) == ("127.0.0.1", "sqlite", "info")
+
+
+def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
+    config = load_config(_write(tmp_path, GOOD + 'custodian = "keys/custodian.key"\n[log]\nlevel = "debug"\n'))
+    assert load_config(_write(tmp_path, config_to_toml(config))) == config
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "named"),
+    [
+        ('name = "node-1"', "", "name"),
+        ("p2p_port = 7000", 'p2p_port = "7000"', "p2p_port"),
+        ("p2p_port = 7000", "p2p_port = 70000", "p2p_port"),
+        ("api_port = 7001", "api_port = 7000", "twice"),
+        ("[listen]", "[listen]\nspeed = 1", "speed"),
+        ("[node]", "[nodes]\n[node]", "nodes"),
+        ("[keys]", '[log]\nlevel = "loud"\n[keys]', "level"),
+        ("[node]", "[node", "TOML"),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path: Path, before: str, after: str, named: str) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        load_config(_write(tmp_path, GOOD.replace(before, after)))
+    assert caught.value.code == "CONFIGURATION_INVALID"
+    assert named in caught.value.detail
+
+
+def test_a_directory_without_a_node_is_named(tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        load_config(tmp_path)
+    assert caught.value.code == "DATA_DIRECTORY_INVALID"
+
+
+def test_a_wrong_key_is_refused_without_a_word_of_it(tmp_path: Path) -> None:
+    mine, other = PrivateKey(sha256(b"mine")), PrivateKey(sha256(b"other"))
+    path = tmp_path / "producer.key"
+    path.write_bytes(mine.secret)
+    assert load_key(path, mine.public_key, "producer").public_key == mine.public_key
+    with pytest.raises(BlockRobotError) as caught:
+        load_key(path, other.public_key, "producer")
+    assert caught.value.code == "CONFIGURATION_INVALID"
+    assert mine.secret.hex() not in str(caught.value)
+    path.write_bytes(b"short")
+    with pytest.raises(BlockRobotError):
+        load_key(path, mine.public_key, "producer")
