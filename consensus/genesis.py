@@ -14,11 +14,13 @@ import msgspec
 from consensus.block import HEADER_VERSION, NO_BLOCK, Block, Header, QuorumCertificate, compute_header_id
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, encode
-from consensus.primitives.hashing import tagged_hash
+from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
+from consensus.primitives.keys import is_public_key
 from consensus.primitives.merkle import merkle_root
 from consensus.schedule import Schedule
 
 GENESIS_VERSION = 1
+INTERVAL_MAX_MS = 3_600_000
 
 
 class ChainSettings(Wire, frozen=True):
@@ -126,6 +128,36 @@ class Genesis(Wire, frozen=True):
         return compute_header_id(self.block().header)
 
 
+def parse_production(production: str) -> int | None:
+    """Return the interval in ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
+    if production == "on-demand":
+        return 0
+    if production == "manual":
+        return None
+    kind, _, number = production.partition(":")
+    if kind == "interval" and number.isascii() and number.isdigit() and len(number) <= 7:
+        interval_ms = int(number)
+        if 0 < interval_ms <= INTERVAL_MAX_MS:
+            return interval_ms
+    raise BlockRobotError("GENESIS_INVALID", f"The production setting {production!r} is none.")
+
+
+def _check_settings(settings: ChainSettings) -> None:
+    parse_production(settings.production)
+    positive = (settings.base_timeout_ms, settings.heartbeat_ms, settings.max_clock_drift_ms, settings.blocks_per_turn)
+    if min(positive) < 1 or settings.min_block_interval_ms < 0 or settings.timeout_cap_ms < settings.base_timeout_ms:
+        raise BlockRobotError("GENESIS_INVALID", "A setting of the chain is out of its range.")
+
+
+def _check_nodes(genesis: Genesis) -> None:
+    names = [node.name for node in genesis.nodes]
+    keys = [key for node in genesis.nodes for key in (node.producer_key, node.custodian_key) if key]
+    if len(set(names)) != len(names) or len(genesis.state_root) != HASH_SIZE_BYTES:
+        raise BlockRobotError("GENESIS_INVALID", "Two nodes share a name, or the state root has a wrong size.")
+    if not all(is_public_key(key) for key in keys):
+        raise BlockRobotError("GENESIS_INVALID", "A node's key is no public key.")
+
+
 def _bytes_to_hex(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.hex()
@@ -168,10 +200,12 @@ def genesis_from_json(text: str) -> Genesis:
         fields["nodes"] = [_named(NodeEntry, part) for part in fields["nodes"]]
         fields["contracts"] = [_named(ContractEntry, part) for part in fields["contracts"]]
         genesis = msgspec.convert(list(fields.values()), Genesis, builtin_types=(bytes,))
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, RecursionError) as error:
         raise BlockRobotError("GENESIS_INVALID", f"The genesis file cannot be read: {error}.") from None
     if genesis.version != GENESIS_VERSION:
         raise BlockRobotError(
             "GENESIS_INVALID", f"The genesis file has version {genesis.version}, not {GENESIS_VERSION}."
         )
+    _check_settings(genesis.settings)
+    _check_nodes(genesis)
     return genesis

@@ -15,24 +15,11 @@ from consensus.effects import (
     Effect,
     SetTimer,
 )
-from consensus.errors import BlockRobotError
-from consensus.genesis import ChainSettings
+from consensus.genesis import ChainSettings, parse_production
 from consensus.schedule import Schedule
 
 SILENT_LEADER_DIVISOR = 4
 _EXPONENT_MAX = 20
-
-
-def parse_production(production: str) -> int | None:
-    """Return the interval in ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
-    if production == "on-demand":
-        return 0
-    if production == "manual":
-        return None
-    kind, _, number = production.partition(":")
-    if kind != "interval" or not number.isascii() or not number.isdigit() or not 0 < int(number) <= 3_600_000:
-        raise BlockRobotError("GENESIS_INVALID", f"The production setting {production!r} is none.")
-    return int(number)
 
 
 def compute_timeout_ms(settings: ChainSettings, round_number: int, finalized_round: int, certified_above: int) -> int:

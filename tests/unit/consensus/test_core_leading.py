@@ -7,10 +7,9 @@ import pytest
 from consensus.effects import TIMER_PROPOSE, Broadcast, BuildBlock, ExecuteBlock, Persist, SetTimer
 from consensus.errors import BlockRobotError
 from consensus.events import BlockBuilt, ProposalReceived
-from consensus.genesis import ChainSettings
+from consensus.genesis import ChainSettings, parse_production
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.messages import Proposal, Vote
-from consensus.pacemaker import parse_production
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, of_type, said
 
 

@@ -1,0 +1,141 @@
+"""R1: leaders, quorums, and which certificates a schedule accepts."""
+
+from __future__ import annotations
+
+import itertools
+
+import msgspec
+import pytest
+
+from consensus.block import QuorumCertificate, TimeoutCertificate
+from consensus.errors import BlockRobotError
+from consensus.schedule import Schedule, verify_qc, verify_tc
+from tests.sim.core_cluster import CHAIN_ID, make_keys
+from tests.unit.consensus.one_core import GENESIS, Peers
+
+PEERS = Peers()
+ONE = PEERS.block(1)
+
+
+def refused_qc(qc):
+    with pytest.raises(BlockRobotError, match="CERTIFICATE_INVALID"):
+        verify_qc(qc, PEERS.schedule, CHAIN_ID, GENESIS.block_id)
+
+
+def refused_tc(tc):
+    with pytest.raises(BlockRobotError, match="CERTIFICATE_INVALID"):
+        verify_tc(tc, PEERS.schedule, CHAIN_ID)
+
+
+@pytest.mark.parametrize(
+    ("count", "quorum", "faults"), [(1, 1, 0), (2, 2, 0), (3, 3, 0), (4, 3, 1), (7, 5, 2), (21, 15, 6)]
+)
+def test_any_two_quorums_share_an_honest_producer(count, quorum, faults):
+    schedule = Schedule(0, tuple(key.public_key for key in make_keys(count)))
+    assert (schedule.quorum, schedule.faults_tolerated) == (quorum, faults)
+    assert 2 * quorum - count > faults
+    assert count - faults >= quorum
+
+
+def test_leaders_take_turns():
+    schedule = Schedule(0, PEERS.schedule.producers)
+    assert [schedule.leader(number) for number in range(6)] == [0, 1, 2, 3, 0, 1]
+    longer = Schedule(0, PEERS.schedule.producers, blocks_per_turn=2)
+    assert [longer.leader(number) for number in range(9)] == [0, 0, 1, 1, 2, 2, 3, 3, 0]
+
+
+def test_a_producer_is_found_by_its_key():
+    assert PEERS.schedule.index_of(PEERS.keys[2].public_key) == 2
+    assert PEERS.schedule.index_of(bytes(33)) is None
+
+
+def test_a_schedule_has_one_to_21_different_producers():
+    keys = tuple(key.public_key for key in make_keys(22))
+    for producers in ((), keys, (keys[0], keys[0])):
+        with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+            Schedule(0, producers)
+    assert Schedule(0, keys[:21]).quorum == 15
+
+
+def test_the_hash_names_epoch_order_and_turns():
+    producers = PEERS.schedule.producers
+    hashes = {
+        Schedule(0, producers).hash(),
+        Schedule(1, producers).hash(),
+        Schedule(0, producers[::-1]).hash(),
+        Schedule(0, producers, 2).hash(),
+        Schedule(0, producers[:3]).hash(),
+    }
+    assert len(hashes) == 5
+
+
+def test_every_quorum_makes_a_certificate():
+    for voters in itertools.combinations(range(4), 3):
+        verify_qc(PEERS.qc(ONE, voters), PEERS.schedule, CHAIN_ID, GENESIS.block_id)
+
+
+@pytest.mark.parametrize("voters", [(0, 1), (0, 1, 2, 3), (0, 0, 1), (2, 1, 0), ()])
+def test_a_certificate_is_exactly_a_quorum_in_order(voters):
+    refused_qc(PEERS.qc(ONE, voters))
+
+
+@pytest.mark.parametrize("changes", [{"epoch": 1}, {"round": 2}, {"round": -1}, {"block_id": bytes(32)}], ids=str)
+def test_a_certificate_for_something_else_is_refused(changes):
+    refused_qc(msgspec.structs.replace(PEERS.qc(ONE), **changes))
+
+
+@pytest.mark.parametrize("index", [-1, 4])
+def test_a_signer_outside_the_schedule_is_refused(index):
+    good = PEERS.qc(ONE)
+    outside = msgspec.structs.replace(good.votes[0], index=index)
+    refused_qc(msgspec.structs.replace(good, votes=tuple(sorted((outside, *good.votes[1:]), key=lambda v: v.index))))
+
+
+def test_a_certificate_of_another_chain_is_refused():
+    with pytest.raises(BlockRobotError, match="CERTIFICATE_INVALID"):
+        verify_qc(PEERS.qc(ONE), PEERS.schedule, bytes(32), GENESIS.block_id)
+
+
+def test_round_0_certifies_the_first_parent_only_and_needs_no_votes():
+    verify_qc(PEERS.qc(GENESIS), PEERS.schedule, CHAIN_ID, GENESIS.block_id)
+    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=ONE.block_id, votes=()))
+    refused_qc(QuorumCertificate(epoch=0, round=0, block_id=GENESIS.block_id, votes=PEERS.qc(ONE).votes))
+
+
+def test_a_quorum_of_timeouts_makes_a_tc():
+    tc = PEERS.tc(5, 0, 3, 4)
+    verify_tc(tc, PEERS.schedule, CHAIN_ID)
+    assert tc.highest_qc_round == 4
+
+
+@pytest.mark.parametrize("signers", [(), (0, 1), (0, 1, 2, 3), (1, 0, 2), (0, 0, 1)])
+def test_a_tc_is_exactly_a_quorum_in_order(signers):
+    refused_tc(PEERS.tc(5, signers=signers))
+
+
+def test_a_tc_cannot_name_a_qc_of_its_own_round_or_a_negative_one():
+    refused_tc(PEERS.tc(5, 5))
+    good = PEERS.tc(5)
+    negative = msgspec.structs.replace(good.timeouts[0], qc_round=-1)
+    refused_tc(msgspec.structs.replace(good, timeouts=(negative, *good.timeouts[1:])))
+
+
+def test_a_tc_with_a_changed_qc_round_is_refused():
+    good = PEERS.tc(5)
+    changed = msgspec.structs.replace(good.timeouts[0], qc_round=2)
+    refused_tc(msgspec.structs.replace(good, timeouts=(changed, *good.timeouts[1:])))
+
+
+def test_a_tc_of_another_epoch_or_round_is_refused():
+    refused_tc(msgspec.structs.replace(PEERS.tc(5), epoch=1))
+    refused_tc(msgspec.structs.replace(PEERS.tc(5), round=6))
+    refused_tc(TimeoutCertificate(epoch=0, round=-1, timeouts=PEERS.tc(5).timeouts))
+
+
+def test_a_vote_never_passes_for_a_timeout():
+    votes = PEERS.qc(ONE).votes
+    forged = tuple(
+        msgspec.structs.replace(timeout, signature=vote.signature)
+        for timeout, vote in zip(PEERS.tc(1).timeouts, votes, strict=True)
+    )
+    refused_tc(msgspec.structs.replace(PEERS.tc(1), timeouts=forged))
