@@ -45,7 +45,7 @@ def _holds_voucher(state: StateReader, transaction: Transaction, chain_time_ms: 
         return False
     handle, card_key, role, not_after_ms, voucher_signature, spend, view, sealing, card_signature, _ = arguments
     texts = (handle, card_key, voucher_signature, spend, view, sealing, card_signature)
-    if not all(isinstance(item, bytes) for item in texts) or not isinstance(role, str):
+    if not all(isinstance(item, bytes) for item in texts) or not isinstance(role, str) or len(handle) != 32:
         return False
     if type(not_after_ms) is not int or not chain_time_ms <= not_after_ms < 1 << 53:
         return False

@@ -1,0 +1,74 @@
+"""The first state: the same on every node, and only with the very contracts that the file names."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import ContractEntry, genesis_from_json, genesis_to_json
+from consensus.primitives.encoding import decode_value
+from contracts.execution.genesis import build_genesis_state, complete_genesis, open_genesis
+from contracts.execution.registry import (
+    PRIVACY_CONTRACTS,
+    compute_source_hash,
+    contract_entries,
+    load_contracts,
+    read_source,
+    require_contracts,
+)
+from contracts.state.trie import compute_root
+from tests.unit.contracts.privacy.hospital import build_genesis, key_of
+
+
+def test_the_first_state_holds_organisations_custodians_and_purposes() -> None:
+    state = open_genesis(build_genesis())
+    org = decode_value(state.writes[b"identity\x00org/ward"])
+    assert org == {"admins": [key_of("admin").public_key], "registrars": [key_of("registrar").public_key]}
+    assert decode_value(state.writes[b"identity\x00registrar/" + key_of("registrar").public_key]) == "ward"
+    custodians = sorted(key_of(name).public_key for name in ("custodian-1", "custodian-2"))
+    assert decode_value(state.writes[b"identity\x00custodians"]) == custodians
+    assert b"identity\x00purpose/care" in state.writes
+    assert state.state_root == compute_root(state.writes.items())
+
+
+def test_the_file_survives_json_and_gives_the_same_state() -> None:
+    genesis = build_genesis()
+    read = genesis_from_json(genesis_to_json(genesis))
+    assert read == genesis
+    assert open_genesis(read) == build_genesis_state(genesis)
+    assert genesis.block().header.state_root == genesis.state_root
+
+
+def test_completing_again_changes_nothing() -> None:
+    genesis = build_genesis()
+    assert complete_genesis(genesis) == genesis
+    assert complete_genesis(msgspec.structs.replace(genesis, state_root=b"")).chain_id == genesis.chain_id
+
+
+def test_another_root_in_the_file_is_refused_on_start() -> None:
+    genesis = msgspec.structs.replace(build_genesis(), state_root=bytes(32))
+    with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+        open_genesis(genesis)
+
+
+def test_other_contracts_in_the_file_are_refused() -> None:
+    genesis = build_genesis()
+    other = ContractEntry(name="identity", source_hash=bytes(32))
+    for contracts in ((), genesis.contracts[1:], (*genesis.contracts[:-1], other)):
+        with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+            require_contracts(msgspec.structs.replace(genesis, contracts=contracts))
+
+
+def test_one_key_in_another_role_is_another_state() -> None:
+    genesis = build_genesis()
+    changed = msgspec.structs.replace(genesis, purposes=("care",))
+    assert build_genesis_state(changed).state_root != genesis.state_root
+
+
+def test_the_contracts_ship_as_data_and_compile() -> None:
+    assert tuple(sorted(load_contracts())) == PRIVACY_CONTRACTS
+    assert [entry.name for entry in contract_entries()] == list(PRIVACY_CONTRACTS)
+    assert compute_source_hash(read_source("audit")) != compute_source_hash(read_source("audit") + "\n")
+    with pytest.raises(BlockRobotError, match="TRANSACTION_CONTRACT_UNKNOWN"):
+        read_source("../execution/registry")
