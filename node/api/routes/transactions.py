@@ -76,7 +76,8 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
     with_evidence = call.int_of("evidence") == 1
     with services.ledger.snapshot() as snapshot:
         state = _find(snapshot, txid, with_evidence)
-    if state is None and wait_ms > 0 and await services.pool.wait_final(txid, wait_ms):
+    may_come = state is None and wait_ms > 0 and services.pool.status(txid) != "expired"
+    if may_come and await services.pool.wait_final(txid, wait_ms):
         with services.ledger.snapshot() as snapshot:
             state = _find(snapshot, txid, with_evidence)
     if state is None:
