@@ -177,9 +177,16 @@ class Delivery:
             clip.expires_at_ms,
         ]
         async with self._slots:
-            txid, submitted = await self._final(
-                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
-            )
+            try:
+                txid, submitted = await self._final(
+                    "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
+                )
+            except BlockRobotError as error:
+                if error.code != "CLIP_ERASED":
+                    raise
+                # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
+                self._spool.remove(name)
+                return
         self._spool.remove(name)
         self._on_delivered(
             Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())

@@ -7,6 +7,7 @@ event: `{"time_ms", "activity", "case", "alias"?, "detail"?}`; `case` is the fra
 from __future__ import annotations
 
 import csv
+import datetime
 import json
 import secrets
 from collections.abc import Iterable
@@ -36,16 +37,25 @@ ACTIVITIES = (
 )
 
 
+def _draw() -> str:
+    return f"tag-{secrets.token_hex(3)}"
+
+
 class AliasBook:
     """Draws a fresh alias for each tag of one run. Lives in memory only."""
 
     def __init__(self) -> None:
         self._aliases: dict[bytes, str] = {}
+        self._taken: set[str] = set()
 
     def alias(self, tag: bytes) -> str:
         """Return this run's alias of a tag."""
         if tag not in self._aliases:
-            self._aliases[tag] = f"tag-{secrets.token_hex(3)}"
+            alias = _draw()
+            while alias in self._taken:  # an alias shared by two tags would mix two people
+                alias = _draw()
+            self._taken.add(alias)
+            self._aliases[tag] = alias
         return self._aliases[tag]
 
 
@@ -102,7 +112,7 @@ def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
 
 
 def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
-    """Write events as XES (IEEE 1849-2016), one trace a case, times in milliseconds since the epoch."""
+    """Write events as XES (IEEE 1849-2016), one trace a case, times in UTC to the millisecond."""
     traces: dict[str, list[dict[str, Any]]] = {}
     for event in events:
         traces.setdefault(event["case"], []).append(event)
@@ -115,6 +125,9 @@ def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
             for row in rows:
                 name = quoteattr(row["activity"])
                 file.write(f'  <event><string key="concept:name" value={name}/>')
-                file.write(f'<int key="time:epoch_ms" value="{row["time_ms"]}"/></event>\n')
+                moment = datetime.datetime.fromtimestamp(row["time_ms"] / 1000, datetime.UTC)
+                file.write(
+                    f'<date key="time:timestamp" value="{moment.isoformat(timespec="milliseconds")}"/></event>\n'
+                )
             file.write(" </trace>\n")
         file.write("</log>\n")

@@ -63,6 +63,11 @@ def compute_time_bucket(time_ms: int) -> int:
     return time_ms - time_ms % TIME_BUCKET_MS
 
 
+def compute_expiry(now_ms: int, retention_ms: int) -> int:
+    """Return when a record expires, on full five minutes: an exact expiry would tell the time that the bucket hides."""
+    return max(compute_time_bucket(now_ms + retention_ms), compute_time_bucket(now_ms) + TIME_BUCKET_MS)
+
+
 def seal_clip(
     content: ClipContent, chain: VisitChain, *, now_ms: int, retention_ms: int = RETENTION_DEFAULT_MS
 ) -> SpooledClip:
@@ -108,7 +113,7 @@ def seal_clip(
         ciphertext_root=ciphertext_root(ciphertext_leaves(ciphertexts, sealed_keys)),
         sealed_metadata=seal_metadata(chain.sealing, encode(metadata)),
         bucket_ms=compute_time_bucket(now_ms),
-        expires_at_ms=now_ms + retention_ms,
+        expires_at_ms=compute_expiry(now_ms, retention_ms),
         frame_count=len(content.renditions),
         decided_at_ms=content.decided_at_ms,
     )

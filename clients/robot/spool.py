@@ -58,7 +58,8 @@ class Spool:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for leftover in folder.glob(".tmp-*"):
             leftover.unlink()
-        self._sizes = {path.name: path.stat().st_size for path in folder.glob(f"*{_SUFFIX}")}
+        waiting = (path for path in folder.glob(f"*{_SUFFIX}") if path.stem.isdecimal())
+        self._sizes = {path.name: path.stat().st_size for path in waiting}
         self._next = max((int(name.split(".")[0]) for name in self._sizes), default=0) + 1
 
     @property
@@ -94,12 +95,14 @@ class Spool:
 
     def get(self, name: str) -> SpooledClip:
         """Read a clip. Raises SPOOL_DAMAGED if it was changed or is another's."""
-        data = (self._folder / name).read_bytes()
         try:
+            data = (self._folder / name).read_bytes()
             plain = crypto_aead_xchacha20poly1305_ietf_decrypt(
                 data[_NONCE_BYTES:], name.encode(), data[:_NONCE_BYTES], self._key
             )
             return decode(plain, SpooledClip)
+        except OSError as error:
+            raise BlockRobotError("SPOOL_DAMAGED", f"The spooled clip {name} is gone: {error.strerror}.") from None
         except (CryptoError, ValueError, TypeError, BlockRobotError):
             raise BlockRobotError("SPOOL_DAMAGED", f"The spooled clip {name} was changed on disk.") from None
 

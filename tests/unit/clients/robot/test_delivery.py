@@ -1,0 +1,312 @@
+"""Delivery, in virtual time: over cuts, refusals and kills, every clip reaches the chain once, or somebody hears of it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Coroutine
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clients.robot.delivery import (
+    DELIVERIES_AT_ONCE_MAX_COUNT,
+    RETRY_MAX_MS,
+    SUBMIT_DELAY_MAX_MS,
+    Delivered,
+    Delivery,
+)
+from clients.robot.spool import Spool
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipUpload
+from consensus.transaction import Transaction, sign_transaction
+from tests.unit.clients.robot.test_spool import KEY, clip
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+ROBOT = PrivateKey(bytes([5] * 32))
+LATENCY_MS = 40
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    ok: bool
+    code: str
+
+
+class FakeNetwork:
+    """A chain of visits and records with two custodians behind it, which can be cut off or told to refuse."""
+
+    def __init__(self) -> None:
+        self.visits: dict[bytes, list[Any]] = {}
+        self.closed: dict[bytes, int] = {}
+        self.records: dict[bytes, bytes] = {}
+        self.uploads: dict[bytes, ClipUpload] = {}
+        self.calls: list[tuple[int, str]] = []
+        self.refusals: list[str] = []
+        self.upload_refusals: list[str] = []
+        self.verdict: str = ""
+        self.answers_lost_count = 0
+        self.at_once_count = 0
+        self.at_once_max_count = 0
+        self._salt = 0
+
+    def now_ms(self) -> int:
+        return virtual_now_ms()
+
+    def sign(self, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        self._salt += 1
+        return sign_transaction(
+            ROBOT,
+            chain_id=bytes(32),
+            contract=contract,
+            entry=entry,
+            arguments=arguments,
+            valid_until_ms=self.now_ms() + 120_000,
+            salt=self._salt.to_bytes(8, "big"),
+        )
+
+    async def upload(self, upload: ClipUpload) -> None:
+        await asyncio.sleep(0.005)
+        if self.upload_refusals:
+            raise BlockRobotError(self.upload_refusals.pop(0))
+        self.uploads[upload.record_id] = upload
+
+    async def submit_and_wait(self, transaction: Transaction) -> Receipt:
+        self.calls.append((self.now_ms(), transaction.body.entry))
+        self.at_once_count += 1
+        self.at_once_max_count = max(self.at_once_max_count, self.at_once_count)
+        await asyncio.sleep(LATENCY_MS / 1000)
+        self.at_once_count -= 1
+        if self.refusals:
+            raise BlockRobotError(self.refusals.pop(0))
+        code = self.verdict or self._execute(transaction)
+        if self.answers_lost_count:
+            self.answers_lost_count -= 1
+            raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
+        return Receipt(ok=code == "OK", code=code)
+
+    def _execute(self, transaction: Transaction) -> str:
+        arguments = transaction.arguments()
+        if transaction.body.entry == "open_visit":
+            if arguments[0] in self.visits:
+                return "VISIT_EXISTS"
+            self.visits[arguments[0]] = arguments
+        elif transaction.body.entry == "close_visit":
+            if arguments[0] in self.closed:
+                return "VISIT_CLOSED"
+            self.closed[arguments[0]] = arguments[1]
+        else:
+            record_id, owner = arguments[0], arguments[1]
+            if owner not in self.visits:
+                return "VISIT_UNKNOWN"
+            if record_id in self.records:
+                return "RECORD_EXISTS"
+            assert self.uploads[record_id].txid, "a record is submitted only after its upload"
+            self.records[record_id] = owner
+        return "OK"
+
+    def times(self, entry: str) -> list[int]:
+        return [at_ms for at_ms, called in self.calls if called == entry]
+
+
+class Run:
+    """A spool with clips, a network, and what was delivered."""
+
+    def __init__(self, folder: Path, clips: int = 1) -> None:
+        self.network = FakeNetwork()
+        self.spool = Spool(folder, KEY)
+        self.names = [self.spool.put(clip(number)) for number in range(clips)]
+        self.done: list[Delivered] = []
+
+    def delivery(self, *, at_once: bool = True) -> Delivery:
+        return Delivery(self.spool, self.network, on_delivered=self.done.append, at_once=at_once)
+
+    async def deliver_all(self, *, at_once: bool = True) -> Delivery:
+        delivery = self.delivery(at_once=at_once)
+        try:
+            for name in self.spool.names():
+                delivery.start(name)
+            await delivery.drain()
+        finally:
+            await delivery.stop()
+        return delivery
+
+
+def refused(main: Coroutine[Any, Any, object]) -> BlockRobotError:
+    with pytest.raises(BlockRobotError) as caught:
+        run_virtual(main)
+    return caught.value
+
+
+def test_a_visit_is_announced_once_and_before_its_records(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=5)
+    run_virtual(run.deliver_all())
+    assert len(run.network.times("open_visit")) == 1
+    assert min(run.network.times("record")) >= run.network.times("open_visit")[0] + LATENCY_MS
+    assert len(run.network.records) == 5
+
+
+def test_a_delivered_clip_leaves_the_spool_and_is_reported_once(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=3)
+    run_virtual(run.deliver_all())
+    assert run.spool.names() == []
+    assert sorted(done.clip.upload.record_id for done in run.done) == sorted(run.network.records)
+    assert all(done.final_at_ms - done.submitted_at_ms == LATENCY_MS for done in run.done)
+
+
+def test_an_upload_names_the_transaction_that_it_goes_with(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run_virtual(run.deliver_all())
+    (upload,) = run.network.uploads.values()
+    assert upload.txid == run.done[0].txid
+    assert upload.valid_until_ms > run.done[0].final_at_ms
+
+
+@pytest.mark.parametrize(
+    "code", ["NODE_UNREACHABLE", "MEMPOOL_FULL", "SENDER_LIMIT", "NODE_NOT_READY", "TRANSACTION_EXPIRED", "INTERNAL"]
+)
+def test_what_may_pass_is_tried_again(tmp_path: Path, code: str) -> None:
+    run = Run(tmp_path)
+    run.network.refusals = [code] * 4
+    run.network.upload_refusals = ["STORE_UNAVAILABLE"]
+    run_virtual(run.deliver_all())
+    assert len(run.network.records) == 1
+    assert run.spool.names() == []
+
+
+def test_a_cut_of_ten_minutes_loses_nothing_and_is_not_hammered_at(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def main() -> int:
+        started_ms = virtual_now_ms()
+        run.network.refusals = ["NODE_UNREACHABLE"] * 120
+        await run.deliver_all()
+        return virtual_now_ms() - started_ms
+
+    lasted_ms = run_virtual(main())
+    assert lasted_ms > 10 * 60 * 1000 * 0.9
+    assert len(run.network.records) == 2
+    opened = run.network.times("open_visit")
+    gaps = [later - earlier for earlier, later in zip(opened, opened[1:], strict=False)]
+    assert gaps == sorted(gaps)
+    assert max(gaps) <= RETRY_MAX_MS + LATENCY_MS
+
+
+def test_a_record_whose_answer_was_lost_is_there_once(tmp_path: Path) -> None:
+    """The chain took it, the robot did not hear: the second attempt is refused as RECORD_EXISTS, and that is success."""
+    run = Run(tmp_path)
+
+    async def main() -> None:
+        delivery = run.delivery()
+        await delivery.announce(run.spool.get(run.names[0]))
+        run.network.answers_lost_count = 1
+        delivery.start(run.names[0])
+        await delivery.drain()
+
+    run_virtual(main())
+    assert len(run.network.times("record")) == 2
+    assert len(run.network.records) == 1
+    assert (len(run.done), run.spool.names()) == (1, [])
+
+
+@pytest.mark.parametrize("code", ["NOT_A_ROBOT", "VISIT_CLOSED", "METADATA_WRONG"])
+def test_what_the_contract_refuses_stops_the_run_and_keeps_the_clip(tmp_path: Path, code: str) -> None:
+    run = Run(tmp_path)
+    run.network.verdict = code
+    error = refused(run.deliver_all())
+    assert error.code == "NOT_PERMITTED"
+    assert code in error.detail
+    assert run.spool.names() == run.names
+    assert run.done == []
+
+
+@pytest.mark.parametrize("code", ["SENDER_WITHOUT_STANDING", "SIGNATURE_INVALID", "UPLOAD_INVALID"])
+def test_what_can_never_pass_is_not_tried_again(tmp_path: Path, code: str) -> None:
+    run = Run(tmp_path)
+    run.network.upload_refusals = [code]
+    assert refused(run.deliver_all()).code == code
+    assert run.network.times("record") == []
+    assert run.spool.names() == run.names
+
+
+def test_one_bad_clip_does_not_keep_the_others_from_the_chain(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=4)
+    path = tmp_path / run.names[1]
+    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    assert refused(run.deliver_all()).code == "SPOOL_DAMAGED"
+    assert len(run.network.records) == 3
+    assert run.spool.names() == [run.names[1]]
+
+
+def test_a_clip_that_its_owner_erased_meanwhile_is_let_go(tmp_path: Path) -> None:
+    """Killed after the record was final but before the clip left the spool: custodians say that it is erased."""
+    run = Run(tmp_path)
+    run.network.upload_refusals = ["CLIP_ERASED"]
+    run_virtual(run.deliver_all())
+    assert run.spool.names() == []
+    assert run.network.times("record") == []
+
+
+def test_a_robot_killed_at_any_moment_delivers_everything_once(tmp_path: Path) -> None:
+    """Stop after every few milliseconds of a delivery, begin again with a new process's view of the spool."""
+    for killed_after_ms in range(0, 220, 9):
+        folder = tmp_path / str(killed_after_ms)
+        run = Run(folder, clips=3)
+
+        async def first_life(run: Run = run, lives_ms: int = killed_after_ms) -> None:
+            delivery = run.delivery()
+            for name in run.names:
+                delivery.start(name)
+            await asyncio.sleep(lives_ms / 1000)
+            await delivery.stop()
+
+        run_virtual(first_life())
+        run.spool = Spool(folder, KEY)
+        run_virtual(run.deliver_all())
+        assert len(run.network.records) == 3, killed_after_ms
+        assert run.spool.names() == []
+
+
+def test_stopping_leaves_what_is_not_final_in_the_spool(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def main() -> None:
+        run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+        delivery = run.delivery()
+        for name in run.names:
+            delivery.start(name)
+        await asyncio.sleep(60)
+        await delivery.stop()
+
+    run_virtual(main())
+    assert run.spool.names() == run.names
+    assert run.done == []
+
+
+def test_owners_of_one_scene_are_not_submitted_side_by_side(tmp_path: Path) -> None:
+    """Each record goes after a random delay of up to half a second, unless the user asked otherwise."""
+    run = Run(tmp_path, clips=8)
+    run_virtual(run.deliver_all(at_once=False))
+    times = run.network.times("record")
+    assert len(set(times)) > 4
+    assert max(times) - min(times) <= SUBMIT_DELAY_MAX_MS + 1
+
+
+def test_only_so_many_are_under_way_at_once(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=3 * DELIVERIES_AT_ONCE_MAX_COUNT)
+    run_virtual(run.deliver_all())
+    assert run.network.at_once_max_count == DELIVERIES_AT_ONCE_MAX_COUNT
+
+
+def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def main() -> None:
+        delivery = await run.deliver_all()
+        await delivery.close_visit(run.done[0].clip.owner, 2)
+        await delivery.close_visit(run.done[0].clip.owner, 2)
+
+    run_virtual(main())
+    assert run.network.closed == {run.done[0].clip.owner: 2}

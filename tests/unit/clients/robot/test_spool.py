@@ -1,0 +1,158 @@
+"""The spool: a clip is there once or not at all, and nobody reads or changes it unnoticed."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+import pytest
+
+from clients.robot.spool import Spool, SpooledClip
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipUpload
+
+KEY = bytes(range(32))
+
+
+def clip(number: int = 0, size_bytes: int = 100) -> SpooledClip:
+    return SpooledClip(
+        upload=ClipUpload(
+            record_id=number.to_bytes(16, "big"),
+            txid=bytes(32),
+            valid_until_ms=0,
+            ciphertexts=[secrets.token_bytes(size_bytes)],
+            sealed_keys=[bytes(80)],
+            commitment_leaves=[bytes(32)],
+        ),
+        owner=b"\x02" + b"OWNER" * 6 + b"oo",
+        ephemeral=b"\x02" * 33,
+        view_tag=7,
+        purpose="demo",
+        visit_bucket_ms=300_000,
+        commitment_root=bytes(32),
+        ciphertext_root=bytes(32),
+        sealed_metadata=bytes(560),
+        bucket_ms=300_000,
+        expires_at_ms=10**12,
+        frame_count=1,
+        decided_at_ms=300_500,
+    )
+
+
+def test_clips_come_back_oldest_first_after_a_restart(tmp_path: Path) -> None:
+    clips = [clip(number) for number in range(12)]
+    spool = Spool(tmp_path, KEY)
+    for item in clips:
+        spool.put(item)
+    again = Spool(tmp_path, KEY)
+    assert [again.get(name) for name in again.names()] == clips
+
+
+def test_a_name_is_never_used_again_while_its_clip_waits(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    first, second = spool.put(clip(1)), spool.put(clip(2))
+    spool.remove(first)
+    again = Spool(tmp_path, KEY)
+    third = again.put(clip(3))
+    assert third not in {first, second}
+    assert again.names() == [second, third]
+
+
+def test_a_removed_clip_is_gone_and_removing_it_twice_is_harmless(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    name = spool.put(clip())
+    spool.remove(name)
+    spool.remove(name)
+    assert (spool.names(), spool.size_bytes, list(tmp_path.iterdir())) == ([], 0, [])
+
+
+def test_the_file_tells_neither_owner_nor_purpose(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    data = (tmp_path / spool.put(clip())).read_bytes()
+    assert b"OWNER" not in data
+    assert b"demo" not in data
+
+
+@pytest.mark.parametrize("place", [0, 23, 24, 200, -1])
+def test_a_changed_clip_is_not_delivered(tmp_path: Path, place: int) -> None:
+    spool = Spool(tmp_path, KEY)
+    path = tmp_path / spool.put(clip())
+    data = bytearray(path.read_bytes())
+    data[place] ^= 1
+    path.write_bytes(data)
+    assert refusal(spool, path.name) == "SPOOL_DAMAGED"
+
+
+@pytest.mark.parametrize("length", [0, 10, 24, 40, 500])
+def test_a_torn_clip_is_not_delivered(tmp_path: Path, length: int) -> None:
+    spool = Spool(tmp_path, KEY)
+    path = tmp_path / spool.put(clip())
+    path.write_bytes(path.read_bytes()[:length])
+    assert refusal(spool, path.name) == "SPOOL_DAMAGED"
+
+
+def test_two_clips_cannot_change_places(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    first, second = tmp_path / spool.put(clip(1)), tmp_path / spool.put(clip(2))
+    first.write_bytes(second.read_bytes())
+    assert refusal(spool, first.name) == "SPOOL_DAMAGED"
+
+
+def test_a_clip_that_somebody_deleted_is_damage_and_no_crash(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    path = tmp_path / spool.put(clip())
+    path.unlink()
+    assert refusal(spool, path.name) == "SPOOL_DAMAGED"
+
+
+def test_another_robots_key_opens_nothing(tmp_path: Path) -> None:
+    name = Spool(tmp_path, KEY).put(clip())
+    assert refusal(Spool(tmp_path, bytes(32)), name) == "SPOOL_DAMAGED"
+
+
+def refusal(spool: Spool, name: str) -> str:
+    with pytest.raises(BlockRobotError) as caught:
+        spool.get(name)
+    return caught.value.code
+
+
+def test_a_full_spool_says_so_and_keeps_what_it_has(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY, max_bytes=3_000)
+    kept = [spool.put(clip(1)), spool.put(clip(2))]
+    with pytest.raises(BlockRobotError) as caught:
+        spool.put(clip(3, size_bytes=2_000))
+    assert caught.value.code == "SPOOL_FULL"
+    assert sorted(path.name for path in tmp_path.iterdir()) == kept
+    spool.remove(kept[0])
+    assert spool.put(clip(4)) in spool.names()
+
+
+def test_a_full_disk_leaves_no_half_of_a_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    spool = Spool(tmp_path, KEY)
+
+    def no_space(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", no_space)
+    with pytest.raises(BlockRobotError) as caught:
+        spool.put(clip())
+    monkeypatch.undo()
+    assert caught.value.code == "SPOOL_FULL"
+    assert list(tmp_path.iterdir()) == []
+    assert Spool(tmp_path, KEY).names() == []
+
+
+def test_a_half_written_clip_of_a_killed_robot_is_swept_away(tmp_path: Path) -> None:
+    (tmp_path / ".tmp-000000000009.clip").write_bytes(b"half")
+    spool = Spool(tmp_path, KEY)
+    assert spool.names() == []
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_strangers_file_in_the_folder_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "notes.clip").write_bytes(b"mine")
+    spool = Spool(tmp_path, KEY)
+    name = spool.put(clip())
+    assert spool.names() == [name]
+    assert (tmp_path / "notes.clip").read_bytes() == b"mine"

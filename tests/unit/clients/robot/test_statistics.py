@@ -1,0 +1,61 @@
+"""What became of every frame: covered = kept + withheld + lost, and nothing is kept before it is final."""
+
+from __future__ import annotations
+
+from clients.robot.delivery import Delivered
+from clients.robot.statistics import RunStatistics, summarise_ms
+from tests.unit.clients.robot.test_spool import clip
+
+
+def deliver(statistics: RunStatistics, number: int, final_at_ms: int) -> None:
+    statistics.delivered(Delivered(clip(number, size_bytes=100), bytes(32), final_at_ms - 50, final_at_ms))
+
+
+def test_a_frame_counts_as_kept_only_when_its_record_is_final() -> None:
+    statistics = RunStatistics(window_ms=5_000, covered=2)
+    statistics.frame_arrived(1, 1_010)
+    statistics.frame_arrived(2, 1_110)
+    statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000), (2, 1_100)])
+    assert statistics.frames_json()["kept"] == 0
+    assert statistics.frames_json()["lost"] == 2
+    deliver(statistics, 7, 7_000)
+    counts = statistics.frames_json()
+    assert (counts["kept"], counts["lost"], statistics.records_final) == (2, 0, 1)
+
+
+def test_withheld_frames_are_not_lost() -> None:
+    statistics = RunStatistics(window_ms=5_000, covered=5, withheld={"contact": 2, "ambiguous": 3})
+    counts = statistics.frames_json()
+    assert (counts["withheld"], counts["lost"]) == (5, 0)
+    assert list(counts["withheld_reasons"]) == ["ambiguous", "contact"]
+
+
+def test_latencies_are_measured_from_what_they_say() -> None:
+    """From the end of the pairing window, from the frame's arrival, and from the submission."""
+    statistics = RunStatistics(window_ms=5_000, covered=1)
+    statistics.frame_arrived(1, 1_010)
+    statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000)])
+    deliver(statistics, 7, 6_300)
+    latency = statistics.latency_json()
+    assert latency["frame_to_final"]["p50"] == 300.0
+    assert latency["arrival_to_final"]["p50"] == 5_290.0
+    assert latency["submit_to_final"]["max"] == 50.0
+
+
+def test_a_clip_of_the_run_before_is_a_record_but_no_frame_of_this_run() -> None:
+    statistics = RunStatistics(window_ms=5_000)
+    deliver(statistics, 3, 2_000)
+    counts = statistics.frames_json()
+    assert (statistics.records_final, counts["kept"], counts["lost"]) == (1, 0, 0)
+
+
+def test_stored_bytes_are_those_of_the_ciphertexts() -> None:
+    statistics = RunStatistics(window_ms=5_000)
+    deliver(statistics, 1, 2_000)
+    deliver(statistics, 2, 3_000)
+    assert statistics.stored_bytes == 200
+
+
+def test_a_summary_of_nothing_is_zero_and_of_much_is_its_distribution() -> None:
+    assert summarise_ms([]) == {"p50": 0.0, "p95": 0.0, "max": 0.0}
+    assert summarise_ms([float(value) for value in range(101)]) == {"p50": 50.0, "p95": 95.0, "max": 100.0}

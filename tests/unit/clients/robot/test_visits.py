@@ -1,0 +1,103 @@
+"""Visits: one owner key a person and visit, never longer than ten minutes, and only she can find and use it."""
+
+from __future__ import annotations
+
+import secrets
+
+from clients.robot.visits import VisitBook
+from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
+from consensus.primitives.keys import PrivateKey
+from consensus.records.owner_keys import derive_owner_key, scan_announcement
+from consensus.records.roster import RosterRow
+
+CHAIN = bytes(range(32))
+ROBOT = PrivateKey(bytes([9] * 32)).public_key
+START_MS = 1_800_000_123_456
+
+
+class Person:
+    """The keys of somebody on the roster."""
+
+    def __init__(self) -> None:
+        self.spend = PrivateKey(secrets.token_bytes(32))
+        self.view = PrivateKey(secrets.token_bytes(32))
+        self.row = RosterRow(
+            tag=bytes(32),
+            handle=bytes(32),
+            spend=self.spend.public_key,
+            view=self.view.public_key,
+            sealing=bytes(32),
+            purposes=("demo",),
+            proof=b"",
+        )
+
+
+def book() -> VisitBook:
+    return VisitBook(CHAIN, ROBOT, "demo")
+
+
+def test_one_visit_lasts_while_its_person_is_there() -> None:
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    assert visits.chain_for("ann", ann.row, START_MS + 60_000) is first
+
+
+def test_a_new_visit_begins_before_ten_minutes_are_over() -> None:
+    """With room for the last records to reach the chain while their visit may still take them."""
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    owners = {first.owner: START_MS}
+    for second in range(1, 1_800):
+        now_ms = START_MS + 1_000 * second
+        chain = visits.chain_for("ann", ann.row, now_ms)
+        owners.setdefault(chain.owner, now_ms)
+        assert now_ms - owners[chain.owner] <= VISIT_MAX_MS - 60_000
+    assert len(owners) >= 3
+
+
+def test_the_chain_of_a_new_visit_begins_at_its_beginning() -> None:
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    first.record_count, first.previous_hash = 7, b"h" * 32
+    second = visits.chain_for("ann", ann.row, START_MS + VISIT_MAX_MS)
+    assert (second.record_count, second.previous_hash) == (0, bytes(32))
+
+
+def test_every_visit_is_closed_once_the_rolled_ones_too() -> None:
+    visits, ann, bob = book(), Person(), Person()
+    opened = [
+        visits.chain_for("ann", ann.row, START_MS),
+        visits.chain_for("bob", bob.row, START_MS),
+        visits.chain_for("ann", ann.row, START_MS + VISIT_MAX_MS),
+    ]
+    assert {chain.owner for chain in visits.end_all()} == {chain.owner for chain in opened}
+    assert visits.end_all() == []
+
+
+def test_two_visits_of_one_person_have_nothing_in_common_on_the_chain() -> None:
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    second = visits.chain_for("ann", ann.row, START_MS + VISIT_MAX_MS)
+    assert first.owner != second.owner
+    assert first.ephemeral != second.ephemeral
+
+
+def test_only_the_person_finds_and_uses_her_visit() -> None:
+    visits, ann, bob = book(), Person(), Person()
+    chain = visits.chain_for("ann", ann.row, START_MS)
+    found = [
+        scan_announcement(
+            person.view, person.spend.public_key, chain.ephemeral, chain.view_tag, chain_id=CHAIN, robot=ROBOT
+        )
+        for person in (ann, bob)
+    ]
+    assert found[0] == chain.owner
+    assert found[1] != chain.owner
+    own = derive_owner_key(ann.spend, ann.view, chain.ephemeral, chain_id=CHAIN, robot=ROBOT)
+    assert own.public_key == chain.owner
+
+
+def test_the_announced_time_is_coarse() -> None:
+    chain = book().chain_for("ann", Person().row, START_MS)
+    assert chain.bucket_ms % TIME_BUCKET_MS == 0
+    assert 0 <= START_MS - chain.bucket_ms < TIME_BUCKET_MS
