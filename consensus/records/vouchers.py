@@ -144,8 +144,11 @@ def encode_card_code(card: Card) -> str:
     return CODE_PREFIX + "-".join(groups)
 
 
-def decode_card_code(code: str) -> Card:
-    """Read a card's code; case, spaces and dashes do not matter. Raises VOUCHER_INVALID for a damaged one."""
+def decode_card_code(code: str, now_ms: int | None = None) -> Card:
+    """Read a card's code; case, spaces and dashes do not matter.
+
+    Raises VOUCHER_INVALID for a damaged one, VOUCHER_EXPIRED if `now_ms` is given and lies after the card's expiry.
+    """
     letters = "".join(code.split()).upper()
     if len(letters) > _CODE_MAX_CHARS or not letters.startswith(CODE_PREFIX):
         raise BlockRobotError("VOUCHER_INVALID", f"An enrolment code begins with {CODE_PREFIX}.")
@@ -169,4 +172,6 @@ def decode_card_code(code: str) -> Card:
     )
     if encode_card_code(card).replace("-", "") != CODE_PREFIX.replace("-", "") + letters:
         raise BlockRobotError("VOUCHER_INVALID")
+    if now_ms is not None and now_ms > card.not_after_ms:
+        raise BlockRobotError("VOUCHER_EXPIRED")
     return card

@@ -72,6 +72,14 @@ def test_what_is_no_code_is_refused(code: str) -> None:
         decode_card_code(code)
 
 
+def test_an_old_card_is_told_from_a_damaged_one() -> None:
+    card = _card()
+    code = encode_card_code(card)
+    assert decode_card_code(code, card.not_after_ms) == card
+    with pytest.raises(BlockRobotError, match="VOUCHER_EXPIRED"):
+        decode_card_code(code, card.not_after_ms + 1)
+
+
 def test_a_cut_off_code_is_refused() -> None:
     code = encode_card_code(_card())
     for length in range(len(code)):
