@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 from collections.abc import Coroutine
 from dataclasses import dataclass
 from pathlib import Path
@@ -189,7 +190,7 @@ def test_a_cut_of_ten_minutes_loses_nothing_and_is_not_hammered_at(tmp_path: Pat
     assert lasted_ms > 10 * 60 * 1000 * 0.9
     assert len(run.network.records) == 2
     opened = run.network.times("open_visit")
-    gaps = [later - earlier for earlier, later in zip(opened, opened[1:], strict=False)]
+    gaps = [later - earlier for earlier, later in itertools.pairwise(opened)]
     assert gaps == sorted(gaps)
     assert max(gaps) <= RETRY_MAX_MS + LATENCY_MS
 
