@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import ipaddress
 import ssl
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -64,26 +64,24 @@ def resolve_addresses(genesis: Genesis, urls: Mapping[str, str] | None) -> tuple
     return tuple(NodeAddress(name, url.rstrip("/")) for name, url in chosen.items())
 
 
-def _tls_contexts(genesis: Genesis) -> dict[str, ssl.SSLContext | bool]:
-    """Return for each node a TLS context that trusts its organisation's CA and nothing else."""
+def _tls_contexts(genesis: Genesis, nodes: Sequence[NodeAddress]) -> dict[str, ssl.SSLContext]:
+    """Return for each node behind HTTPS a TLS context that trusts its organisation's CA and nothing else."""
     certificates = {organisation.name: organisation.ca_certificate for organisation in genesis.organisations}
-    contexts: dict[str, ssl.SSLContext | bool] = {}
-    for node in genesis.nodes:
-        if urlsplit(node.api_url).scheme != "https":
-            contexts[node.name] = True
-            continue
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-        context.minimum_version = ssl.TLSVersion.TLSv1_3
-        context.load_verify_locations(cadata=certificates[node.organisation])
-        contexts[node.name] = context
+    contexts: dict[str, ssl.SSLContext] = {}
+    for node in nodes:
+        if urlsplit(node.url).scheme == "https":
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+            context.minimum_version = ssl.TLSVersion.TLSv1_3
+            context.load_verify_locations(cadata=certificates[genesis.node(node.name).organisation])
+            contexts[node.name] = context
     return contexts
 
 
 class Connections:
     """The lanes of one client. Close it when done."""
 
-    def __init__(self, genesis: Genesis) -> None:
-        self._tls = _tls_contexts(genesis)
+    def __init__(self, genesis: Genesis, nodes: Sequence[NodeAddress]) -> None:
+        self._tls = _tls_contexts(genesis, nodes)
         self._lanes: dict[bytes, aiohttp.ClientSession] = {}
 
     def _lane(self, lane: bytes) -> tuple[aiohttp.ClientSession, list[aiohttp.ClientSession]]:

@@ -85,7 +85,7 @@ class NetworkClient:
         self.light_client = LightClient(genesis, pinned)
         self._trust = Trust(genesis, self.light_client)
         self._nodes = resolve_addresses(genesis, urls)
-        self._connections = Connections(genesis)
+        self._connections = Connections(genesis, self._nodes)
         self._sessions = Sessions(genesis.chain_id, self._connections, self.clock)
         self._first = 0
         self.custody = CustodyClient(genesis, self._nodes, self.ask_node)
