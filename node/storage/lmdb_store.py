@@ -110,11 +110,9 @@ class LmdbStore:
         try:
             environment = _open_environment(directory, min(map_size_bytes, size_max_bytes))
             try:
-                with environment.begin(write=True) as transaction:
-                    tables = layout.Tables.open(environment, transaction, create=True)
-                    if transaction.get(layout.META_FORMAT, db=tables.meta) is not None:
-                        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} already holds a ledger.")
-                    transaction.put(layout.META_FORMAT, layout.FORMAT_NAME, db=tables.meta)
+                if environment.stat()["entries"]:
+                    raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} already holds a ledger.")
+                tables = _make_tables(environment)
                 _sync_directory(directory)
                 return cls(environment, tables, lock, size_max_bytes)
             except BaseException:
@@ -135,7 +133,8 @@ class LmdbStore:
         """Open the ledger in a directory.
 
         Raises DATA_DIRECTORY_INVALID if there is none or it has another format, DATA_DIRECTORY_IN_USE if another
-        process holds it, STORAGE_DAMAGED if it cannot be read or its state is not the one of its position.
+        process holds it, STORAGE_DAMAGED if it cannot be read or its state is not the one of its position. A ledger
+        whose making was cut off, with nothing in it yet, is made to the end.
         """
         if not (directory / DATA_FILE_NAME).is_file():
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.")
@@ -145,6 +144,8 @@ class LmdbStore:
             environment = _open_environment(directory, min(size_bytes, size_max_bytes))
             try:
                 short = _fill_up(environment, directory / DATA_FILE_NAME)
+                if not environment.stat()["entries"]:
+                    _make_tables(environment)
                 tables = _check_ledger(environment, directory)
                 if short:
                     _check_content(environment, tables, directory)
@@ -303,6 +304,14 @@ def _open_environment(directory: Path, map_size_bytes: int) -> lmdb.Environment:
         )
     except lmdb.Error as error:
         raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be opened: {error}.") from error
+
+
+def _make_tables(environment: lmdb.Environment) -> layout.Tables:
+    """Make the tables and name the format, in one transaction."""
+    with environment.begin(write=True) as transaction:
+        tables = layout.Tables.open(environment, transaction, create=True)
+        transaction.put(layout.META_FORMAT, layout.FORMAT_NAME, db=tables.meta)
+    return tables
 
 
 def _fill_up(environment: lmdb.Environment, path: Path) -> bool:

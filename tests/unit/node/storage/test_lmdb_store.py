@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import threading
 
 import lmdb
 import pytest
@@ -53,7 +54,7 @@ async def test_waiting_commits_are_finished_before_the_store_closes(tmp_path, ch
     tasks = [asyncio.ensure_future(store.commit([chain.block()], b"")) for _ in range(30)]
     await asyncio.sleep(0)
     await store.close()
-    assert [task.result().height for task in tasks] == list(range(30))
+    assert [position.height for position in await asyncio.gather(*tasks)] == list(range(30))
     again = LmdbStore.open(tmp_path)
     assert again.position.height == 29
     await again.close()
@@ -102,6 +103,38 @@ async def test_another_format_is_refused_by_name(tmp_path, chain):
     with pytest.raises(BlockRobotError, match="blockrobot-ledger/9") as caught:
         LmdbStore.open(tmp_path)
     assert caught.value.code == "DATA_DIRECTORY_INVALID"
+
+
+@pytest.mark.parametrize("leftover", ["empty file", "empty database"])
+async def test_a_ledger_whose_making_was_cut_off_is_made_to_the_end(tmp_path, chain, leftover):
+    if leftover == "empty file":
+        (tmp_path / "data.mdb").touch()
+    else:
+        lmdb.open(str(tmp_path), max_dbs=16).close()
+    store = LmdbStore.open(tmp_path)
+    assert store.position is None
+    await store.commit([chain.block()], b"")
+    await store.close()
+    again = LmdbStore.open(tmp_path)
+    assert again.position.height == 0
+    await again.close()
+
+
+async def test_every_commit_is_synced_before_it_is_reported(lmdb_store):
+    flags = lmdb_store._environment.flags()
+    assert flags["sync"]
+    assert flags["metasync"]
+    assert not flags["map_async"]
+
+
+async def test_the_disk_is_never_touched_on_the_event_loop(lmdb_store, chain, monkeypatch):
+    threads = []
+    write = lmdb_store._write_growing
+    monkeypatch.setattr(
+        lmdb_store, "_write_growing", lambda commits: (threads.append(threading.current_thread()), write(commits))
+    )
+    await lmdb_store.commit([chain.block()], b"")
+    assert [thread.name for thread in threads] == ["ledger-writer"]
 
 
 def test_a_foreign_database_is_no_ledger(tmp_path):
