@@ -26,10 +26,11 @@ from consensus.genesis import (
 from consensus.limits import PRODUCERS_MAX_COUNT
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
 from consensus.records.purposes import PURPOSES
+from contracts.execution.genesis import complete_genesis
+from contracts.execution.registry import contract_entries
 from network.authority import Authority, create_authority, encode_private_key, issue_node_certificate, write_secret
 from node.config import CONFIG_FILE, NodeConfig, config_to_toml
 from node.journal import Journal
-from node.machine import complete_genesis, contract_entries
 
 HOST = "127.0.0.1"
 PORTS_PER_NODE = 10

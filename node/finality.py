@@ -90,17 +90,8 @@ class FinalityFeed:
 class LedgerWriter:
     """Stores finalized blocks in order, as many at once as wait; then calls its listeners, in order."""
 
-    def __init__(
-        self,
-        ledger: LedgerStore,
-        *,
-        on_failure: Callable[[str], None],
-        between_events: Callable[[Callable[[], None]], None],
-    ) -> None:
-        """`between_events` runs an action when nothing is being executed; listeners are called in such a one."""
+    def __init__(self, ledger: LedgerStore) -> None:
         self._ledger = ledger
-        self._on_failure = on_failure
-        self._between_events = between_events
         self._listeners: list[FinalizedListener] = []
         self._waiting: list[tuple[ExecutedBlock, FinalityProof]] = []
         self._wake = asyncio.Event()
@@ -115,8 +106,9 @@ class LedgerWriter:
         """Call `listener` with the blocks of each commit, once they are durable."""
         self._listeners.append(listener)
 
-    def start(self) -> None:
-        """Begin to write."""
+    def start(self, *, on_failure: Callable[[str], None], between_events: Callable[[Callable[[], None]], None]) -> None:
+        """Begin to write. `between_events` runs an action when nothing is being executed: there listeners are called."""
+        self._on_failure, self._between_events = on_failure, between_events
         self._task = asyncio.get_running_loop().create_task(self._run(), name="ledger-writer")
 
     async def stop(self) -> None:

@@ -103,7 +103,12 @@ class Peers:
         self.gossip.repeat(self._mempool.transactions())
 
     def fetch(self, effect: FetchBlocks) -> None:
-        """Ask some of the named producers for a branch; what comes first goes to the core."""
+        """Ask some of the named producers for a branch; what comes first goes to the core.
+
+        Not while a long gap is being closed: the core asks again, and then needs only what lies above it.
+        """
+        if self._sync.is_running:
+            return
         connected = set(self._network.connected)
         names = [self._names[index] for index in effect.producers if self._names[index] in connected]
         others = [name for name in connected if name not in names]

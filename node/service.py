@@ -20,6 +20,9 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.transaction import Transaction
+from contracts.execution.machine import ContractMachine
+from contracts.execution.registry import require_contracts
+from contracts.execution.standing import has_standing
 from node.api import ApiServices, create_api
 from node.config import NodeConfig, load_genesis, load_key
 from node.engine import Engine
@@ -27,7 +30,7 @@ from node.execution import ExecutedBlock, Executor
 from node.finality import FinalityFeed, LedgerWriter
 from node.interface import FinalizedLedger, Pool, WallClock
 from node.journal import Journal
-from node.machine import ContractMachine, genesis_block
+from node.machine import ViewRunner, genesis_block
 from node.mempool import Mempool
 from node.metrics import NodeMetrics
 from node.operator import create_operator_listener
@@ -130,19 +133,15 @@ class Node:
             round_zero_id=genesis.block_id,
             journal=[entry.record for entry in journal.entries],
         )
-        self._machine = ContractMachine(genesis)
+        machine = ContractMachine(genesis.chain_id, require_contracts(genesis))
         cache = TransactionCache()
-        self._executor = Executor(genesis=genesis, ledger=ledger, machine=self._machine, cache=cache, key=self._key)
+        self._executor = Executor(genesis=genesis, ledger=ledger, machine=machine, cache=cache, key=self._key)
         stack.callback(self._executor.close)
         self._mempool = Mempool(
             chain_id=genesis.chain_id, cache=cache, has_standing=self._has_standing, is_spent=self._is_spent
         )
         self._feed = FinalityFeed(head.header.height)
-        self._writer = LedgerWriter(
-            ledger,
-            on_failure=lambda reason: self._engine.fail(reason),
-            between_events=lambda action: self._engine.call_between_events(action),
-        )
+        self._writer = LedgerWriter(ledger)
         self._engine = Engine(
             core=self.core,
             executor=self._executor,
@@ -179,7 +178,7 @@ class Node:
         self._writer.add_listener(self._feed.publish)
         self._writer.add_listener(self._metrics.note_finalized)
         self._writer.add_listener(self._after_stored)
-        self._writer.start()
+        self._writer.start(on_failure=self._engine.fail, between_events=self._engine.call_between_events)
         stack.push_async_callback(self._writer.stop)
         stack.push_async_callback(self._engine.stop)
         stack.push_async_callback(self._sync.stop)
@@ -194,7 +193,7 @@ class Node:
             node_name=config.name,
             clock=self._clock,
             ledger=FinalizedLedger(self._ledger, self._feed),
-            views=self._machine,
+            views=ViewRunner(self.genesis),
             pool=self._pool,
             custody=None,
         )
@@ -212,7 +211,9 @@ class Node:
     # What the parts ask of the whole
 
     def _has_standing(self, transaction: Transaction) -> bool:
-        return self._machine.has_standing(self._executor.reader, transaction)
+        reader = self._executor.reader
+        position = reader.position
+        return position is not None and has_standing(reader, transaction, position.timestamp_ms)
 
     def _is_spent(self, txid: bytes) -> bool:
         return self._engine.is_on_branch(txid) or self._executor.reader.locate(txid) is not None

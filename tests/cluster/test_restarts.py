@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 
 from consensus.transaction import Transaction
 from tests.cluster.network_under_test import NetworkUnderTest
@@ -47,8 +48,11 @@ async def test_a_node_that_was_away_for_many_blocks_fetches_them(network: Networ
     assert height > 60
     network.cluster.start("node-4")
     await network.wait_height("node-4", height)
-    probe = network.transaction()
-    await network.finalize("node-4", probe)
+    await network.finalize("node-4", network.transaction())
+    log = network.cluster.config("node-4").log_path.read_text(encoding="utf-8")
+    installed = [json.loads(line)["blocks"] for line in log.splitlines() if "sync_finished" in line]
+    assert installed
+    assert max(installed) > 60
 
 
 async def test_all_four_are_killed_at_once_and_the_chain_goes_on_where_it_was(network: NetworkUnderTest) -> None:
