@@ -376,15 +376,21 @@ class SimNode:
                 self.finalized_at_ms.setdefault(txid, self.cluster.clock)
                 self.mempool.pop(txid, None)
         self.later(0, self.tell_work)
-        if not self.is_store_syncing:
-            self.is_store_syncing = True
-            self.later(self.cluster.random.uniform(20, 400), self.store_synced)
+        self.sync_store()
 
-    def store_synced(self) -> None:
-        """The store synced: the journal may be cut."""
+    def sync_store(self) -> None:
+        """Begin to sync what the store has taken so far; what comes meanwhile waits for the next sync."""
+        if self.unsynced and not self.is_store_syncing:
+            self.is_store_syncing = True
+            height = self.unsynced[-1][0].header.height
+            self.later(self.cluster.random.uniform(20, 400), lambda: self.store_synced(height))
+
+    def store_synced(self, height: int) -> None:
+        """The store synced up to a height: the journal may be cut."""
         self.is_store_syncing = False
-        self.stored.extend(self.unsynced)
-        self.unsynced = []
+        self.stored.extend(entry for entry in self.unsynced if entry[0].header.height <= height)
+        self.unsynced = [entry for entry in self.unsynced if entry[0].header.height > height]
+        self.sync_store()
         self.core.forget_journalled(self.stored[-1][0].header.height)
         self.journal[:] = self.core.journal_snapshot()
 

@@ -136,13 +136,15 @@ def test_a_snapshot_says_the_same_as_the_journal():
 
 def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
     node = OneCore()
-    one, two, three = node.chain(1, 2, 3)
-    for block in (one, two, three):
+    one, two, three, four = node.chain(1, 2, 3, 4)
+    for block in (one, two, three, four):
         node.receive(block)
-    assert node.core.finalized_id == one.block_id
-    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {one, two, three}
+    assert node.core.finalized_id == two.block_id
+    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {one, two, three, four}
     node.core.forget_journalled(1)
-    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {two, three}
+    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {two, three, four}
+    node.core.forget_journalled(2)
+    assert set(read_journal(node.core.journal_snapshot(), 0).blocks.values()) == {three, four}
 
 
 def test_a_restart_from_a_snapshot_goes_on_as_from_the_journal():

@@ -99,8 +99,13 @@ def test_a_tc_of_another_round_does_not_do():
 def test_a_block_that_forgets_a_qc_named_in_its_tc_gets_no_vote():
     """R5: one signer of the TC knew the QC of round 1; a block on genesis would leave it behind."""
     node = OneCore()
-    node.receive(node.block(1))
-    assert said(node.receive(node.block(3, tc=node.tc(2, 0, 0, 1))), Vote) == []
+    one = node.block(1)
+    node.receive(one)
+    node.notice(node.qc(one))
+    forgetful = node.block(3, tc=node.tc(2, 0, 0, 1))
+    assert said(node.receive(forgetful), Vote) == []
+    faithful = node.block(3, one, tc=node.tc(2, 0, 0, 1))
+    assert said(node.receive(faithful), Vote) == [node.vote(3, faithful)]
 
 
 def test_a_block_on_the_highest_qc_named_in_its_tc_gets_a_vote():
