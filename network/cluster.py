@@ -177,6 +177,17 @@ class Cluster:
         ]
 
 
+async def read_metric(config: NodeConfig, name: str) -> float | None:
+    """Return one figure of a node's Prometheus metrics by its full name, or None if the node does not answer."""
+    async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
+        try:
+            async with session.get(_operator_url(config, "/metrics")) as response:
+                lines = (await response.text()).splitlines()
+        except (aiohttp.ClientError, TimeoutError):
+            return None
+    return next((float(line.split()[1]) for line in lines if line.startswith(name + " ")), None)
+
+
 def _operator_url(config: NodeConfig, path: str) -> str:
     return f"http://{config.host}:{config.operator_port}{path}"
 

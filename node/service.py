@@ -243,12 +243,14 @@ class Node:
     def describe(self) -> Mapping[str, Any]:
         """Return how the node is doing, ready for JSON."""
         core = self.core
+        position = self._executor.reader.position
         return {
             "name": self.config.name,
             "organisation": self._entry.organisation,
             "ready": self.is_ready(),
             "height": core.finalized.height + len(core.certified_branch()),
             "finalized_height": self._feed.height,
+            "state_root": position.state_root.hex() if position else None,
             "round": core.round,
             "epoch": core.epoch,
             "leader": self._leader_name(),

@@ -115,6 +115,6 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
         peers = len(seen["peers"]) if "peers" in seen else None
         custody = seen.get("custody_checkpoint")
-        cells = [*values, peers, seen.get("mempool_count"), custody]
+        cells = [*values, peers, seen.get("mempool"), custody]
         table.add_row(row.name, state, *("-" if cell is None else str(cell) for cell in cells))
     console.print(table)

@@ -19,7 +19,7 @@ from clients.robot.bag import make_bag
 from clients.robot.scenario import Scenario, published_run_1
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
-from network.cluster import Cluster
+from network.cluster import Cluster, read_metric
 from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
 from network.demo.processes import LongCommand, run_command, wallet_arguments
@@ -29,6 +29,7 @@ from network.layout import create_network
 
 RECORDING_TIMEOUT_S = 150.0
 WITHHELD_MAX_SHARE = 0.30
+_TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
 PATIENTS = ("patient-a", "patient-b")
 
@@ -394,7 +395,8 @@ class Demo:
                 break
             await asyncio.sleep(0.2)
         self.state.blocks = max(height for height, _ in tips)
-        self.state.transactions = max(int(status["transactions"]) for status in reports)
+        counts = [await read_metric(config, _TRANSACTIONS_METRIC) for config in self.running.configs.values()]
+        self.state.transactions = int(max(count or 0 for count in counts))
         self.checks.add(
             "all nodes hold the same state",
             ok=len(tips) == 1 and len(reports) == 4,
