@@ -41,6 +41,8 @@ from node.mempool import Mempool
 from node.storage.ledger_store import Position
 
 INLINE_TRANSACTIONS_MAX_COUNT = 24
+INLINE_SYNC_MAX_MS = 1.0
+SYNC_AVERAGED_COUNT = 16
 DRAIN_MAX_MS = 20
 JOURNAL_COMPACT_ABOVE_BYTES = 4 * 1024 * 1024
 _PATIENCE_TURNS = 2
@@ -123,7 +125,8 @@ class Engine:
         self._effects: deque[Effect] = deque()
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._draining = False
-        self._waiting: asyncio.Future[Event] | None = None
+        self._waiting: asyncio.Future[Event | None] | None = None
+        self._sync_ms = 0.0
         self._stopped = False
         self._pending = False
         self._branch: dict[bytes, frozenset[bytes]] = {}
@@ -220,13 +223,27 @@ class Engine:
                 log.critical("halted", reason=reason)
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
-        """Journal, then speak: a node that cannot write drops all that it wanted to say and says nothing more."""
+        """Journal, then speak. On a slow disk the sync is done in a thread, so that the event loop goes on."""
         try:
             for record in records:
                 self._journal.append(record)
+        except BlockRobotError as error:
+            self.fail(error.detail)
+            return
+        if self._sync_ms <= INLINE_SYNC_MAX_MS:
+            self._sync_journal()
+        else:
+            self._run_in_thread(self._sync_journal)
+
+    def _sync_journal(self) -> None:
+        """A node that cannot write drops all that it wanted to say and says nothing more."""
+        started = time.perf_counter()
+        try:
             self._journal.sync()
         except BlockRobotError as error:
             self.fail(error.detail)
+        taken_ms = (time.perf_counter() - started) * 1000
+        self._sync_ms += (taken_ms - self._sync_ms) / SYNC_AVERAGED_COUNT
 
     # Executing
 
@@ -236,17 +253,19 @@ class Engine:
         else:
             self._run_in_thread(lambda: self._verify(effect))
 
-    def _run_in_thread(self, work: Callable[[], Event]) -> None:
-        """Do the work in the executor's thread; the core gets nothing else before its result."""
-        future: asyncio.Future[Event] = self._loop.run_in_executor(self._executor.thread, work)
+    def _run_in_thread(self, work: Callable[[], Event | None]) -> None:
+        """Do the work in the executor's thread; no effect and no event is touched before it is done."""
+        future: asyncio.Future[Event | None] = self._loop.run_in_executor(self._executor.thread, work)
         self._waiting = future
         future.add_done_callback(self._resume)
 
-    def _resume(self, future: asyncio.Future[Event]) -> None:
+    def _resume(self, future: asyncio.Future[Event | None]) -> None:
         self._waiting = None
         if future.cancelled() or self._stopped:
             return
-        self._events.appendleft(future.result())
+        event = future.result()
+        if event is not None:
+            self._events.appendleft(event)
         self._drain()
 
     def _verify(self, effect: ExecuteBlock) -> Event:
