@@ -144,8 +144,13 @@ class Engine:
         self._stopped = True
         for handle in self._timers.values():
             handle.cancel()
-        if self._waiting is not None:
+        await self.stop_waiting()
+
+    async def stop_waiting(self) -> None:
+        """Wait until nothing is being executed or synced in a thread."""
+        while self._waiting is not None:
             await asyncio.wait([self._waiting])
+            await asyncio.sleep(0)
 
     @property
     def is_signing(self) -> bool:

@@ -1,0 +1,115 @@
+"""Who waits is told after the store holds the block, never before, and in order."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+from consensus.block import FinalityProof, QuorumCertificate
+from consensus.errors import BlockRobotError
+from node.finality import FinalityFeed, LedgerWriter
+from node.storage.ledger_store import Position
+
+TXID = bytes(32)
+PROOF = FinalityProof(
+    header_bytes=b"", child_header_bytes=b"", child_qc=QuorumCertificate(epoch=0, round=1, block_id=b"", votes=())
+)
+
+
+def _block(height: int, *txids: bytes) -> Any:
+    return SimpleNamespace(
+        header=SimpleNamespace(height=height), txids=frozenset(txids), to_stored=lambda: SimpleNamespace(height=height)
+    )
+
+
+def _position(height: int) -> Position:
+    return Position(height=height, block_id=bytes(32), state_root=bytes(32), timestamp_ms=height)
+
+
+class SlowLedger:
+    """A store whose commits end when the test says so."""
+
+    def __init__(self) -> None:
+        self.position = _position(0)
+        self.commits: list[list[int]] = []
+        self.may_commit = asyncio.Event()
+        self.refuses = False
+
+    async def commit(self, blocks: list[Any], finality: bytes) -> Position:
+        self.commits.append([block.height for block in blocks])
+        await self.may_commit.wait()
+        if self.refuses:
+            raise BlockRobotError("STORAGE_UNWRITABLE")
+        return _position(blocks[-1].height)
+
+
+def _start(ledger: SlowLedger) -> tuple[LedgerWriter, list[tuple[list[int], int]], list[str]]:
+    writer = LedgerWriter(ledger)  # type: ignore[arg-type]
+    told: list[tuple[list[int], int]] = []
+    failures: list[str] = []
+    writer.add_listener(
+        lambda blocks, _, position: told.append(([block.header.height for block in blocks], position.height))
+    )
+    writer.start(on_failure=failures.append, between_events=lambda action: action())
+    return writer, told, failures
+
+
+async def _let_run() -> None:
+    for _ in range(5):
+        await asyncio.sleep(0)
+
+
+async def test_nobody_is_told_of_a_block_that_is_not_stored_yet() -> None:
+    ledger = SlowLedger()
+    writer, told, _ = _start(ledger)
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    assert (ledger.commits, told) == ([[1]], [])
+    ledger.may_commit.set()
+    await writer.stop()
+    assert told == [([1], 1)]
+
+
+async def test_blocks_that_wait_are_stored_together_and_none_twice() -> None:
+    ledger = SlowLedger()
+    writer, told, _ = _start(ledger)
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    writer.store([_block(2)], PROOF)
+    writer.store([_block(2), _block(3)], PROOF)
+    ledger.may_commit.set()
+    await writer.stop()
+    assert ledger.commits == [[1], [2, 3]]
+    assert told == [([1], 1), ([2, 3], 3)]
+
+
+async def test_a_store_that_takes_no_more_stops_the_node_from_signing_and_tells_nobody() -> None:
+    ledger = SlowLedger()
+    ledger.refuses = True
+    writer, told, failures = _start(ledger)
+    writer.store([_block(1)], PROOF)
+    ledger.may_commit.set()
+    await writer.stop()
+    assert told == []
+    assert len(failures) == 1
+
+
+async def test_a_waiter_for_a_transaction_hears_of_it_and_one_that_expired_hears_so() -> None:
+    feed, other = FinalityFeed(0), bytes([1]) * 32
+    final = asyncio.ensure_future(feed.wait_final(TXID, 10_000))
+    expired = asyncio.ensure_future(feed.wait_final(other, 10_000))
+    await _let_run()
+    feed.publish([_block(1, TXID)], PROOF, _position(1))
+    feed.give_up([other])
+    assert await final is True
+    assert await expired is False
+
+
+async def test_a_waiter_whose_time_is_over_leaves_nothing_behind() -> None:
+    feed = FinalityFeed(3)
+    assert await feed.wait_final(TXID, 1) is False
+    assert await feed.wait_above(3, 1) is False
+    assert await feed.wait_above(2, 1) is True
+    assert not feed._transactions
+    assert not feed._heights
