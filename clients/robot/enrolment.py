@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from clients.robot.identity import RobotIdentity
-from clients.sdk.enrolment import NewMember, register_member
+from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import NetworkClient
 from consensus.genesis import Genesis
 from consensus.records.vouchers import decode_card_code
 
 
-async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -> bytes:
-    """Register and return the txid. Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses."""
+async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -> Registration:
+    """Register with the card's code. Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses."""
     card = decode_card_code(code)
     member = NewMember(
         identity=identity.identity,

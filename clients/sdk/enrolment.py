@@ -21,6 +21,14 @@ class NewMember:
     sealing: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """A final registration: its transaction, and the member key that the chain recovered and holds (33 bytes)."""
+
+    txid: bytes
+    member: bytes
+
+
 def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purposes: list[str]) -> list[Any]:
     """Return the arguments of `identity.register`, bound to these keys by the card's signature."""
     signature = sign_card(
@@ -46,12 +54,13 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
 
 
 async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> bytes:
-    """Register and wait until it is final, then check that the chain maps handle to M. Returns the txid.
+    """Register and wait until it is final, then check that the chain maps handle to M.
 
     Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.
     """
     arguments = registration_arguments(card, member, client.genesis.chain_id, purposes)
     receipt = await client.call(member.identity, "identity", "register", arguments)
-    if await client.state_value("identity", b"handle/" + card.handle, member.identity) != member.identity.public_key:
+    recovered = await client.state_value("identity", b"handle/" + card.handle, member.identity)
+    if recovered != member.identity.public_key:
         raise BlockRobotError("PROOF_INVALID", "The chain does not map the card's handle to this key.")
-    return receipt.txid
+    return Registration(txid=receipt.txid, member=recovered)

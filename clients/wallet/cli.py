@@ -152,9 +152,9 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
 @plain_errors
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
     """Register with the CODE on your card, and consent to the purposes named."""
-    txid = _run(ctx, lambda opened: opened.register(code, list(purposes)))
+    done = _run(ctx, lambda opened: opened.register(code, list(purposes)))
     if as_json:
-        print_json({"ok": True, "txid": txid.hex(), "purposes": list(purposes)})
+        print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)})
     else:
         console.print(f"You are registered, and consent to: {', '.join(purposes)}.")
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clients.sdk.enrolment import NewMember, register_member
+from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
@@ -73,8 +73,8 @@ class Wallet:
         """Derive the private key of one visit."""
         return owner_key(visit, self.keys, self.genesis.chain_id)
 
-    async def register(self, code: str, purposes: list[str]) -> bytes:
-        """Register with the code on the card, consenting to the purposes. Returns the txid.
+    async def register(self, code: str, purposes: list[str]) -> Registration:
+        """Register with the code on the card, consenting to the purposes.
 
         Raises VOUCHER_INVALID for a damaged code, NOT_PERMITTED with the contract's code if the chain refuses.
         """
@@ -86,11 +86,11 @@ class Wallet:
             view=keys.view.public_key,
             sealing=keys.sealing_public,
         )
-        txid = await register_member(self.network, card, member, purposes)
+        registration = await register_member(self.network, card, member, purposes)
         content = self.store.content
         content.handle, content.role = card.handle, card.role
         self.store.save()
-        return txid
+        return registration
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
         """Return proved values of any number of flat keys, in the session of one key; None for what is absent."""
