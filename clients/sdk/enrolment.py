@@ -53,7 +53,7 @@ def registration_arguments(card: Card, member: NewMember, chain_id: bytes, purpo
     ]
 
 
-async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> bytes:
+async def register_member(client: NetworkClient, card: Card, member: NewMember, purposes: list[str]) -> Registration:
     """Register and wait until it is final, then check that the chain maps handle to M.
 
     Raises CALL_REFUSED with the contract's code if the chain refuses, PROOF_INVALID if it maps the handle elsewhere.

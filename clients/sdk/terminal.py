@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+import structlog
 from rich.console import Console
 
 from consensus.errors import BlockRobotError
@@ -25,6 +26,9 @@ EXIT_REFUSED = 4
 EXIT_NOT_FINAL = 5
 
 _STATUS_TO_EXIT = {404: EXIT_NOT_FOUND, 401: EXIT_REFUSED, 403: EXIT_REFUSED, 504: EXIT_NOT_FINAL}
+
+# What a command answers goes to standard output, alone; what it notes on the way goes to standard error.
+structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
 
 F = TypeVar("F", bound=Callable[..., Any])
 
