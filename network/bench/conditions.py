@@ -1,0 +1,47 @@
+"""Under what conditions a figure was measured, and the one form of every result. Must never round a failure away."""
+
+from __future__ import annotations
+
+import os
+import platform
+import statistics
+from collections.abc import Sequence
+from typing import Any
+
+
+def measure_conditions(*, nodes: int, seed: int | None = None, **more: Any) -> dict[str, Any]:
+    """Return what a figure depends on: nodes, cores this process may use, load before, interpreter, seed, and `more`.
+
+    `load` is the machine's load average of the last minute when the measurement began.
+    """
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "nodes": nodes,
+        "cores": cores,
+        "load": round(os.getloadavg()[0], 2),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+        "seed": seed,
+        **more,
+    }
+
+
+def percentile(values: Sequence[float], share: float) -> float:
+    """Return the smallest value that `share` (0 to 1) of the values do not exceed; 0.0 for none."""
+    if not values:
+        return 0.0
+    ordered = sorted(values)
+    place = max(0, min(len(ordered) - 1, round(share * len(ordered) + 0.5) - 1))
+    return ordered[place]
+
+
+def latency_figures(values_ms: Sequence[float], shares: Sequence[int] = (50, 95, 99)) -> dict[str, float]:
+    """Return `p50_ms` and so on, and `mean_ms`, of latencies in milliseconds."""
+    figures = {f"p{share}_ms": round(percentile(values_ms, share / 100), 2) for share in shares}
+    figures["mean_ms"] = round(statistics.fmean(values_ms), 2) if values_ms else 0.0
+    return figures
+
+
+def build_result(name: str, *, ok: bool, figures: dict[str, Any], conditions: dict[str, Any]) -> dict[str, Any]:
+    """Return the one object that a measurement prints with `--json`."""
+    return {"name": name, "ok": ok, "figures": figures, "conditions": conditions}

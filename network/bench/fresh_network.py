@@ -1,0 +1,154 @@
+"""A network made for one measurement: real node processes, registered robots with a visit open each, nothing kept.
+
+Must never touch a network that somebody uses: it lives in a temporary folder on ports that were free.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import shutil
+import socket
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from clients.registrar.desk import Desk
+from clients.sdk.enrolment import NewMember, register_member
+from clients.sdk.http import NetworkClient
+from consensus.genesis import Genesis
+from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.primitives.keys import PrivateKey
+from consensus.records.envelopes import RECORD_ID_BYTES
+from consensus.records.owner_keys import open_visit_keys
+from consensus.records.vouchers import Card, decode_card_code
+from consensus.transaction import Transaction
+from network.cluster import Cluster
+from network.layout import PORTS_PER_NODE, create_network
+
+HOST = "127.0.0.1"
+PURPOSE = "demo"
+LIFETIME_MS = 9 * 60 * 1000
+_BASE_PORTS = range(20_000, 32_000, 100)
+_LISTENERS_COUNT = 3
+
+
+def _is_free(port: int) -> bool:
+    with socket.socket() as probe:
+        try:
+            probe.bind((HOST, port))
+        except OSError:
+            return False
+    return True
+
+
+def find_base_port(nodes: int) -> int:
+    """Return a base port whose ports are all free now, below those that the system hands out by itself."""
+    while True:
+        base = secrets.choice(_BASE_PORTS)
+        ports = (base + PORTS_PER_NODE * node + offset for node in range(nodes) for offset in range(_LISTENERS_COUNT))
+        if all(_is_free(port) for port in ports):
+            return base
+
+
+@dataclass(frozen=True, slots=True)
+class LoadRobot:
+    """A registered robot with an open visit, and a client that speaks to one node."""
+
+    key: PrivateKey
+    owner: bytes
+    bucket_ms: int
+    client: NetworkClient
+
+    def sign_record(self) -> Transaction:
+        """Sign one more record of the open visit: the call that a working robot makes most, with random roots."""
+        arguments = [
+            secrets.token_bytes(RECORD_ID_BYTES),
+            self.owner,
+            secrets.token_bytes(32),
+            secrets.token_bytes(32),
+            secrets.token_bytes(SEALED_METADATA_BYTES),
+            self.bucket_ms,
+            self.bucket_ms + RETENTION_DEFAULT_MS,
+        ]
+        return self.client.transactions.build(self.key, "records", "record", arguments, lifetime_ms=LIFETIME_MS)
+
+
+class FreshNetwork:
+    """A network that lasts for one measurement. Use as `async with`."""
+
+    def __init__(self, nodes: int) -> None:
+        self._nodes_count = nodes
+        self._folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
+        self._clients: list[NetworkClient] = []
+        self._cluster: Cluster | None = None
+        self._genesis: Genesis | None = None
+
+    @property
+    def genesis(self) -> Genesis:
+        """The network's genesis file."""
+        assert self._genesis is not None
+        return self._genesis
+
+    async def __aenter__(self) -> FreshNetwork:
+        try:
+            place = self._folder / "network"
+            self._genesis = create_network(
+                place,
+                nodes=self._nodes_count,
+                organisations=min(2, self._nodes_count),
+                base_port=find_base_port(self._nodes_count),
+            )
+            self._cluster = Cluster(place)
+            self._cluster.start_all()
+            await self._cluster.wait_ready()
+        except BaseException:
+            await self._close()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self._close()
+
+    async def _close(self) -> None:
+        for client in self._clients:
+            await client.close()
+        if self._cluster is not None:
+            await asyncio.to_thread(self._cluster.stop_all)
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+    def client_of(self, number: int) -> NetworkClient:
+        """Return a new client that speaks to one node, the nodes taking turns by `number`."""
+        node = self.genesis.nodes[number % len(self.genesis.nodes)]
+        client = NetworkClient(self.genesis, {node.name: node.api_url})
+        self._clients.append(client)
+        return client
+
+    async def enrol_robots(self, count: int) -> list[LoadRobot]:
+        """Register robots and open a visit for each, all final when this returns. Raises CALL_REFUSED and the like."""
+        organisation = self.genesis.organisations[0].name
+        desk = Desk(self._folder / "network" / "organisations" / organisation, self.genesis)
+        cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]
+        return list(await asyncio.gather(*(self._enrol(number, card) for number, card in enumerate(cards))))
+
+    async def _enrol(self, number: int, card: Card) -> LoadRobot:
+        key, spend, view = (PrivateKey(secrets.token_bytes(32)) for _ in range(3))
+        client = self.client_of(number)
+        member = NewMember(identity=key, spend=spend.public_key, view=view.public_key, sealing=secrets.token_bytes(32))
+        await register_member(client, card, member, [])
+        visit = open_visit_keys(
+            secrets.token_bytes(32),
+            view.public_key,
+            spend.public_key,
+            chain_id=self.genesis.chain_id,
+            robot=key.public_key,
+        )
+        now_ms = time.time_ns() // 1_000_000
+        bucket_ms = now_ms - now_ms % TIME_BUCKET_MS
+        arguments = [visit.owner, visit.ephemeral, visit.view_tag, bucket_ms, PURPOSE]
+        await client.call(key, "records", "open_visit", arguments)
+        return LoadRobot(key=key, owner=visit.owner, bucket_ms=bucket_ms, client=client)

@@ -1,0 +1,46 @@
+"""How long one call takes on an idle network, as a client sees it: signed, submitted, final, and the receipt proved.
+
+Must never overlap two calls: the network is idle between them.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from network.bench.conditions import build_result, latency_figures, measure_conditions
+from network.bench.fresh_network import FreshNetwork
+
+PAUSE_MS = 50
+WARM_UP_COUNT = 3
+
+
+async def run_latency_benchmark(*, count: int, nodes: int) -> dict[str, Any]:
+    """Make a network, call it `count` times with pauses, and return `p50_ms`, `p95_ms`, `p99_ms`, `mean_ms`, `count`.
+
+    The time runs from before signing to after the client has verified receipt and finality against the genesis file.
+    """
+    conditions = measure_conditions(nodes=nodes, clients=1, pause_ms=PAUSE_MS, call="records.record")
+    values_ms: list[float] = []
+    errors: dict[str, int] = {}
+    async with FreshNetwork(nodes) as network:
+        (robot,) = await network.enrol_robots(1)
+        for number in range(WARM_UP_COUNT + count):
+            await asyncio.sleep(PAUSE_MS / 1000)
+            started_s = time.perf_counter()
+            try:
+                (await robot.client.submit_and_wait(robot.sign_record())).require_ok()
+            except BlockRobotError as error:
+                errors[error.code] = errors.get(error.code, 0) + 1
+                continue
+            if number >= WARM_UP_COUNT:
+                values_ms.append((time.perf_counter() - started_s) * 1000)
+    figures: dict[str, Any] = {
+        **latency_figures(values_ms),
+        "count": len(values_ms),
+        "errors": sum(errors.values()),
+        "error_codes": errors,
+    }
+    return build_result("latency", ok=bool(values_ms) and not errors, figures=figures, conditions=conditions)

@@ -1,0 +1,89 @@
+"""`blockrobot bench`: figures of what the network does. Must never exit 0 after an error."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from typing import Any
+
+import click
+from rich.table import Table
+
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+
+
+@click.group()
+def bench() -> None:
+    """Measure the network; exits 0 only if nothing failed.
+
+    Example: blockrobot bench tx --clients 16 --seconds 10 --json
+    """
+
+
+@bench.command()
+@click.option("--clients", default=16, show_default=True, type=click.IntRange(1, 256), help="Robots at once.")
+@click.option("--seconds", default=10.0, show_default=True, type=click.FloatRange(0.5, 240.0), help="How long.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
+@click.option("--batch", default=16, show_default=True, type=click.IntRange(1, 256), help="Calls a request.")
+@json_option
+@plain_errors
+def tx(clients: int, seconds: float, nodes: int, batch: int, as_json: bool) -> None:
+    """Measure calls a second, and how long each takes, with many robots at once.
+
+    Example: blockrobot bench tx --clients 8 --batch 32
+    """
+    from network.bench.tx import LoadOptions, run_tx_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    options = LoadOptions(clients=clients, seconds=seconds, nodes=nodes, batch=batch)
+    _finish(asyncio.run(run_tx_benchmark(options)), as_json=as_json)
+
+
+@bench.command()
+@click.option("--count", default=100, show_default=True, type=click.IntRange(1, 5_000), help="How many calls.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, 21), help="Node processes.")
+@json_option
+@plain_errors
+def latency(count: int, nodes: int, as_json: bool) -> None:
+    """Measure how long one call takes on an idle network, with the proof checked.
+
+    Example: blockrobot bench latency --count 200 --json
+    """
+    from network.bench.latency import run_latency_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    _finish(asyncio.run(run_latency_benchmark(count=count, nodes=nodes)), as_json=as_json)
+
+
+@bench.command()
+@click.option("--seconds", default=3.0, show_default=True, type=click.FloatRange(0.1, 120.0), help="CPU time to spend.")
+@json_option
+@plain_errors
+def vm(seconds: float, as_json: bool) -> None:
+    """Measure the contract machine alone: no network, no signatures, no disk.
+
+    Example: blockrobot bench vm --seconds 1
+    """
+    from network.bench.vm import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    _finish(run_vm_benchmark(seconds), as_json=as_json)
+
+
+def _finish(result: dict[str, Any], *, as_json: bool) -> None:
+    """Print a result and exit 1 if it is not `ok`."""
+    if as_json:
+        print_json(result)
+    else:
+        console.print(_table(result))
+    if not result["ok"]:
+        sys.exit(EXIT_FAILED)
+
+
+def _table(result: dict[str, Any]) -> Table:
+    table = Table(title=f"{result['name']}: {'ok' if result['ok'] else 'FAILED'}", title_justify="left")
+    table.add_column("figure")
+    table.add_column("value", justify="right")
+    for name, value in result["figures"].items():
+        table.add_row(name, str(value))
+    table.add_section()
+    for name, value in result["conditions"].items():
+        table.add_row(name, str(value))
+    return table

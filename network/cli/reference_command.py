@@ -1,0 +1,47 @@
+"""`blockrobot reference`: makes the reference pages again from the code. Must never be the place where they are edited."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("docs/reference"),
+    show_default=True,
+    help="The folder of the pages.",
+)
+@click.option("--check", is_flag=True, help="Write nothing; exit 1 if a page is not current.")
+@json_option
+@plain_errors
+def reference(out: Path, check: bool, as_json: bool) -> None:
+    """Write http-api.md and errors.md, made from the tables in the code.
+
+    Example: blockrobot reference --check
+    """
+    from node.api.reference import pages  # noqa: PLC0415 - a node's code, only when it is needed
+
+    stale = [name for name, text in pages().items() if _read(out / name) != text]
+    if not check:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in pages().items():
+            (out / name).write_text(text, encoding="utf-8")
+    if as_json:
+        print_json({"ok": not (check and stale), "folder": str(out), "changed": stale, "written": not check})
+    elif check:
+        console.print(f"Not current: {', '.join(stale)}." if stale else "Every page is current.")
+    else:
+        console.print(f"Changed: {', '.join(stale)}." if stale else "Nothing changed.")
+    if check and stale:
+        sys.exit(EXIT_FAILED)
+
+
+def _read(path: Path) -> str | None:
+    return path.read_text(encoding="utf-8") if path.is_file() else None

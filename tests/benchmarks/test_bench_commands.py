@@ -1,0 +1,55 @@
+"""The benchmarks run against real nodes and answer in the one form of results. Short runs: figures are not judged here."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def run(*arguments: str) -> dict[str, Any]:
+    command = [sys.executable, "-m", "network.cli.main", "bench", *arguments, "--json"]
+    child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert child.returncode == 0, child.stdout + child.stderr
+    result: dict[str, Any] = json.loads(child.stdout)
+    return result
+
+
+def check_form(result: dict[str, Any], name: str) -> dict[str, Any]:
+    """Assert the one form of every result and return its figures."""
+    assert (result["name"], result["ok"]) == (name, True)
+    assert {"nodes", "cores", "load", "python", "seed"} <= set(result["conditions"])
+    return dict(result["figures"])
+
+
+def test_calls_a_second_with_several_robots() -> None:
+    figures = check_form(run("tx", "--clients", "3", "--seconds", "1", "--batch", "8"), "tx")
+    assert figures["errors"] == 0
+    assert figures["count"] >= 24
+    assert figures["tps"] > 10
+    assert 0 < figures["p50_ms"] <= figures["p95_ms"] <= figures["p99_ms"]
+
+
+def test_latency_of_one_call_on_an_idle_network() -> None:
+    figures = check_form(run("latency", "--count", "5"), "latency")
+    assert (figures["count"], figures["errors"]) == (5, 0)
+    assert 0 < figures["p50_ms"] <= figures["p95_ms"]
+
+
+def test_the_contract_machine_alone() -> None:
+    figures = check_form(run("vm", "--seconds", "0.2"), "vm")
+    assert all(value > 0 for value in figures.values())
+
+
+@pytest.mark.parametrize("arguments", [("tx", "--clients", "0"), ("tx", "--batch", "257"), ("latency", "--count", "x")])
+def test_a_wrong_option_is_a_matter_of_usage(arguments: tuple[str, ...]) -> None:
+    command = [sys.executable, "-m", "network.cli.main", "bench", *arguments]
+    child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert child.returncode == 2
+    assert "Error" in child.stderr
