@@ -64,7 +64,9 @@ def vm(seconds: float, as_json: bool) -> None:
     """
     from network.bench.vm import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
-    _finish(run_vm_benchmark(seconds), as_json=as_json)
+    result = run_vm_benchmark(seconds)
+    result["conditions"] = {"nodes": 0, "seed": None, **result["conditions"]}
+    _finish(result, as_json=as_json)
 
 
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:
