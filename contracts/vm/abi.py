@@ -1,4 +1,4 @@
-"""The application binary interface: what annotations mean, and the check of arguments against them. Must never convert a value.
+"""The ABI: what annotations mean, and the check of arguments against them. Must never convert a value.
 
 A type is written as in Python: `int`, `str`, `bytes`, `bool`, `list`, `dict`, `tuple`, `object` (any value), `None`,
 `list[T]`, `dict[K, V]`, and unions of these with `|`.

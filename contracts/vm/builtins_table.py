@@ -14,7 +14,7 @@ from typing import Any
 from contracts.vm.faults import VALUE_ERROR, Fault, is_author_code
 from contracts.vm.meter import Runtime
 from contracts.vm.methods import INT_BYTES_MAX, list_of, sorted_list
-from contracts.vm.operations import RANGE_LIMIT, iterate
+from contracts.vm.operations import RANGE_LIMIT
 from contracts.vm.values import (
     DICT_ENTRY_BYTES,
     HEADER_BYTES,
@@ -29,6 +29,7 @@ from contracts.vm.values import (
     type_fault,
 )
 
+_SIZED = frozenset((str, bytes, list, dict, tuple, range))
 _INT_TEXT = re.compile(r"[+-]?[0-9]{1,78}", re.ASCII)
 _HEX_TEXT = re.compile(r"(?:[0-9a-fA-F]{2})*", re.ASCII)
 TYPES: dict[str, type] = {
@@ -47,7 +48,7 @@ class Builtin:
 
 
 def _length(runtime: Runtime, value: Any) -> int:
-    if type(value) in (str, bytes, list, dict, tuple, range):
+    if type(value) in _SIZED:
         return len(value)
     raise type_fault("len", value)
 

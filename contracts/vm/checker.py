@@ -1,4 +1,4 @@
-"""The checker: decides whether a parsed source is in the contract language, and says where not. Must never stop at the first problem.
+"""The checker: is a parsed source in the contract language, and where not? Must never stop at the first problem.
 
 What it lets through the compiler can translate; every node type is refused unless it is named here.
 """
@@ -51,7 +51,10 @@ def check_source(source: str, name: str) -> SourceFacts:
 
 
 def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
-    return tuple(sorted(set(diagnostics), key=lambda one: (one.line, one.column, one.code)))
+    first: dict[tuple[int, int], Diagnostic] = {}
+    for one in diagnostics:
+        first.setdefault((one.line, one.column), one)
+    return tuple(first[place] for place in sorted(first))
 
 
 def _parse(source: str, name: str, diagnostics: list[Diagnostic]) -> ast.Module:
@@ -84,7 +87,9 @@ class Checker(ExpressionChecker):
             self._function(facts)
         self._check_views()
         if not any(facts.kind for facts in self.facts.functions.values()):
-            self.report(tree, "NO_ENTRY", "The contract has no entry.", "Mark a function with @export, @view or @genesis.")
+            self.report(
+                tree, "NO_ENTRY", "The contract has no entry.", "Mark a function with @export, @view or @genesis."
+            )
 
     def _refuse_statement(self, node: ast.stmt, otherwise: str) -> None:
         message, fix = _REFUSED.get(type(node).__name__, (otherwise, "Move it into a function."))
@@ -140,7 +145,9 @@ class Checker(ExpressionChecker):
             self.report(node, "PARAMETERS", "There are no type parameters.", "Remove them.")
         for argument in arguments.args:
             if argument.arg in RESERVED:
-                self.report(argument, "NAME_RESERVED", f"{argument.arg} has a meaning of its own.", "Choose another name.")
+                self.report(
+                    argument, "NAME_RESERVED", f"{argument.arg} has a meaning of its own.", "Choose another name."
+                )
             if argument.annotation is None and kind:
                 message = f"The parameter {argument.arg} of an entry has no type."
                 self.report(argument, "ANNOTATION_MISSING", message, f"Write {argument.arg}: TYPE. {TYPE_HELP}")
@@ -162,7 +169,7 @@ class Checker(ExpressionChecker):
         for statement in body:
             self._statement(statement, in_loop=in_loop)
 
-    def _statement(self, node: ast.stmt, *, in_loop: bool) -> None:
+    def _statement(self, node: ast.stmt, *, in_loop: bool) -> None:  # noqa: PLR0912 - a case per node type
         match node:
             case ast.Assign():
                 self._assign(node)

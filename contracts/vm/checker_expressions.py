@@ -126,7 +126,9 @@ class ExpressionChecker:
         if self.is_local(name) or name in self.facts.constants:
             return
         if name in self.facts.functions or name in RESERVED:
-            self.report(node, "NOT_A_VALUE", f"{name} is not a value.", f"Call it, or use what belongs to it: {name}...")
+            self.report(
+                node, "NOT_A_VALUE", f"{name} is not a value.", f"Call it, or use what belongs to it: {name}..."
+            )
         else:
             fix = _BUILTIN_HINTS.get(name, "Define it, or see the reference for the names there are.")
             self.report(node, "NAME_UNKNOWN", f"There is no {name}.", fix)
@@ -183,7 +185,9 @@ class ExpressionChecker:
         for element in elements:
             if isinstance(element, ast.Name):
                 if element.id in RESERVED:
-                    self.report(element, "NAME_RESERVED", f"{element.id} has a meaning of its own.", "Choose another name.")
+                    self.report(
+                        element, "NAME_RESERVED", f"{element.id} has a meaning of its own.", "Choose another name."
+                    )
                 self.comprehension_names.append(element.id)
             else:
                 self.report(element, "ASSIGNMENT", "A comprehension's 'for' takes names.", "Use a loop.")
@@ -244,7 +248,9 @@ class ExpressionChecker:
             self.expression(node.func.value)
             if node.func.attr not in METHODS:
                 known = ", ".join(sorted(METHODS))
-                self.report(node.func, "METHOD_UNKNOWN", f"There is no method {node.func.attr}.", f"There are: {known}.")
+                self.report(
+                    node.func, "METHOD_UNKNOWN", f"There is no method {node.func.attr}.", f"There are: {known}."
+                )
             else:
                 found = bind_method(node.func.attr, node)
                 if isinstance(found, str):
@@ -278,7 +284,9 @@ class ExpressionChecker:
         facts = self.facts.functions[name]
         bound = bind(facts.params, facts.required, node)
         if isinstance(bound, str):
-            self.report(node, "ARGUMENTS", f"{name} {bound}", f"Its parameters are {', '.join(facts.params) or 'none'}.")
+            self.report(
+                node, "ARGUMENTS", f"{name} {bound}", f"Its parameters are {', '.join(facts.params) or 'none'}."
+            )
         if self.current is not None:
             self.current.calls.add(name)
 

@@ -92,8 +92,10 @@ def fast_add(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code)
     return Code(run)
 
 
-def fast_equal(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
-    """`left == right` where the right one is a slot: two ints are compared on the spot."""
+def fast_compare(
+    operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[Any, Any], bool], left: Code, right: Code
+) -> Code:
+    """A comparison where the right one is a slot: two ints are compared on the spot, by `of_ints`."""
     first, j = left.run, right.slot
     if j is None:
         return binary(operation, left, right)
@@ -101,7 +103,7 @@ def fast_equal(operation: Callable[[Any, Any, Any], Any], left: Code, right: Cod
     def run(frame: Frame) -> Any:
         one, other = first(frame), frame[j]
         if type(one) is int and type(other) is int:
-            return one == other
+            return of_ints(one, other)
         return operation(frame[0], one, other)
 
     return Code(run)
@@ -134,7 +136,9 @@ def call_function(function: Callable[..., Any], arguments: list[Code]) -> Code:
     return Code(lambda frame: function(frame[0], *[run(frame) for run in runs]))
 
 
-def call_method(name: str, table: dict[type, Callable[..., Any]], subject: Code, arguments: list[Code], fault: Any) -> Code:
+def call_method(
+    name: str, table: dict[type, Callable[..., Any]], subject: Code, arguments: list[Code], fault: Any
+) -> Code:
     """Call the method that the table lists for the type of the subject; `fault(name, subject)` makes the refusal."""
     inner, runs = subject.run, [argument.run for argument in arguments]
     find = table.get

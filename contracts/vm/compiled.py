@@ -77,9 +77,7 @@ def compile_contract(source: str, name: str) -> CompiledContract:
     codes = {key: FunctionCode(key, len(one.params)) for key, one in facts.functions.items()}
     for key, one in facts.functions.items():
         compile_function(one, codes[key], constants, facts.functions, codes, defaults)
-    entries = {
-        key: _entry(one, codes[key], tuple(defaults[key])) for key, one in facts.functions.items() if one.kind
-    }
+    entries = {key: _entry(one, codes[key], tuple(defaults[key])) for key, one in facts.functions.items() if one.kind}
     abi = Abi(name, tuple(one.entry for one in entries.values()))
     return CompiledContract(name, abi, sha256(source.encode()), flat_prefix(name), entries)
 
@@ -115,7 +113,7 @@ def _compute_constants(facts: SourceFacts, name: str) -> tuple[dict[str, Any], d
     return constants, defaults
 
 
-def _evaluate(node: ast.expr, constants: dict[str, Any], runtime: Runtime) -> Any:
+def _evaluate(node: ast.expr, constants: dict[str, Any], runtime: Runtime) -> Any:  # noqa: PLR0911 - one per node type
     runtime.charge(1)
     match node:
         case ast.Constant():

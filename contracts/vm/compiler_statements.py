@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 from contracts.vm.builtins_table import require_fault
 from contracts.vm.closures import Code, Frame, Run
@@ -18,9 +18,9 @@ from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, dotted_nam
 from contracts.vm.operations import BINARY, delete_item, get_item, iterate, set_item
 from contracts.vm.values import MISSING, Mark
 
-RETURN = Mark("return")
-BREAK = Mark("break")
-CONTINUE = Mark("continue")
+RETURN: Final = Mark("return")
+BREAK: Final = Mark("break")
+CONTINUE: Final = Mark("continue")
 LOOP_STEP_GAS = 1
 FRAMES_PER_CALL = 12
 
@@ -45,7 +45,7 @@ class StatementCompiler(ExpressionCompiler):
         self.cost = outer_cost
         return run, leaves
 
-    def _statement(self, node: ast.stmt) -> tuple[Run | None, bool]:
+    def _statement(self, node: ast.stmt) -> tuple[Run | None, bool]:  # noqa: PLR0911 - one per node type
         match node:
             case ast.Assign():
                 return self._store(node.targets[0], self.expression(node.value)), False
@@ -198,7 +198,7 @@ class StatementCompiler(ExpressionCompiler):
         body, _ = self.block(node.body)
         self.scope.definite = before
 
-        def loop(frame: Frame) -> Mark | None:
+        def loop(frame: Frame) -> Any:
             runtime = frame[0]
             while True:
                 runtime.gas -= step_cost
@@ -267,7 +267,7 @@ def _choose(branches: list[tuple[Run, Run]], otherwise: Run | None) -> Run:
 
 
 def _for_one(source: Run, slot: int, body: Run) -> Run:
-    def loop(frame: Frame) -> Mark | None:
+    def loop(frame: Frame) -> Any:
         for item in iterate(frame[0], source(frame)):
             frame[slot] = item
             signal = body(frame)
@@ -282,7 +282,7 @@ def _for_one(source: Run, slot: int, body: Run) -> Run:
 
 
 def _for_many(source: Run, bind_items: Callable[[Frame, Any], None], body: Run) -> Run:
-    def loop(frame: Frame) -> Mark | None:
+    def loop(frame: Frame) -> Any:
         for item in iterate(frame[0], source(frame)):
             bind_items(frame, item)
             signal = body(frame)

@@ -43,7 +43,7 @@ def is_author_code(code: str) -> bool:
     return _AUTHOR_CODE.fullmatch(code) is not None and code not in VM_CODES
 
 
-class Fault(Exception):
+class Fault(Exception):  # noqa: N818 - a receipt's code, not a programming error
     """A contract's failure. `line` is filled in by the innermost statement that was running."""
 
     def __init__(self, code: str, message: str, line: int | None = None) -> None:
@@ -53,7 +53,7 @@ class Fault(Exception):
         super().__init__(f"{code}: {message}")
 
 
-class InternalFault(Exception):
+class InternalFault(Exception):  # noqa: N818 - the counterpart of Fault
     """The interpreter or its host failed in a way nobody foresaw; the call has no result at all."""
 
 

@@ -12,8 +12,17 @@ from typing import Any, Literal
 
 from contracts.vm.abi import check_arguments
 from contracts.vm.compiled import CompiledContract, CompiledEntry
-from contracts.vm.faults import ARGUMENTS_INVALID, CALL_DEPTH, ENTRY_UNKNOWN, OK, OUT_OF_GAS, REENTRANT, TYPE_ERROR
-from contracts.vm.faults import Fault, InternalFault
+from contracts.vm.faults import (
+    ARGUMENTS_INVALID,
+    CALL_DEPTH,
+    ENTRY_UNKNOWN,
+    OK,
+    OUT_OF_GAS,
+    REENTRANT,
+    TYPE_ERROR,
+    Fault,
+    InternalFault,
+)
 from contracts.vm.meter import GENESIS_WRITES_MAX_COUNT, WRITES_MAX_COUNT, CallContext, HostInterface, Runtime
 from contracts.vm.values import copy_across, fresh_constant
 
@@ -57,7 +66,9 @@ def invoke(
     Raises InternalFault if the interpreter or the host fails in an unforeseen way: then there is no result.
     """
     writes_max = GENESIS_WRITES_MAX_COUNT if mode == "genesis" else WRITES_MAX_COUNT
-    runtime = Runtime(contracts, host, context, gas_limit, _enter_by_call, read_only=mode == "view", writes_max=writes_max)
+    runtime = Runtime(
+        contracts, host, context, gas_limit, _enter_by_call, read_only=mode == "view", writes_max=writes_max
+    )
     try:
         found = _find(runtime, contract, entry, (mode,))
         given = _copy_arguments(runtime, args)

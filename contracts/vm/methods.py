@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from contracts.vm.faults import INDEX_ERROR, KEY_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
@@ -41,12 +41,15 @@ class Method:
 
 
 METHODS: dict[str, dict[type, Method]] = {}
+MethodFunction = TypeVar("MethodFunction", bound=Callable[..., Any])
 
 
-def _method(kinds: type | tuple[type, ...], name: str, params: str = "", required: int | None = None) -> Any:
+def _method(
+    kinds: type | tuple[type, ...], name: str, params: str = "", required: int | None = None
+) -> Callable[[MethodFunction], MethodFunction]:
     names = tuple(params.split())
 
-    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+    def register(function: MethodFunction) -> MethodFunction:
         for kind in kinds if isinstance(kinds, tuple) else (kinds,):
             METHODS.setdefault(name, {})[kind] = Method(function, names, len(names) if required is None else required)
         return function

@@ -73,7 +73,9 @@ class Bound:
     arguments: tuple[ast.expr | None, ...]
 
 
-def bind(params: Sequence[str], required: int, call: ast.Call, *, variadic: bool = False) -> Bound | str:
+def bind(  # noqa: PLR0911 - each return is another way not to fit
+    params: Sequence[str], required: int, call: ast.Call, *, variadic: bool = False
+) -> Bound | str:
     """Match a call's arguments to parameters. Returns what is wrong as a sentence if they do not fit."""
     if variadic:
         if call.keywords:
@@ -85,8 +87,10 @@ def bind(params: Sequence[str], required: int, call: ast.Call, *, variadic: bool
         return f"takes at most {len(params)} arguments, not {len(call.args)}."
     slots: list[ast.expr | None] = [*call.args, *[None] * (len(params) - len(call.args))]
     for keyword in call.keywords:
+        if keyword.arg is None:
+            return "does not take '**'."
         if keyword.arg not in params:
-            return f"has no parameter {keyword.arg}." if keyword.arg else "does not take '**'."
+            return f"has no parameter {keyword.arg}."
         place = list(params).index(keyword.arg)
         if slots[place] is not None:
             return f"gets {keyword.arg} twice."

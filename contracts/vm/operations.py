@@ -3,7 +3,7 @@
 Each function takes the runtime and the operands, charges for the data it touches, and either returns a contract value
 or raises a `Fault`. A bool is not an int, 1 == True is False, and nothing is converted silently.
 """
-# ruff: noqa: ARG001, PLR0911, PLR0912 - one signature for all operators; a branch per type is the subject here
+# ruff: noqa: ARG001 - one signature for all operators; a branch per type is the subject here
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from contracts.vm.values import (
     HEADER_BYTES,
     INT_LIMIT,
     ITEM_BYTES,
+    MISSING,
     check_dict_key,
     check_int,
     need_int,
@@ -265,9 +266,11 @@ def get_item(runtime: Runtime, container: Any, key: Any) -> Any:
     """`container[key]`."""
     kind = type(container)
     if kind is dict:
-        check_dict_key(key)
-        if key in container:
-            return container[key]
+        if type(key) is not str:
+            check_dict_key(key)
+        value = container.get(key, MISSING)
+        if value is not MISSING:
+            return value
         raise Fault(KEY_ERROR, f"The dict has no key{_key_text(key)}.")
     if kind in _INDEXED:
         return container[check_index(container, key)]
@@ -367,6 +370,12 @@ BINARY: dict[str, Operation] = {
     "BitXor": _bitwise("'^'", operator.xor),
 }
 UNARY: dict[str, Callable[[Runtime, Any], Any]] = {"USub": negate, "UAdd": plus, "Invert": invert}
+ORDER: dict[str, Callable[[Any, Any], bool]] = {
+    "Lt": operator.lt,
+    "LtE": operator.le,
+    "Gt": operator.gt,
+    "GtE": operator.ge,
+}
 COMPARE: dict[str, Operation] = {
     "Eq": equal,
     "NotEq": not_equal,

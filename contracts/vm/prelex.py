@@ -34,7 +34,7 @@ _TOKEN = re.compile(
     re.VERBOSE | re.DOTALL,
 )
 _FIELD = re.compile(r"\{[A-Za-z0-9_ .,+\-*()\[\]]{1,80}\}", re.ASCII)
-_GOOD_ESCAPES = {"str": re.compile(r"\\(?:[\\'\"nrt\n]|x[0-9a-fA-F]{2}|u[0-9a-fA-F]{4}|U00(?:0[0-9a-fA-F]|10)[0-9a-fA-F]{4})")}
+_GOOD_ESCAPE = re.compile(r"\\(?:[\\'\"nrt\n]|x[0-9a-fA-F]{2}|u[0-9a-fA-F]{4}|U00(?:0[0-9a-fA-F]|10)[0-9a-fA-F]{4})")
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]|\\U0000[dD][89a-fA-F]")
 _WORD_OPERATORS = frozenset({"not", "and", "or", "if", "else", "in", "is", "for", "lambda", "await", "async"})
 _FREE_SIGNS = frozenset("()[]{},:")
@@ -66,7 +66,9 @@ def prelex(source: str) -> tuple[list[Diagnostic], bool]:
     """Return the problems of a source's text and whether they forbid parsing it at all."""
     state = _State(source)
     if len(source) > SOURCE_MAX_BYTES or len(source.encode("utf-8", "replace")) > SOURCE_MAX_BYTES:
-        state.report("SOURCE_TOO_LONG", 0, f"A source has at most {SOURCE_MAX_BYTES} bytes.", "Split the contract.", fatal=True)
+        state.report(
+            "SOURCE_TOO_LONG", 0, f"A source has at most {SOURCE_MAX_BYTES} bytes.", "Split the contract.", fatal=True
+        )
         return state.diagnostics, True
     position = 0
     while position < len(source) and not (state.fatal and len(state.diagnostics) > 20):
@@ -87,11 +89,17 @@ def _report_stray(state: _State, position: int) -> None:
     if character == "\t":
         state.report("TAB", position, "There is a tab.", "Indent with spaces.", fatal=True)
     elif character == "\r":
-        state.report("LINE_END", position, "There is a carriage return.", "End lines with a line feed only.", fatal=True)
+        state.report(
+            "LINE_END", position, "There is a carriage return.", "End lines with a line feed only.", fatal=True
+        )
     elif character in "\"'":
-        state.report("STRING_OPEN", position, "A text is not closed on its line.", "Close it with the same quote.", fatal=True)
+        state.report(
+            "STRING_OPEN", position, "A text is not closed on its line.", "Close it with the same quote.", fatal=True
+        )
     elif ord(character) > 127:
-        state.report("NOT_ASCII", position, "Outside texts and comments a source is ASCII.", "Use ASCII letters.", fatal=True)
+        state.report(
+            "NOT_ASCII", position, "Outside texts and comments a source is ASCII.", "Use ASCII letters.", fatal=True
+        )
     else:
         state.report("CHARACTER", position, "This character has no meaning here.", "Remove it.", fatal=True)
 
@@ -130,7 +138,9 @@ def _take(state: _State, match: re.Match[str]) -> None:
 def _check_comment(state: _State, match: re.Match[str]) -> None:
     for offset, character in enumerate(match[0]):
         if ord(character) < 32 and character != "\t":
-            state.report("CHARACTER", match.start() + offset, "A comment holds a control character.", "Remove it.", fatal=True)
+            state.report(
+                "CHARACTER", match.start() + offset, "A comment holds a control character.", "Remove it.", fatal=True
+            )
     if "coding" in match[0] and state.line <= 2 and re.search(r"coding[=:]", match[0]):
         state.report("ENCODING_COMMENT", match.start(), "A source is always UTF-8.", "Remove the comment.", fatal=True)
 
@@ -153,30 +163,37 @@ def _begin_line(state: _State, match: re.Match[str]) -> None:
     if len(state.indents) > INDENT_MAX_COUNT + 1 or indent > INDENT_MAX_CHARS:
         state.report(
             "NESTED_TOO_DEEP", match.start(),
-            f"Blocks nest at most {INDENT_MAX_COUNT} deep, {INDENT_MAX_CHARS} columns.", "Move the inner part to a function.", fatal=True,
+            f"Blocks nest at most {INDENT_MAX_COUNT} deep, {INDENT_MAX_CHARS} columns.",
+            "Move the inner part to a function.", fatal=True,
         )  # fmt: skip
     if match[0] != "elif":
         state.elifs = state.elifs if indent else 0
         return
     state.elifs += 1
     if state.elifs > ELIF_MAX_COUNT:
-        state.report("ELIF_TOO_MANY", match.start(), f"A function has at most {ELIF_MAX_COUNT} elif.", "Use a dict.", fatal=True)
+        state.report(
+            "ELIF_TOO_MANY", match.start(), f"A function has at most {ELIF_MAX_COUNT} elif.", "Use a dict.", fatal=True
+        )
 
 
 def _check_string(state: _State, match: re.Match[str]) -> None:
     prefix, quoted, start = match["prefix"], match["quoted"], match.start()
     if prefix not in ("", "b", "f"):
-        state.report("STRING_PREFIX", start, f"A text has no prefix {prefix!r}.", "Use none, b or f.", fatal=True)
+        state.report("STRING_PREFIX", start, f"A text has no prefix {prefix!r}.", "Use none, b or f.")
     triple = quoted[:3] in ('"""', "'''")
     content = quoted[3:-3] if triple else quoted[1:-1]
     escapes = re.findall(r"\\(?:[uUxN].{0,8}|.)", content, re.DOTALL)
     for escape in escapes:
-        if _GOOD_ESCAPES["str"].match(escape) is None or (prefix == "b" and escape[1] in "uU"):
-            state.report("ESCAPE", start, f"There is no escape {escape[:2]!r}.", "Use \\\\, \\n, \\t, \\xHH or \\uHHHH.", fatal=True)
+        if _GOOD_ESCAPE.match(escape) is None or (prefix == "b" and escape[1] in "uU"):
+            state.report(
+                "ESCAPE", start, f"There is no escape {escape[:2]!r}.", "Use \\\\, \\n, \\t, \\xHH or \\uHHHH."
+            )
         elif _SURROGATE.match(escape):
-            state.report("SURROGATE", start, "A text cannot hold half of a character.", "Use \\UHHHHHHHH.", fatal=True)
-    if any(ord(character) < 32 and character != "\n" or 0xD800 <= ord(character) < 0xE000 for character in content):
-        state.report("CHARACTER", start, "A text holds a control character.", "Write it as an escape.", fatal=True)
+            state.report("SURROGATE", start, "A text cannot hold half of a character.", "Use \\UHHHHHHHH.")
+    if any((ord(character) < 32 and character != "\n") or 0xD800 <= ord(character) < 0xE000 for character in content):
+        state.report(
+            "CHARACTER", start, "A text holds a control character or half of one.", "Write it as an escape.", fatal=True
+        )
     if prefix == "f":
         plain = content.replace("{{", "").replace("}}", "")
         if triple or "\\" in content or re.search(r"[{}]", _FIELD.sub("", plain)):
@@ -195,9 +212,11 @@ def _check_string(state: _State, match: re.Match[str]) -> None:
 def _check_number(state: _State, match: re.Match[str]) -> None:
     if match["tail"]:
         message = "Numbers are whole and decimal or hexadecimal."
-        state.report("NUMBER", match.start(), message, "Use an int, e.g. thousandths instead of a fraction.", fatal=True)
+        state.report("NUMBER", match.start(), message, "Use an int, e.g. of thousandths.")
     elif len(match[0]) > 100:
-        state.report("NUMBER", match.start(), "The number has too many digits.", "An int has at most 256 bits.", fatal=True)
+        state.report(
+            "NUMBER", match.start(), "The number has too many digits.", "An int has at most 256 bits.", fatal=True
+        )
 
 
 def _check_name(state: _State, match: re.Match[str]) -> None:

@@ -1,4 +1,4 @@
-"""The values a contract can hold: None, bool, int (256 bits), str, bytes, list, dict, tuple, range. Must never let another in.
+"""The values a contract can hold: None, bool, int, str, bytes, list, dict, tuple, range. Must never let another in.
 
 Also what crosses a border (state, events, arguments, results): walked and charged before it is copied or encoded, so
 that shared or cyclic structures cannot make the work larger than the charge.
@@ -108,9 +108,7 @@ def charge_decoded(runtime: Runtime, value: Any) -> None:
         runtime.allocate(HEADER_BYTES + len(value))
     elif kind is str:
         runtime.allocate(text_bytes(value))
-    elif kind is dict:
-        runtime.allocate(_tree_bytes(value))
-    elif kind is list:
+    elif kind is dict or kind is list:
         runtime.allocate(_tree_bytes(value))
 
 
@@ -152,9 +150,7 @@ def _too_large(what: str) -> Fault:
 def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int:
     """Charge the walk of a value; return what is left of `left` bytes after a lower bound of its encoded size."""
     kind = type(value)
-    if kind is bytes:
-        left -= len(value)
-    elif kind is str:
+    if kind is bytes or kind is str:
         left -= len(value)
     elif kind is int or kind is bool or value is None:
         left -= 1
@@ -163,7 +159,12 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
     elif kind is dict:
         runtime.charge(2 + 3 * len(value))
         for key, item in value.items():
-            left = _walk(runtime, item, depth + 1, left - (1 if type(key) is int else len(key)), what)
+            left -= 1 if type(key) is int else len(key)
+            inner = type(item)
+            if inner is bytes or inner is str:
+                left -= len(item)
+            elif inner is not int:
+                left = _walk(runtime, item, depth + 1, left, what)
     elif kind is list or kind is tuple:
         runtime.charge(2 + 2 * len(value))
         left -= 1
