@@ -109,7 +109,7 @@ async def test_a_timer_comes_back_with_its_round_and_a_cancelled_one_does_not() 
     core = ScriptedCore([SetTimer(TIMER_ROUND, 7, 0), SetTimer("other", 8, 0), CancelTimer("other")])
     engine = _engine(core, stage)
     engine.start(stage)  # type: ignore[arg-type]
-    while len(core.events) < 2:
+    for _ in range(5):
         await asyncio.sleep(0)
     assert core.events[1:] == [TimerFired(kind=TIMER_ROUND, round=7, now_ms=1)]
 
