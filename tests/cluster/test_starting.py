@@ -84,6 +84,6 @@ async def test_a_node_alone_is_a_network(tmp_path: Path) -> None:
     network = NetworkUnderTest(tmp_path / "network", nodes=1)
     try:
         await network.start()
-        await network.finalize("node-1", network.transaction())
+        assert (await network.finalize("node-1", network.transaction()))["status"] == "finalized"
     finally:
         await network.close()
