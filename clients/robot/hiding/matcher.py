@@ -85,8 +85,10 @@ class Matcher:
     def is_elsewhere(self, alias: str, at_ms: int) -> bool:
         """Whether the tag's bearer is known but not followed at that time, so that nobody then seen is the bearer."""
         tag = self._tags.get(alias)
-        return tag is not None and bool(tag.bound) and not any(
-            track.began_ms <= at_ms <= track.seen_ms for track in tag.bound.values()
+        return (
+            tag is not None
+            and bool(tag.bound)
+            and not any(track.began_ms <= at_ms <= track.seen_ms for track in tag.bound.values())
         )
 
     def has_distance(self, alias: str) -> bool:
