@@ -92,7 +92,9 @@ class Viewing:
     def _open(self, entry: RecordEntry, clip: ClipDownload, index: int, *, damaged: bool) -> FrameView:
         frame = clip.frames[index]
         if frame.erased:
-            return FrameView(index=index, status=STATUS_ERASED, rendition=None)
+            # A custodian's word is not enough: it would be an easy way to keep a picture back.
+            known = index in entry.state["erased_frames"] or entry.state["status"] != "active"
+            return FrameView(index=index, status=STATUS_ERASED if known else STATUS_CORRUPTED, rendition=None)
         if damaged:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
         try:

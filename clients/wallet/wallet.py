@@ -19,8 +19,8 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
-from consensus.records.envelopes import open_metadata
-from consensus.records.metadata import RecordMetadata
+from consensus.records.envelopes import RECORD_ID_BYTES, open_metadata
+from consensus.records.metadata import RecordMetadata, find_chain_gaps
 from consensus.records.vouchers import decode_card_code
 
 VISIT_RECORDS_MAX_COUNT = 2_000
@@ -50,6 +50,13 @@ class VisitReport:
     erased_ids: tuple[bytes, ...]
     closed: bool
     missing_count: int
+
+
+def _plausible_ids(answer: Any) -> list[bytes]:
+    """Return the record ids in a node's unproven list, each once: a repeated one must not hide one that is missing."""
+    listed = answer if isinstance(answer, list) else []
+    ids = [item for item in listed if isinstance(item, bytes) and len(item) == RECORD_ID_BYTES]
+    return list(dict.fromkeys(ids))[:VISIT_RECORDS_MAX_COUNT]
 
 
 class Wallet:
@@ -132,15 +139,15 @@ class Wallet:
         visit's closing shows a missing tail.
         """
         key = self.owner_key(visit)
-        ids: list[bytes] = await self.network.query("records", "of_visit", [visit.owner], key)
-        state_keys = [b"records\x00record/" + record_id for record_id in ids[:VISIT_RECORDS_MAX_COUNT]]
+        ids = _plausible_ids(await self.network.query("records", "of_visit", [visit.owner], key))
+        state_keys = [b"records\x00record/" + record_id for record_id in ids]
         visit_key = b"records\x00visit/" + visit.owner
         values = await self.values([visit_key, *state_keys], key)
         visit_state = values[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
         entries, erased = [], []
-        for record_id, state_key in zip(ids, state_keys, strict=False):
+        for record_id, state_key in zip(ids, state_keys, strict=True):
             state = values[state_key]
             if state is None or state["owner"] != visit.owner:
                 continue
@@ -154,12 +161,13 @@ class Wallet:
         expected = (
             visit_state["record_count"] if closed else max((e.metadata.index_in_visit + 1 for e in entries), default=0)
         )
+        gaps = find_chain_gaps([entry.metadata for entry in entries])
         return VisitReport(
             visit=visit,
             records=tuple(entries),
             erased_ids=tuple(erased),
             closed=closed,
-            missing_count=max(0, expected - len(entries) - len(erased)),
+            missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased)),
         )
 
     async def records(self) -> list[VisitReport]:

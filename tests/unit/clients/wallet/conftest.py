@@ -1,0 +1,215 @@
+"""A person, a robot that recorded her, and a network held in dicts: the robot's and the wallet's own code, no node."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from nacl import pwhash
+
+from clients.robot.sealing import ClipContent, VisitChain, seal_clip
+from clients.robot.spool import SpooledClip
+from clients.sdk.announcements import Announcement, AnnouncementPage
+from clients.sdk.connections import NodeAddress
+from clients.sdk.trust import ProvedState
+from clients.wallet.keys import WalletKeys, derive_keys, draw_words
+from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.primitives.encoding import u32
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipDownload, FrameDownload
+from consensus.records.commitments import ciphertext_leaves
+from consensus.records.owner_keys import open_visit_keys
+from consensus.records.renditions import Rendition
+
+NOW_MS = 1_800_000_000_000
+ROBOT = PrivateKey(bytes([6] * 32)).public_key
+CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)
+
+
+def make_genesis() -> Genesis:
+    keys = [PrivateKey(bytes([number] * 32)).public_key for number in range(1, 5)]
+    return Genesis(
+        version=GENESIS_VERSION,
+        network="test",
+        created_at_ms=NOW_MS - 10**6,
+        settings=ChainSettings(),
+        organisations=(Organisation(name="hospital", ca_certificate="", admins=(keys[0],), registrars=(keys[1],)),),
+        nodes=(NodeEntry("node-1", "hospital", "127.0.0.1", 1, "http://127.0.0.1:2", keys[2], bytes(64), keys[3]),),
+        contracts=(),
+        purposes=("demo",),
+        state_root=bytes(32),
+    )
+
+
+def rendition(sequence: int) -> Rendition:
+    return Rendition(1, NOW_MS + sequence, sequence, 64, 48, 1, 2, 3, 4, bytes(32), "png16", secrets.token_bytes(50))
+
+
+@dataclass
+class FakeCustody:
+    """Custodians by name, each with clips by record id, or with a code by which it refuses everything."""
+
+    clips: dict[str, dict[bytes, ClipDownload]]
+    refusals: dict[str, str] = field(default_factory=dict)
+    asked: list[tuple[str, bytes]] = field(default_factory=list)
+
+    @property
+    def custodians(self) -> tuple[NodeAddress, ...]:
+        return tuple(NodeAddress(name, "http://127.0.0.1:2") for name in self.clips)
+
+    async def download_clip(
+        self, node: NodeAddress, record_id: bytes, access_id: bytes, key: PrivateKey
+    ) -> ClipDownload:
+        self.asked.append((node.name, key.public_key))
+        if node.name in self.refusals:
+            raise BlockRobotError(self.refusals[node.name])
+        return self.clips[node.name][record_id]
+
+
+@dataclass(frozen=True)
+class Receipt:
+    txid: bytes
+
+
+class FakeNetwork:
+    """State as the chain would hold it. Every question is noted with the key in whose session it was asked."""
+
+    pinned = b"pinned"
+
+    def __init__(self) -> None:
+        self.state: dict[bytes, Any] = {}
+        self.announced: list[Announcement] = []
+        self.listed: dict[bytes, list[Any]] = {}
+        self.custody = FakeCustody({"node-1": {}, "node-2": {}})
+        self.calls: list[tuple[bytes, str, str, list[Any]]] = []
+        self.asked: list[tuple[str, bytes]] = []
+        self.refusal = ""
+        self.pages_of = 2
+
+    async def close(self) -> None:
+        """Nothing is open."""
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        self.asked.extend((flat.decode("latin-1"), key.public_key) for flat in keys)
+        assert len(keys) <= 128
+        return ProvedState(height=9, timestamp_ms=NOW_MS, values={flat: self.state.get(flat) for flat in keys})
+
+    async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
+        self.asked.append((view, key.public_key))
+        return self.listed[arguments[0]]
+
+    async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
+        self.asked.append(("announcements", key.public_key))
+        items = tuple(self.announced[first : first + self.pages_of])
+        return AnnouncementPage(count=len(self.announced), items=items, next_number=first + len(items))
+
+    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Receipt:
+        if self.refusal:
+            raise BlockRobotError("CALL_REFUSED", self.refusal)
+        self.calls.append((key.public_key, contract, entry, arguments))
+        return Receipt(len(self.calls).to_bytes(32, "big"))
+
+
+class World:
+    """One wallet on one fake network, and what the robot does there."""
+
+    def __init__(self, folder: Path) -> None:
+        self.genesis = make_genesis()
+        self.network = FakeNetwork()
+        self.store = Keystore.create(folder / "ann.wallet", draw_words(), "tea", CHEAP)
+        self.store.content.handle = b"h" * 32
+        self.wallet = Wallet(self.store, self.genesis)
+        self.wallet.network = self.network  # type: ignore[assignment]
+        self.keys = self.wallet.keys
+
+    def stranger(self) -> WalletKeys:
+        return derive_keys(draw_words())
+
+    def open_visit(self, keys: WalletKeys | None = None) -> VisitChain:
+        """Open a visit of this person (or of a stranger) and announce it."""
+        keys = keys or self.keys
+        visit = open_visit_keys(
+            secrets.token_bytes(32),
+            keys.view.public_key,
+            keys.spend.public_key,
+            chain_id=self.genesis.chain_id,
+            robot=ROBOT,
+        )
+        number = len(self.network.announced)
+        self.network.announced.append(
+            Announcement(number, visit.owner, visit.ephemeral, visit.view_tag, NOW_MS - NOW_MS % 300_000, ROBOT)
+        )
+        self.network.state[b"records\x00visit/" + visit.owner] = {"status": "open", "record_count": 0}
+        self.network.listed[visit.owner] = []
+        return VisitChain(
+            owner=visit.owner,
+            ephemeral=visit.ephemeral,
+            view_tag=visit.view_tag,
+            purpose="demo",
+            bucket_ms=0,
+            sealing=keys.sealing_public,
+        )
+
+    def record(self, visit: VisitChain, frames: int = 3) -> SpooledClip:
+        """Record a clip: its state on the chain, its bytes at both custodians."""
+        content = ClipContent(tuple(rendition(number) for number in range(frames)), (), "depth", NOW_MS)
+        clip = seal_clip(content, visit, now_ms=NOW_MS)
+        upload = clip.upload
+        self.network.state[b"records\x00record/" + upload.record_id] = {
+            "owner": visit.owner,
+            "status": "active",
+            "sealed_metadata": clip.sealed_metadata,
+            "commitment_root": clip.commitment_root,
+            "ciphertext_root": clip.ciphertext_root,
+            "expires_at_ms": clip.expires_at_ms,
+            "erased_frames": [],
+        }
+        self.network.listed[visit.owner].append(upload.record_id)
+        pairs = zip(upload.ciphertexts, upload.sealed_keys, strict=True)
+        download = ClipDownload(
+            record_id=upload.record_id,
+            txid=bytes(32),
+            frames=[FrameDownload(index, False, text, key) for index, (text, key) in enumerate(pairs)],
+            commitment_leaves=upload.commitment_leaves,
+            ciphertext_leaves=ciphertext_leaves(upload.ciphertexts, upload.sealed_keys),
+        )
+        for clips in self.network.custody.clips.values():
+            clips[upload.record_id] = download
+        return clip
+
+    def change_frame(self, custodian: str, record_id: bytes, index: int, **changes: Any) -> None:
+        """Change one frame at one custodian."""
+        clips = self.network.custody.clips[custodian]
+        frames = list(clips[record_id].frames)
+        frames[index] = msgspec.structs.replace(frames[index], **changes)
+        clips[record_id] = msgspec.structs.replace(clips[record_id], frames=frames)
+
+    def close_visit(self, visit: VisitChain) -> None:
+        self.network.state[b"records\x00visit/" + visit.owner] = {
+            "status": "closed",
+            "record_count": visit.record_count,
+        }
+
+    def write_audit(self, visit: VisitChain, kinds: list[str], height: int = 1) -> None:
+        self.network.state[b"audit\x00count/" + visit.owner] = len(kinds)
+        for index, kind in enumerate(kinds):
+            self.network.state[b"audit\x00entry/" + visit.owner + u32(index)] = {
+                "record_id": b"",
+                "kind": kind,
+                "time": NOW_MS + index,
+                "height": height + 2 * index,
+                "data": {},
+            }
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> World:
+    return World(tmp_path)

@@ -1,0 +1,112 @@
+"""Erasing: what is asked, in what portions, and that nothing is called erased before every custodian said so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clients.wallet.erasing import Erasing
+from clients.wallet.keystore import Keystore, KnownVisit
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.conftest import World
+from tests.virtual_time import run_virtual
+
+
+async def own_visit(world: World) -> KnownVisit:
+    world.open_visit()
+    return (await world.wallet.scan())[-1]
+
+
+def put_erasure(world: World, erasure_id: bytes, status: str, receipts: dict[bytes, Any]) -> None:
+    world.network.state[b"erasure\x00erasure/" + erasure_id] = {
+        "status": status,
+        "custodians": [b"a" * 33, b"b" * 33],
+        "receipts": receipts,
+    }
+
+
+async def test_whole_records_are_asked_for_by_the_owner_key(world: World) -> None:
+    visit = await own_visit(world)
+    ids = [bytes([number] * 16) for number in range(3)]
+    (erasure_id,) = await Erasing(world.wallet).request(visit, ids, [])
+    assert world.network.calls == [(visit.owner, "erasure", "request", [ids, []])]
+    assert Keystore.open(world.store._path, "tea").content.asked_erasures == [erasure_id]
+
+
+async def test_more_records_than_one_call_takes_go_in_several(world: World) -> None:
+    visit = await own_visit(world)
+    ids = [number.to_bytes(16, "big") for number in range(150)]
+    erasures = await Erasing(world.wallet).request(visit, ids, [])
+    parts = [arguments[0] for _, _, _, arguments in world.network.calls]
+    assert [len(part) for part in parts] == [64, 64, 22]
+    assert [record_id for part in parts for record_id in part] == ids
+    assert len(set(erasures)) == 3
+
+
+async def test_single_frames_are_erased_of_one_record_only(world: World) -> None:
+    visit = await own_visit(world)
+    await Erasing(world.wallet).request(visit, [bytes(16)], [0, 3])
+    assert world.network.calls[-1][3] == [[bytes(16)], [0, 3]]
+    with pytest.raises(BlockRobotError) as caught:
+        await Erasing(world.wallet).request(visit, [bytes(16), bytes([1] * 16)], [0])
+    assert caught.value.code == "REQUEST_INVALID"
+
+
+async def test_a_request_that_the_chain_refuses_is_not_noted_as_asked(world: World) -> None:
+    visit = await own_visit(world)
+    world.network.refusal = "RECORD_ERASED"
+    with pytest.raises(BlockRobotError):
+        await Erasing(world.wallet).request(visit, [bytes(16)], [])
+    assert world.store.content.asked_erasures == []
+
+
+async def test_a_report_is_complete_only_when_the_chain_says_so(world: World) -> None:
+    visit = await own_visit(world)
+    put_erasure(world, b"e" * 32, "requested", {b"a" * 33: {"remains": "nothing"}})
+    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    assert not report.complete
+    assert list(report.receipts) == [(b"a" * 33).hex()]
+    put_erasure(world, b"e" * 32, "complete", {b"a" * 33: {}, b"b" * 33: {}})
+    assert (await Erasing(world.wallet).report(visit, b"e" * 32)).complete
+
+
+async def test_an_erasure_that_the_chain_does_not_know_is_not_found(world: World) -> None:
+    visit = await own_visit(world)
+    with pytest.raises(BlockRobotError) as caught:
+        await Erasing(world.wallet).report(visit, b"e" * 32)
+    assert caught.value.code == "NOT_FOUND"
+
+
+def test_waiting_ends_with_the_last_receipt(tmp_path: Path) -> None:
+    world = World(tmp_path)
+    answers = iter(["requested", "requested", "complete"])
+    first = world.network.state_values
+
+    async def changing(keys: Any, key: Any) -> Any:
+        if any(b"erasure\x00" in flat for flat in keys):
+            put_erasure(world, b"e" * 32, next(answers), {})
+        return await first(keys, key)
+
+    async def main() -> None:
+        visit = await own_visit(world)
+        world.network.state_values = changing  # type: ignore[method-assign]
+        (report,) = await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+        assert report.complete
+
+    run_virtual(main())
+
+
+def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> None:
+    world = World(tmp_path)
+
+    async def main() -> None:
+        visit = await own_visit(world)
+        put_erasure(world, b"e" * 32, "requested", {b"a" * 33: {}})
+        with pytest.raises(BlockRobotError) as caught:
+            await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
+        assert caught.value.code == "TRANSACTION_NOT_FINAL_IN_TIME"
+        assert caught.value.detail.startswith("1 ")
+
+    run_virtual(main())

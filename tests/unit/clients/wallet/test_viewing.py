@@ -1,0 +1,128 @@
+"""Seeing a record: what opens, what is called corrupted, what is erased, and whose copy was used."""
+
+from __future__ import annotations
+
+import pytest
+
+from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.conftest import World
+
+
+async def one_record(world: World, frames: int = 3) -> RecordEntry:
+    world.record(world.open_visit(), frames)
+    ((entry,),) = [report.records for report in await world.wallet.records()]
+    return entry
+
+
+async def look(world: World, entry: RecordEntry) -> RecordView:
+    viewing = Viewing(world.wallet)
+    return await viewing.view(entry, await viewing.request_access([entry], "own-access"))
+
+
+def statuses(view: RecordView) -> list[str]:
+    return [frame.status for frame in view.frames]
+
+
+async def test_a_whole_record_opens_and_is_verified(world: World) -> None:
+    view = await look(world, await one_record(world))
+    assert statuses(view) == ["ok", "ok", "ok"]
+    assert [frame.rendition.sequence for frame in view.frames if frame.rendition] == [0, 1, 2]
+    assert (view.verdict, view.custodians) == ("verified", ("node-1",))
+
+
+async def test_access_is_asked_for_on_the_chain_by_the_owner_key_with_a_purpose(world: World) -> None:
+    entry = await one_record(world)
+    await look(world, entry)
+    (call,) = world.network.calls
+    assert call == (entry.visit.owner, "access", "request", [[entry.record_id], "own-access"])
+
+
+async def test_custodians_are_asked_in_the_owners_session_never_in_the_members(world: World) -> None:
+    entry = await one_record(world)
+    await look(world, entry)
+    assert {key for _, key in world.network.custody.asked} == {entry.visit.owner}
+
+
+async def test_a_damaged_frame_is_taken_from_the_next_custodian(world: World) -> None:
+    entry = await one_record(world)
+    world.change_frame("node-1", entry.record_id, 1, ciphertext=b"x" * 200)
+    view = await look(world, entry)
+    assert statuses(view) == ["ok", "ok", "ok"]
+    assert view.custodians == ("node-1", "node-2")
+
+
+async def test_a_frame_that_nobody_has_whole_is_named_and_the_others_open(world: World) -> None:
+    entry = await one_record(world)
+    for name in world.network.custody.clips:
+        world.change_frame(name, entry.record_id, 1, ciphertext=b"x" * 200)
+    view = await look(world, entry)
+    assert statuses(view) == ["ok", "corrupted", "ok"]
+    assert view.frames[1].rendition is None
+    assert (view.verdict, view.corrupted) == ("corrupted", [1])
+
+
+async def test_two_custodians_with_different_damage_make_one_whole_record(world: World) -> None:
+    entry = await one_record(world)
+    world.change_frame("node-1", entry.record_id, 0, ciphertext=b"x" * 200)
+    world.change_frame("node-2", entry.record_id, 2, sealed_key=b"y" * 80)
+    assert statuses(await look(world, entry)) == ["ok", "ok", "ok"]
+
+
+async def test_another_records_frame_in_the_place_is_corruption(world: World) -> None:
+    entry = await one_record(world)
+    other = world.record(world.open_visit()).upload
+    for name in world.network.custody.clips:
+        world.change_frame(name, entry.record_id, 0, ciphertext=other.ciphertexts[0], sealed_key=other.sealed_keys[0])
+    assert statuses(await look(world, entry)) == ["corrupted", "ok", "ok"]
+
+
+async def test_erased_frames_keep_their_place(world: World) -> None:
+    entry = await one_record(world)
+    for name in world.network.custody.clips:
+        world.change_frame(name, entry.record_id, 0, erased=True, ciphertext=b"", sealed_key=b"")
+    entry.state["erased_frames"] = [0]
+    view = await look(world, entry)
+    assert statuses(view) == ["erased", "ok", "ok"]
+    assert view.verdict == "verified"
+
+
+async def test_a_custodian_cannot_pass_off_as_erased_what_the_chain_does_not_call_erased(world: World) -> None:
+    """It would be an easy way to withhold a picture: the next custodian is asked, and then it is called corrupted."""
+    entry = await one_record(world)
+    world.change_frame("node-1", entry.record_id, 0, erased=True, ciphertext=b"", sealed_key=b"")
+    assert statuses(await look(world, entry)) == ["ok", "ok", "ok"]
+    world.change_frame("node-2", entry.record_id, 0, erased=True, ciphertext=b"", sealed_key=b"")
+    assert statuses(await look(world, entry)) == ["corrupted", "ok", "ok"]
+
+
+async def test_leaves_that_do_not_lead_to_the_chains_roots_are_no_clip(world: World) -> None:
+    entry = await one_record(world)
+    entry.state["ciphertext_root"] = bytes(32)
+    with pytest.raises(BlockRobotError) as caught:
+        await look(world, entry)
+    assert caught.value.code == "PROOF_INVALID"
+
+
+async def test_one_custodian_that_refuses_is_not_the_end(world: World) -> None:
+    entry = await one_record(world)
+    world.network.custody.refusals["node-1"] = "STORE_UNAVAILABLE"
+    view = await look(world, entry)
+    assert (statuses(view), view.custodians) == (["ok", "ok", "ok"], ("node-2",))
+
+
+async def test_if_all_refuse_their_reason_is_told(world: World) -> None:
+    entry = await one_record(world)
+    world.network.custody.refusals.update({"node-1": "NODE_UNREACHABLE", "node-2": "ACCESS_NOT_GRANTED"})
+    with pytest.raises(BlockRobotError) as caught:
+        await look(world, entry)
+    assert caught.value.code == "ACCESS_NOT_GRANTED"
+
+
+async def test_the_verdict_goes_on_the_chain_with_the_frames_it_is_about(world: World) -> None:
+    entry = await one_record(world)
+    for name in world.network.custody.clips:
+        world.change_frame(name, entry.record_id, 2, ciphertext=b"x" * 200)
+    await Viewing(world.wallet).put_verdict(await look(world, entry))
+    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [entry.record_id, "corrupted", [2]])

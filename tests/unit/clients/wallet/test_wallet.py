@@ -1,0 +1,165 @@
+"""Finding visits, listing records, noticing what is missing; and which question is asked in whose session."""
+
+from __future__ import annotations
+
+import pytest
+
+from clients.wallet.keystore import Keystore
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.conftest import World
+
+
+async def test_a_wallet_finds_its_own_visits_among_strangers(world: World) -> None:
+    own = [world.open_visit().owner]
+    for _ in range(5):
+        world.open_visit(world.stranger())
+    own.append(world.open_visit().owner)
+    assert [visit.owner for visit in await world.wallet.scan()] == own
+
+
+async def test_scanning_goes_on_where_it_ended_and_finds_nothing_twice(world: World) -> None:
+    world.open_visit()
+    await world.wallet.scan()
+    asked = len(world.network.asked)
+    world.open_visit()
+    assert len(await world.wallet.scan()) == 2
+    assert len(world.network.asked) == asked + 1
+    assert len(Keystore.open(world.store._path, "tea").content.visits) == 2
+
+
+async def test_every_wallet_reads_every_announcement_in_the_members_session(world: World) -> None:
+    """A node learns nothing from who reads what, if all read all."""
+    for _ in range(7):
+        world.open_visit(world.stranger())
+    await world.wallet.scan()
+    assert world.wallet.store.content.scanned_count == 7
+    assert {key for what, key in world.network.asked} == {world.keys.identity.public_key}
+
+
+async def test_whatever_concerns_one_visit_is_asked_under_its_owner_key_alone(world: World) -> None:
+    visits = [world.open_visit(), world.open_visit()]
+    for visit in visits:
+        world.record(visit)
+    await world.wallet.records()
+    for what, key in world.network.asked:
+        if what == "announcements":
+            assert key == world.keys.identity.public_key
+        else:
+            assert key in {visit.owner for visit in visits}
+    for visit in visits:
+        others = visit.owner.decode("latin-1")
+        assert all(others not in what for what, key in world.network.asked if key != visit.owner)
+
+
+async def test_an_unregistered_wallet_is_told_to_register(world: World) -> None:
+    world.store.content.handle = b""
+    with pytest.raises(BlockRobotError) as caught:
+        await world.wallet.records()
+    assert caught.value.code == "NOT_REGISTERED"
+
+
+async def test_records_come_in_the_order_in_which_they_were_taken(world: World) -> None:
+    visit = world.open_visit()
+    ids = [world.record(visit).upload.record_id for _ in range(5)]
+    world.network.listed[visit.owner].sort()
+    (report,) = await world.wallet.records()
+    assert [entry.record_id for entry in report.records] == ids
+    assert [entry.metadata.index_in_visit for entry in report.records] == [0, 1, 2, 3, 4]
+    assert report.missing_count == 0
+
+
+@pytest.mark.parametrize("hidden", [0, 2, 4])
+async def test_a_record_that_a_node_hides_is_noticed_in_a_closed_visit(world: World, hidden: int) -> None:
+    visit = world.open_visit()
+    for _ in range(5):
+        world.record(visit)
+    world.close_visit(visit)
+    del world.network.listed[visit.owner][hidden]
+    (report,) = await world.wallet.records()
+    assert (report.closed, report.missing_count) == (True, 1)
+
+
+async def test_a_gap_in_an_open_visit_is_noticed(world: World) -> None:
+    visit = world.open_visit()
+    for _ in range(3):
+        world.record(visit)
+    del world.network.listed[visit.owner][1]
+    (report,) = await world.wallet.records()
+    assert (report.closed, report.missing_count) == (False, 1)
+
+
+async def test_a_record_named_twice_does_not_hide_one_that_is_missing(world: World) -> None:
+    visit = world.open_visit()
+    for _ in range(2):
+        world.record(visit)
+    world.close_visit(visit)
+    listed = world.network.listed[visit.owner]
+    listed[1] = listed[0]
+    (report,) = await world.wallet.records()
+    assert (len(report.records), report.missing_count) == (1, 1)
+
+
+async def test_a_list_of_nonsense_from_a_node_is_left_aside(world: World) -> None:
+    visit = world.open_visit()
+    world.record(visit)
+    world.network.listed[visit.owner] += ["text", 7, None, b"short", bytes(16)]
+    (report,) = await world.wallet.records()
+    assert (len(report.records), report.missing_count) == (1, 0)
+
+
+async def test_a_record_exchanged_for_one_outside_the_chain_is_noticed(world: World) -> None:
+    """The robot's chain of hashes: a record put in the place of another does not follow from the one before."""
+    visit = world.open_visit()
+    for _ in range(3):
+        world.record(visit)
+    visit.record_count, visit.previous_hash = 1, b"?" * 32
+    forged = world.record(visit).upload.record_id
+    visit.record_count = 3
+    world.close_visit(visit)
+    listed = world.network.listed[visit.owner]
+    listed[1] = forged
+    listed.pop()
+    (report,) = await world.wallet.records()
+    assert len(report.records) == 3
+    assert report.missing_count >= 1
+
+
+async def test_another_persons_record_is_never_listed(world: World) -> None:
+    visit, foreign = world.open_visit(), world.open_visit(world.stranger())
+    world.record(visit)
+    world.network.listed[visit.owner].append(world.record(foreign).upload.record_id)
+    (report,) = await world.wallet.records()
+    assert len(report.records) == 1
+
+
+async def test_erased_records_are_named_and_not_called_missing(world: World) -> None:
+    visit = world.open_visit()
+    ids = [world.record(visit).upload.record_id for _ in range(4)]
+    world.close_visit(visit)
+    for record_id in ids[1:3]:
+        world.network.state[b"records\x00record/" + record_id].update(status="erased", sealed_metadata=b"")
+    (report,) = await world.wallet.records()
+    assert set(report.erased_ids) == set(ids[1:3])
+    assert (len(report.records), report.missing_count) == (2, 0)
+
+
+async def test_a_visit_that_is_proven_absent_is_no_visit(world: World) -> None:
+    visit = world.open_visit()
+    del world.network.state[b"records\x00visit/" + visit.owner]
+    with pytest.raises(BlockRobotError) as caught:
+        await world.wallet.records()
+    assert caught.value.code == "PROOF_INVALID"
+
+
+async def test_many_records_are_proven_in_parts(world: World) -> None:
+    visit = world.open_visit()
+    for _ in range(140):
+        world.record(visit, frames=1)
+    (report,) = await world.wallet.records()
+    assert (len(report.records), report.missing_count) == (140, 0)
+
+
+async def test_the_newest_verified_header_is_kept_for_the_next_time(world: World) -> None:
+    async with world.wallet:
+        await world.wallet.scan()
+    assert Keystore.open(world.store._path, "tea").content.pinned_header == b"pinned"
