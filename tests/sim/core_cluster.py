@@ -13,12 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from consensus.block import (
-    HEADER_VERSION,
     Block,
     Header,
     QuorumCertificate,
-    compute_receipts_root,
-    compute_transactions_root,
     genesis_certificate,
 )
 from consensus.core import Core
@@ -53,83 +50,23 @@ from consensus.events import (
     WorkChanged,
 )
 from consensus.genesis import ChainSettings
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, sign_block
-from consensus.primitives.encoding import decode, encode
-from consensus.primitives.hashing import sha256
-from consensus.primitives.keys import PrivateKey
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.primitives.encoding import decode
 from consensus.schedule import Schedule
 from consensus.signature_cache import SignatureCache
-from consensus.transaction import TransactionWire, compute_txid
+from tests.sim.named_chain import (
+    CHAIN_ID,
+    EPOCH_START_MS,
+    build_block,
+    execute,
+    make_genesis_block,
+    make_keys,
+    make_transaction,
+    txid_of,
+)
 
-CHAIN_ID = sha256(b"a chain of the simulator")
-EPOCH_START_MS = 1_800_000_000_000
 SYNC_GAP_BLOCKS = 40
 FETCH_MAX_BLOCKS = 16
-NO_RECEIPTS_ROOT = compute_receipts_root(())
-
-
-def make_keys(count: int) -> list[PrivateKey]:
-    """Return the producers' keys, the same in every run."""
-    return [PrivateKey(sha256(b"producer %d" % number)) for number in range(count)]
-
-
-def make_transaction(number: int) -> bytes:
-    """Return wire bytes that have a txid; nobody looks at their signature here."""
-    return encode(TransactionWire(body=b"transaction %d" % number, signature=b""))
-
-
-def txid_of(wire: bytes) -> bytes:
-    return compute_txid(decode(wire, TransactionWire).body)
-
-
-def make_genesis_block() -> Block:
-    """Return a block of height 0 without contracts."""
-    header = Header(
-        version=HEADER_VERSION,
-        chain_id=CHAIN_ID,
-        epoch=0,
-        height=0,
-        round=0,
-        parent_id=bytes(32),
-        qc=QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=()),
-        tc=None,
-        producer=0,
-        timestamp_ms=EPOCH_START_MS - 1,
-        transactions_root=compute_transactions_root([]),
-        receipts_root=NO_RECEIPTS_ROOT,
-        state_root=sha256(b"the first state"),
-        next_schedule_hash=None,
-        gas_used=0,
-    )
-    return Block(header_bytes=encode(header), signature=b"", transactions=())
-
-
-def execute(parent: Header, transactions: tuple[bytes, ...]) -> bytes:
-    """Return the state root after these transactions."""
-    return sha256(parent.state_root + b"".join(transactions))
-
-
-def build_block(order: BuildBlock, parent: Header, transactions: tuple[bytes, ...], key: PrivateKey, now: int) -> Block:
-    """Return the signed block that a leader's executor would build."""
-    header = Header(
-        version=HEADER_VERSION,
-        chain_id=CHAIN_ID,
-        epoch=order.epoch,
-        height=order.height,
-        round=order.round,
-        parent_id=order.parent_id,
-        qc=order.qc,
-        tc=order.tc,
-        producer=order.producer,
-        timestamp_ms=max(order.parent_timestamp_ms + 1, now),
-        transactions_root=compute_transactions_root([txid_of(wire) for wire in transactions]),
-        receipts_root=NO_RECEIPTS_ROOT,
-        state_root=execute(parent, transactions),
-        next_schedule_hash=None,
-        gas_used=0,
-    )
-    data = encode(header)
-    return Block(header_bytes=data, signature=sign_block(key, sha256(data)), transactions=transactions)
 
 
 @dataclass

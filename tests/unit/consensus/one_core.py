@@ -34,7 +34,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.schedule import Schedule
 from consensus.signature_cache import SignatureCache
-from tests.sim.core_cluster import (
+from tests.sim.named_chain import (
     CHAIN_ID,
     EPOCH_START_MS,
     NO_RECEIPTS_ROOT,

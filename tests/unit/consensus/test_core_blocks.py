@@ -11,7 +11,7 @@ from consensus.events import BlocksFetched, FinalizedElsewhere, ProposalReceived
 from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT
 from consensus.messages import Proposal, Vote
 from consensus.primitives.hashing import sha256
-from tests.sim.core_cluster import make_transaction
+from tests.sim.named_chain import make_transaction
 from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, committed, of_type, said
 
 

@@ -6,7 +6,7 @@ from consensus.effects import BlockCertified, BuildBlock, CommitBlocks, FetchBlo
 from consensus.events import BlockExecuted, BlocksFetched, ProposalReceived
 from consensus.light_client import verify_finality
 from consensus.messages import Proposal
-from tests.sim.core_cluster import CHAIN_ID
+from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, committed, of_type
 
 

@@ -10,7 +10,7 @@ from consensus.errors import BlockRobotError
 from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalRecord, read_journal
 from consensus.messages import Proposal, Timeout, Vote
 from consensus.primitives.encoding import decode
-from tests.sim.core_cluster import CHAIN_ID
+from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, TRANSACTION, OneCore, of_type, said
 
 

@@ -19,7 +19,7 @@ from consensus.genesis import (
     genesis_to_json,
 )
 from consensus.primitives.hashing import sha256
-from tests.sim.core_cluster import make_keys
+from tests.sim.named_chain import make_keys
 
 KEYS = make_keys(3)
 

@@ -13,7 +13,7 @@ from consensus.messages import sign_vote
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof, hash_page, hash_value
-from tests.sim.core_cluster import CHAIN_ID
+from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import GENESIS, Peers
 
 PEERS = Peers()

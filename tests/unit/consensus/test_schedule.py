@@ -10,7 +10,7 @@ import pytest
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.errors import BlockRobotError
 from consensus.schedule import Schedule, verify_qc, verify_tc
-from tests.sim.core_cluster import CHAIN_ID, make_keys
+from tests.sim.named_chain import CHAIN_ID, make_keys
 from tests.unit.consensus.one_core import GENESIS, Peers
 
 PEERS = Peers()
