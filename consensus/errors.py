@@ -91,6 +91,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("UPLOAD_INVALID", 400, "The upload is incomplete or too large.", "Build it with the robot client of the same version."),
     ErrorEntry("CLIP_NOT_CONFIRMED", 409, "The clip's record is not final yet.", "Try again in a second.", retryable=True),
     ErrorEntry("CLIP_ERASED", 410, "The clip was erased.", "Nothing to do: see the erasure receipts."),
+    ErrorEntry("CUSTODY_OUT_OF_ORDER", 500, "The custodian was handed a block that does not follow its checkpoint.", "Hand in finalized blocks from the checkpoint on; if the chain is another one, begin with an empty store."),
     ErrorEntry("CUSTODY_ELSEWHERE", 404, "This node keeps no clips.", "Ask a node that the genesis file names as a custodian."),
     ErrorEntry("ACCESS_NOT_GRANTED", 403, "There is no final access transaction of the owner for this record.", "Submit an access request and wait until it is final."),
     ErrorEntry("ERASE_KEYS_DAMAGED", 500, "The custodian's erase-key file is damaged.", "Stop the custodian and restore the file from its own backup medium."),

@@ -1,0 +1,317 @@
+"""The custodian: keeps staged clips, follows the finalized chain, releases and erases as it says. Must never act on less.
+
+Everything that a block changes is in effect exactly once: effects are idempotent, come in the order of the chain, and
+the checkpoint is written last. What the custodian owes the chain (releases, receipts) lies in its outbox until the
+chain shows it. A custodian cannot open what it keeps: data keys are sealed to owners.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.hashing import sha256
+from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
+from consensus.records.commitments import ciphertext_leaves
+from node.offchain.block_effects import EffectsOfBlock, build_release, matches_roots
+from node.offchain.erase_keys import EraseKeys, unwrap_key, wrap_key
+from node.offchain.erasing import Eraser
+from node.offchain.finalized import FinalizedEvents
+from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, Grant, OutboxRow, RecordFacts
+
+CLOCK_SLACK_MS = 60_000
+LAPSED_AT_ONCE_COUNT = 64
+FETCH_AT_ONCE_COUNT = 32
+
+log = structlog.get_logger(__name__)
+
+
+class PeerCustodian(Protocol):
+    """Another custodian, over the nodes' own connection."""
+
+    @property
+    def name(self) -> str:
+        """The name of its node."""
+        ...
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        """Return a confirmed clip as that custodian holds it, or None if it has none."""
+        ...
+
+
+def grant_covers(grant: Grant, clip: ClipRow) -> bool:
+    """Tell whether a final access request covers a confirmed clip: same owner, and named or part of the whole visit."""
+    if grant.owner != clip.owner:
+        return False
+    return clip.record_id in grant.records if grant.records else clip.height <= grant.height
+
+
+class Custodian:
+    """One custodian over its store and its erase keys.
+
+    `member` is its own key on the chain (33 bytes), by which it knows its receipts again; `clock_ms` is the node's wall
+    clock. Every method raises STORE_UNAVAILABLE if the store does not answer and ERASE_KEYS_DAMAGED if the file of
+    erase keys fails; after either, what was begun is finished at the next block or start.
+    """
+
+    def __init__(
+        self, store: CustodyStore, erase_keys: EraseKeys, *, member: bytes, clock_ms: Callable[[], int]
+    ) -> None:
+        self._store = store
+        self._keys = erase_keys
+        self._eraser = Eraser(store, erase_keys)
+        self._member = member
+        self._clock_ms = clock_ms
+        self._writing = asyncio.Lock()
+
+    async def start(self) -> None:
+        """Finish what a crash cut off: erasures first, then keys to which nothing refers. Call once, before serving."""
+        await self._eraser.finish()
+        in_use = [slot async for slot in self._store.slots_in_use()]
+        orphans = await asyncio.to_thread(self._keys.reconcile, in_use)
+        if orphans:
+            log.info("custody_orphan_keys_destroyed", count=orphans)
+
+    # Uploads
+
+    async def stage(self, upload: ClipUpload) -> None:
+        """Keep an uploaded clip until its record is final; the same bytes again are accepted again.
+
+        A clip whose record is final already is confirmed at once. Raises UPLOAD_INVALID for wrong sizes or an expiry
+        too far ahead, UPLOAD_CONFLICT for other bytes under this id, UPLOAD_HASH_MISMATCH if the chain's roots are
+        others, CLIP_ERASED, TRANSACTION_EXPIRED.
+        """
+        check_clip_upload(upload)
+        leaves = await asyncio.to_thread(ciphertext_leaves, upload.ciphertexts, upload.sealed_keys)
+        clip = ClipRow(
+            record_id=upload.record_id,
+            txid=upload.txid,
+            valid_until_ms=upload.valid_until_ms,
+            status="staged",
+            commitment_leaves=tuple(upload.commitment_leaves),
+            ciphertext_leaves=tuple(leaves),
+        )
+        if await self._is_known(clip):
+            return
+        await self._check_in_time(clip)
+        pairs = list(enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)))
+        await self._keep(clip, [(index, text, key) for index, (text, key) in pairs])
+
+    async def _is_known(self, clip: ClipRow) -> bool:
+        known = (await self._store.clips([clip.record_id])).get(clip.record_id)
+        if known is None:
+            return False
+        if known.status == "erased":
+            raise BlockRobotError("CLIP_ERASED", "The record of this clip is erased; it is not kept again.")
+        if (known.commitment_leaves, known.ciphertext_leaves) != (clip.commitment_leaves, clip.ciphertext_leaves):
+            raise BlockRobotError("UPLOAD_CONFLICT")
+        if known.status == "staged" and clip.valid_until_ms > known.valid_until_ms:
+            await self._check_in_time(clip)
+            await self._store.extend_staged(clip.record_id, clip.txid, clip.valid_until_ms)
+        return True
+
+    async def _check_in_time(self, clip: ClipRow) -> None:
+        if clip.valid_until_ms > self._clock_ms() + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
+            raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
+        point = await self._store.checkpoint()
+        late = point is not None and clip.valid_until_ms <= point.timestamp_ms
+        if late and await self._store.missing_clip(clip.record_id) is None:
+            raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
+
+    async def _keep(self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]]) -> bool:
+        """Wrap the keys of (index, ciphertext, sealed key) and keep the clip; False if it was known meanwhile."""
+        taken = await asyncio.to_thread(self._keys.allocate, len(frames))
+        rows = [
+            FrameRow(clip.record_id, index, text, wrap_key(erase_key, clip.record_id, index, key), slot)
+            for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
+        ]
+        slots = [slot for slot, _ in taken]
+        async with self._writing:
+            try:
+                known = await self._is_known(clip)
+                facts = await self._store.missing_clip(clip.record_id)
+                if facts is not None and not matches_roots(clip, facts):
+                    raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The clip is not the one that its record commits to.")
+            except BlockRobotError:
+                await self._eraser.destroy_unused(slots)
+                raise
+            if known:
+                await self._eraser.destroy_unused(slots)
+                return False
+            # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
+            if facts is None:
+                await self._store.stage(clip, rows)
+            else:
+                await self._keep_missing(clip, rows, facts)
+                erased = {row.slot for row in rows if row.index in facts.erased_frames}
+                await self._eraser.destroy_unused(sorted(erased))
+        return True
+
+    async def _keep_missing(self, clip: ClipRow, rows: Sequence[FrameRow], facts: RecordFacts) -> None:
+        kept = [row for row in rows if row.index not in facts.erased_frames]
+        confirmed = replace(
+            clip,
+            txid=facts.txid,
+            status="confirmed",
+            owner=facts.owner,
+            expires_at_ms=facts.expires_at_ms,
+            height=facts.height,
+        )
+        await self._store.stage(confirmed, kept)
+        grants = [grant for grant in await self._store.grants_of_owner(facts.owner) if grant_covers(grant, confirmed)]
+        owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
+        await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
+
+    # Blocks
+
+    async def on_finalized_block(self, block: FinalizedEvents) -> None:
+        """Bring a finalized block into effect, once: blocks up to the checkpoint are passed over.
+
+        Raises CUSTODY_OUT_OF_ORDER if the block does not follow the checkpoint, or is another block of its height.
+        """
+        async with self._writing:
+            if not await self._is_next(block):
+                return
+            await self._eraser.finish()
+            await EffectsOfBlock(self._store, self._eraser, self._member, block).bring_about()
+            while lapsed := await self._store.lapsed(block.timestamp_ms, LAPSED_AT_ONCE_COUNT):
+                await self._eraser.drop_staged(lapsed)
+            await self._eraser.erase_expired(block.timestamp_ms, block.height)
+            await self._store.apply(BlockEffects(checkpoint=block.checkpoint))
+
+    async def _is_next(self, block: FinalizedEvents) -> bool:
+        point = await self._store.checkpoint()
+        newest = point.height if point is not None else 0
+        if point is not None and block.height == newest and block.block_id != point.block_id:
+            raise BlockRobotError("CUSTODY_OUT_OF_ORDER", f"The store followed another block of height {newest}.")
+        if block.height > newest + 1:
+            raise BlockRobotError("CUSTODY_OUT_OF_ORDER", f"Block {block.height} came after block {newest}.")
+        return point is None or block.height > newest
+
+    async def checkpoint(self) -> Checkpoint | None:
+        """Return the newest block whose effects are in the store; the next one to hand in is one higher (or 0)."""
+        return await self._store.checkpoint()
+
+    # What the chain is owed
+
+    async def owed(self, limit: int) -> list[OutboxRow]:
+        """Return transactions to submit, oldest first; they stay until the chain shows them, so submitting repeats."""
+        return await self._store.outbox("ready", limit)
+
+    async def dismiss(self, row: OutboxRow) -> None:
+        """Forget a transaction that the chain refuses for good, because it says what the chain knows already."""
+        await self._store.remove_outbox(row.key)
+
+    # Release
+
+    async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
+        """Return a clip to its owner (33 bytes, proven by her session) under a final access request of hers.
+
+        Erased frames keep their places, without bytes; one whose row was changed comes as it is, for her to judge.
+        Raises ACCESS_NOT_GRANTED, CLIP_ERASED, CLIP_NOT_CONFIRMED (also while it is fetched), NOT_FOUND.
+        """
+        grant = await self._store.grant(access_id)
+        if grant is None or grant.owner != owner or (grant.records and record_id not in grant.records):
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
+        clip = await self._confirmed_clip(record_id)
+        if not grant_covers(grant, clip):
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
+        return await self._assemble(clip)
+
+    async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
+        clip = (await self._store.clips([record_id])).get(record_id)
+        if clip is None:
+            missing = await self._store.missing_clip(record_id) is not None
+            raise BlockRobotError("CLIP_NOT_CONFIRMED" if missing else "NOT_FOUND", "This custodian has no such clip.")
+        if clip.status == "erased":
+            raise BlockRobotError("CLIP_ERASED")
+        if clip.status == "staged":
+            raise BlockRobotError("CLIP_NOT_CONFIRMED")
+        return clip
+
+    async def _assemble(self, clip: ClipRow) -> ClipDownload:
+        rows = {row.index: row for row in await self._store.frames(clip.record_id)}
+        frames = [self._open_frame(index, rows.get(index)) for index in range(len(clip.ciphertext_leaves))]
+        return ClipDownload(
+            record_id=clip.record_id,
+            txid=clip.txid,
+            frames=frames,
+            commitment_leaves=list(clip.commitment_leaves),
+            ciphertext_leaves=list(clip.ciphertext_leaves),
+        )
+
+    def _open_frame(self, index: int, row: FrameRow | None) -> FrameDownload:
+        erase_key = self._keys.read(row.slot) if row is not None else None
+        if row is None or erase_key is None:
+            return FrameDownload(index=index, erased=True, ciphertext=b"", sealed_key=b"")
+        try:
+            sealed_key = unwrap_key(erase_key, row.record_id, index, row.wrapped_key)
+        except BlockRobotError:
+            sealed_key = b""
+        return FrameDownload(index=index, erased=False, ciphertext=row.ciphertext, sealed_key=sealed_key)
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """Keep an empty frame under its SHA-256. Raises UPLOAD_HASH_MISMATCH if it has another."""
+        if sha256(content) != digest:
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH")
+        await self._store.put_background(digest, content)
+
+    async def get_background(self, digest: bytes) -> bytes | None:
+        """Return an empty frame, or None."""
+        return await self._store.background(digest)
+
+    # Between custodians
+
+    async def export(self, record_id: bytes) -> ClipDownload:
+        """Return a confirmed clip for another custodian (the caller has checked that it is one). Raises as `download`."""
+        return await self._assemble(await self._confirmed_clip(record_id))
+
+    async def missing(self, limit: int) -> list[RecordFacts]:
+        """Return clips that the chain has and this custodian has not, the newest first."""
+        return await self._store.missing(limit)
+
+    async def install(self, fetched: ClipDownload) -> bool:
+        """Keep a missing clip that another custodian sent; False if it is not missing (any more).
+
+        Raises PROOF_INVALID if its leaves do not lead to the roots on the chain, UPLOAD_HASH_MISMATCH if its bytes do
+        not make its leaves, UPLOAD_INVALID for a wrong form.
+        """
+        facts = await self._store.missing_clip(fetched.record_id)
+        if facts is None:
+            return False
+        damaged = check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root)
+        if damaged:
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH", f"Frames {damaged} of the fetched clip are damaged.")
+        clip = ClipRow(
+            record_id=facts.record_id,
+            txid=facts.txid,
+            valid_until_ms=0,
+            status="staged",
+            commitment_leaves=tuple(fetched.commitment_leaves),
+            ciphertext_leaves=tuple(fetched.ciphertext_leaves),
+        )
+        present = [frame for frame in fetched.frames if not frame.erased and frame.index not in facts.erased_frames]
+        return await self._keep(clip, [(frame.index, frame.ciphertext, frame.sealed_key) for frame in present])
+
+    async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
+        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now."""
+        installed = 0
+        for facts in await self._store.missing(FETCH_AT_ONCE_COUNT):
+            for peer in peers:
+                try:
+                    fetched = await peer.fetch(facts.record_id)
+                    found = fetched is not None and fetched.record_id == facts.record_id
+                    if fetched is not None and found and await self.install(fetched):
+                        installed += 1
+                        break
+                except BlockRobotError as error:
+                    if error.code in {"STORE_UNAVAILABLE", "ERASE_KEYS_DAMAGED"}:
+                        raise
+                    log.info("custody_fetch_refused", peer=peer.name, code=error.code)
+        return installed

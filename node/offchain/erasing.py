@@ -1,0 +1,141 @@
+"""Erasing: destroy the keys, delete the rows, read back, and only then owe a receipt. Must never promise before it is done.
+
+An erasure is fixed as a plan in the outbox before the first key is destroyed. After a crash the plan is carried out
+again from its start, each step being idempotent, so that the receipt says what was destroyed and not what was left.
+A slot is free again only after its plan is closed: a repeated plan never hits another frame's key.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Sequence
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode, encode_value
+from consensus.primitives.hashing import tagged_hash
+from node.offchain.erase_keys import EraseKeys
+from node.offchain.store import ClipRow, CustodyStore, ErasurePart, ErasurePlan, FramePlace, OutboxRow
+
+RECEIPT_KIND = "erasure.receipt"
+EXPIRED_KIND = "erasure.expired"
+REMAINS_NOTHING = "nothing"
+REMAINS_LEAVES = "commitment-leaves"
+RECORDS_A_CALL_MAX_COUNT = 32
+_PLANS_AT_ONCE_COUNT = 16
+
+_DIGEST = "blockrobot/erasure-digest"
+_EXPIRY = "blockrobot/expiry-subject"
+
+
+def compute_expiry_subject(record_ids: Sequence[bytes]) -> bytes:
+    """Return what an expiry report is known by: a hash over its record ids in their order."""
+    return tagged_hash(_EXPIRY, *record_ids)
+
+
+def compute_erasure_digest(parts: Sequence[ErasurePart], clips: dict[bytes, ClipRow]) -> bytes:
+    """Return the hash over the erased frames' record ids, indexes and ciphertext leaves, which a receipt carries."""
+    listed = []
+    for part in parts:
+        clip = clips.get(part.record_id)
+        leaves = clip.ciphertext_leaves if clip is not None else ()
+        listed.append([part.record_id, [[i, leaves[i] if i < len(leaves) else b""] for i in part.indexes]])
+    return tagged_hash(_DIGEST, encode_value(listed))
+
+
+def _parts(record_ids: Sequence[bytes], places: Sequence[FramePlace], frames: Sequence[int]) -> tuple[ErasurePart, ...]:
+    """Return the parts of a plan: these frames of each record, or the whole record if no frame is named."""
+    parts = []
+    for record_id in record_ids:
+        chosen = [p for p in places if p.record_id == record_id and (not frames or p.index in frames)]
+        indexes, slots = tuple(place.index for place in chosen), tuple(place.slot for place in chosen)
+        parts.append(ErasurePart(record_id, indexes, slots, whole=not frames))
+    return tuple(parts)
+
+
+class Eraser:
+    """Plans erasures and carries them out, over a store and the erase keys that belong to it."""
+
+    def __init__(self, store: CustodyStore, erase_keys: EraseKeys) -> None:
+        self._store = store
+        self._keys = erase_keys
+
+    async def erase_requested(
+        self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
+    ) -> None:
+        """Erase whole records, or frames of them, and owe the chain a receipt that names what remains and until when."""
+        clips = await self._store.clips(record_ids)
+        parts = _parts(record_ids, await self._store.frame_places(record_ids), frames)
+        kept_until = [clip.expires_at_ms for clip in clips.values() if clip.status == "confirmed"]
+        remains, until = (REMAINS_LEAVES, max(kept_until)) if frames and kept_until else (REMAINS_NOTHING, 0)
+        destroyed = sum(len(part.indexes) for part in parts)
+        arguments = [erasure_id, destroyed, remains, until, compute_erasure_digest(parts, clips)]
+        await self._plan(RECEIPT_KIND, erasure_id, "receipt", arguments, height, parts)
+
+    async def erase_expired(self, at_ms: int, height: int) -> None:
+        """Erase every confirmed clip whose time is over (`expires_at_ms <= at_ms`) and owe the chain the reports."""
+        while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
+            clips = await self._store.clips(record_ids)
+            parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
+            arguments = [record_ids, compute_erasure_digest(parts, clips)]
+            await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
+
+    async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
+        """Drop staged clips that no record will ever name.
+
+        Rows go before keys: a clip that could still be asked for always has its keys, and keys without a row are
+        destroyed at the next start.
+        """
+        slots = [place.slot for place in await self._store.frame_places(record_ids)]
+        for record_id in record_ids:
+            await self._store.drop_staged(record_id)
+        await self.destroy_unused(slots)
+        await self._store.sweep()
+
+    async def destroy_unused(self, slots: Sequence[int]) -> None:
+        """Destroy and free keys to which no row refers."""
+        await asyncio.to_thread(self._keys.destroy, slots)
+        await asyncio.to_thread(self._keys.release, slots)
+
+    async def finish(self) -> None:
+        """Carry out every plan that is not closed: those of a crash, and those just made."""
+        while rows := await self._store.outbox("erasing", _PLANS_AT_ONCE_COUNT):
+            for row in rows:
+                await self._carry_out(row)
+
+    async def _plan(
+        self,
+        kind: str,
+        subject: bytes,
+        entry: str,
+        arguments: Sequence[object],
+        height: int,
+        parts: tuple[ErasurePart, ...],
+    ) -> None:
+        plan = encode(ErasurePlan(parts))
+        row = OutboxRow(kind, subject, 0, "erasure", entry, encode_value(list(arguments)), height, "erasing", plan)
+        await self._store.add_outbox(row)
+        await self.finish()
+
+    async def _carry_out(self, row: OutboxRow) -> None:
+        parts = decode(row.plan, ErasurePlan).parts
+        slots = [slot for part in parts for slot in part.slots]
+        await asyncio.to_thread(self._keys.destroy, slots)
+        for part in parts:
+            if part.whole:
+                await self._store.erase_clip(part.record_id)
+            else:
+                await self._store.erase_frames(part.record_id, part.indexes)
+        await self._store.sweep()
+        await self._read_back(parts)
+        await self._store.mark_outbox_ready(row.key)
+        await asyncio.to_thread(self._keys.release, slots)
+
+    async def _read_back(self, parts: Sequence[ErasurePart]) -> None:
+        places = await self._store.frame_places([part.record_id for part in parts])
+        left = {(place.record_id, place.index) for place in places}
+        erased = {(part.record_id, index) for part in parts for index in part.indexes}
+        if left & erased:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store still returns frames after they were deleted.")
+        for part in parts:
+            if any(self._keys.read(slot) is not None for slot in part.slots):
+                raise BlockRobotError("ERASE_KEYS_DAMAGED", "An erase key is still there after it was destroyed.")

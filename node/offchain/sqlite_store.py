@@ -1,0 +1,397 @@
+"""The embedded custody store, on SQLite. Must never leave the bytes of an erased row in its own files.
+
+One connection in one worker thread, so that the event loop never waits for a disk. `secure_delete` overwrites freed
+pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` truncates the write-ahead log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sqlite3
+from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import HASH_SIZE_BYTES
+from node.offchain.store import (
+    BlockEffects,
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    OutboxRow,
+    OutboxStatus,
+    RecordFacts,
+)
+
+T = TypeVar("T")
+
+DATABASE_FILE_NAME = "custody.sqlite3"
+FORMAT_VERSION = 1
+_PAGE_ROWS_COUNT = 500
+
+_SCHEMA = """
+CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
+    status TEXT NOT NULL, commitment_leaves BLOB NOT NULL, ciphertext_leaves BLOB NOT NULL,
+    owner BLOB NOT NULL, expires_at_ms INTEGER NOT NULL, height INTEGER NOT NULL) WITHOUT ROWID;
+CREATE INDEX clips_by_owner ON clips (owner, record_id);
+CREATE INDEX clips_by_valid_until ON clips (status, valid_until_ms);
+CREATE INDEX clips_by_expiry ON clips (status, expires_at_ms);
+CREATE TABLE frames (record_id BLOB NOT NULL, place INTEGER NOT NULL, slot INTEGER NOT NULL,
+    wrapped_key BLOB NOT NULL, ciphertext BLOB NOT NULL, UNIQUE (record_id, place));
+CREATE INDEX frames_by_slot ON frames (slot);
+CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB NOT NULL,
+    commitment_root BLOB NOT NULL, ciphertext_root BLOB NOT NULL, expires_at_ms INTEGER NOT NULL,
+    height INTEGER NOT NULL, erased_frames BLOB NOT NULL) WITHOUT ROWID;
+CREATE INDEX missing_by_height ON missing (height, record_id);
+CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
+CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
+    height INTEGER NOT NULL) WITHOUT ROWID;
+CREATE INDEX grants_by_owner ON grants (owner, access_id);
+CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
+    entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
+    plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;
+CREATE INDEX outbox_by_height ON outbox (status, height, kind, subject, part);
+CREATE TABLE backgrounds (digest BLOB PRIMARY KEY, content BLOB NOT NULL);
+CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER NOT NULL,
+    block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
+"""
+
+_CLIP_COLUMNS = (
+    "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height"
+)
+_MISSING_COLUMNS = "record_id, txid, owner, commitment_root, ciphertext_root, expires_at_ms, height, erased_frames"
+_OUTBOX_COLUMNS = "kind, subject, part, contract, entry, arguments, height, status, plan"
+
+
+def _split(joined: bytes, size: int) -> tuple[bytes, ...]:
+    return tuple(joined[start : start + size] for start in range(0, len(joined), size))
+
+
+def _clip(row: Sequence[Any]) -> ClipRow:
+    leaves = (_split(row[4], HASH_SIZE_BYTES), _split(row[5], HASH_SIZE_BYTES))
+    return ClipRow(row[0], row[1], row[2], row[3], *leaves, row[6], row[7], row[8])
+
+
+def _missing(row: Sequence[Any]) -> RecordFacts:
+    return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
+
+
+def _insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:
+    database.executemany(
+        "INSERT INTO outbox VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
+        [
+            (row.kind, row.subject, row.part, row.contract, row.entry, row.arguments, row.height, row.status, row.plan)
+            for row in rows
+        ],
+    )
+
+
+def _apply(database: sqlite3.Connection, effects: BlockEffects) -> None:
+    _insert_outbox(database, effects.outbox)
+    database.executemany(
+        "UPDATE clips SET status = 'confirmed', txid = ?, owner = ?, expires_at_ms = ?, height = ? "
+        "WHERE record_id = ? AND status = 'staged'",
+        [(facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id) for facts in effects.confirmed],
+    )
+    database.executemany("DELETE FROM missing WHERE record_id = ?", [(facts.record_id,) for facts in effects.confirmed])
+    database.executemany(
+        "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
+        [
+            (
+                facts.record_id,
+                facts.txid,
+                facts.owner,
+                facts.commitment_root,
+                facts.ciphertext_root,
+                facts.expires_at_ms,
+                facts.height,
+                bytes(facts.erased_frames),
+            )
+            for facts in effects.missing
+        ],
+    )
+    database.executemany(
+        "INSERT OR REPLACE INTO grants VALUES (?, ?, ?, ?)",
+        [(grant.access_id, grant.owner, b"".join(grant.records), grant.height) for grant in effects.grants],
+    )
+    database.executemany("DELETE FROM outbox WHERE kind = ? AND subject = ? AND part = ?", effects.settled)
+    if effects.checkpoint is not None:
+        point = effects.checkpoint
+        database.execute("DELETE FROM missing WHERE expires_at_ms <= ?", (point.timestamp_ms,))
+        database.execute(
+            "INSERT OR REPLACE INTO checkpoint VALUES (1, ?, ?, ?)", (point.height, point.block_id, point.timestamp_ms)
+        )
+
+
+def _stage(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+    database.execute("DELETE FROM frames WHERE record_id = ?", (clip.record_id,))
+    database.executemany(
+        "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
+        [(row.record_id, row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
+    )
+    database.execute(
+        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
+        (
+            clip.record_id,
+            clip.txid,
+            clip.valid_until_ms,
+            clip.status,
+            b"".join(clip.commitment_leaves),
+            b"".join(clip.ciphertext_leaves),
+            clip.owner,
+            clip.expires_at_ms,
+            clip.height,
+        ),
+    )
+
+
+def _erase_clip(database: sqlite3.Connection, record_id: bytes) -> None:
+    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+    database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
+    database.execute("INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0)", (record_id,))
+
+
+def _drop_staged(database: sqlite3.Connection, record_id: bytes) -> None:
+    found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
+    if found is not None and found[0] == "staged":
+        database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
+        database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))
+
+
+class SqliteStore:
+    """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._database: sqlite3.Connection | None = None
+        self._worker: ThreadPoolExecutor | None = None
+
+    async def __aenter__(self) -> Self:
+        """Open the database. Raises STORE_UNAVAILABLE if the directory or the file cannot be used."""
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="custody-store")
+        try:
+            self._database = await self._in_worker(self._open)
+        except BaseException:
+            self._worker.shutdown()
+            raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish what is under way and close the database."""
+        if self._database is not None:
+            await self._in_worker(self._database.close)
+            self._database = None
+        if self._worker is not None:
+            self._worker.shutdown()
+
+    def _open(self) -> sqlite3.Connection:
+        self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        path = self._directory / DATABASE_FILE_NAME
+        path.touch(mode=0o600, exist_ok=True)
+        database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
+            database.execute(f"PRAGMA {setting}").fetchall()
+        version = database.execute("PRAGMA user_version").fetchone()[0]
+        if version == 0:
+            database.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version != FORMAT_VERSION:
+            database.close()
+            raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
+        return database
+
+    async def _in_worker(self, work: Callable[[], T]) -> T:
+        if self._worker is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        try:
+            return await asyncio.get_running_loop().run_in_executor(self._worker, work)
+        except (sqlite3.Error, OSError) as error:
+            raise BlockRobotError("STORE_UNAVAILABLE", f"The store in {self._directory} fails: {error}.") from error
+
+    async def _write(self, work: Callable[[sqlite3.Connection], None]) -> None:
+        def transaction() -> None:
+            database = self._opened()
+            database.execute("BEGIN IMMEDIATE")
+            try:
+                work(database)
+            except BaseException:
+                database.execute("ROLLBACK")
+                raise
+            database.execute("COMMIT")
+
+        await self._in_worker(transaction)
+
+    async def _write_one(self, query: str, *rows: Sequence[Any]) -> None:
+        def write(database: sqlite3.Connection) -> None:
+            database.executemany(query, rows)
+
+        await self._write(write)
+
+    async def _read(self, query: str, *arguments: Any) -> list[tuple[Any, ...]]:
+        return await self._in_worker(lambda: self._opened().execute(query, arguments).fetchall())
+
+    def _opened(self) -> sqlite3.Connection:
+        if self._database is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        return self._database
+
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.stage`."""
+        await self._write(lambda database: _stage(database, clip, frames))
+
+    async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
+        """See `CustodyStore.extend_staged`."""
+        query = "UPDATE clips SET txid = ?, valid_until_ms = ? WHERE record_id = ? AND status = 'staged'"
+        await self._write_one(query, (txid, valid_until_ms, record_id))
+
+    async def apply(self, effects: BlockEffects) -> None:
+        """See `CustodyStore.apply`; here it is one transaction."""
+        await self._write(lambda database: _apply(database, effects))
+
+    async def checkpoint(self) -> Checkpoint | None:
+        """See `CustodyStore.checkpoint`."""
+        rows = await self._read("SELECT height, block_id, timestamp_ms FROM checkpoint")
+        return Checkpoint(*rows[0]) if rows else None
+
+    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
+        """See `CustodyStore.clips`."""
+
+        def read() -> dict[bytes, ClipRow]:
+            database, found = self._opened(), {}
+            for record_id in record_ids:
+                query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
+                row = database.execute(query, (record_id,)).fetchone()
+                if row is not None:
+                    found[record_id] = _clip(row)
+            return found
+
+        return await self._in_worker(read)
+
+    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
+        """See `CustodyStore.clips_of_owner`."""
+        query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
+        return [_clip(row) for row in await self._read(query, owner)]
+
+    async def frames(self, record_id: bytes) -> list[FrameRow]:
+        """See `CustodyStore.frames`."""
+        query = "SELECT record_id, place, ciphertext, wrapped_key, slot FROM frames WHERE record_id = ? ORDER BY place"
+        return [FrameRow(*row) for row in await self._read(query, record_id)]
+
+    async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
+        """See `CustodyStore.frame_places`."""
+
+        def read() -> list[FramePlace]:
+            query = "SELECT record_id, place, slot FROM frames WHERE record_id = ? ORDER BY place"
+            database = self._opened()
+            return [FramePlace(*row) for key in sorted(record_ids) for row in database.execute(query, (key,))]
+
+        return await self._in_worker(read)
+
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
+        """See `CustodyStore.erase_frames`."""
+        places = [(record_id, index) for index in indexes]
+        query = "DELETE FROM frames WHERE record_id = ? AND place = ?"
+        await self._write_one(query, *places)
+
+    async def erase_clip(self, record_id: bytes) -> None:
+        """See `CustodyStore.erase_clip`."""
+        await self._write(lambda database: _erase_clip(database, record_id))
+
+    async def drop_staged(self, record_id: bytes) -> None:
+        """See `CustodyStore.drop_staged`."""
+        await self._write(lambda database: _drop_staged(database, record_id))
+
+    async def sweep(self) -> None:
+        """Move the write-ahead log into the database and cut it to nothing."""
+        busy = (await self._read("PRAGMA wal_checkpoint(TRUNCATE)"))[0][0]
+        if busy:
+            raise BlockRobotError("STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut.")
+
+    async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.lapsed`."""
+        due = "status = 'staged' AND valid_until_ms <= ? ORDER BY valid_until_ms, record_id LIMIT ?"
+        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        return [row[0] for row in await self._read(query, at_ms, limit)]
+
+    async def expired(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.expired`."""
+        due = "status = 'confirmed' AND expires_at_ms <= ? ORDER BY expires_at_ms, record_id LIMIT ?"
+        query = f"SELECT record_id FROM clips WHERE {due}"  # noqa: S608
+        return [row[0] for row in await self._read(query, at_ms, limit)]
+
+    async def missing(self, limit: int) -> list[RecordFacts]:
+        """See `CustodyStore.missing`."""
+        query = f"SELECT {_MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
+        return [_missing(row) for row in await self._read(query, limit)]
+
+    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
+        """See `CustodyStore.missing_clip`."""
+        rows = await self._read(f"SELECT {_MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
+        return _missing(rows[0]) if rows else None
+
+    async def grant(self, access_id: bytes) -> Grant | None:
+        """See `CustodyStore.grant`."""
+        rows = await self._read("SELECT owner, records, height FROM grants WHERE access_id = ?", access_id)
+        return Grant(access_id, rows[0][0], _split(rows[0][1], 16), rows[0][2]) if rows else None
+
+    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
+        """See `CustodyStore.grants_of_owner`."""
+        query = "SELECT access_id, owner, records, height FROM grants WHERE owner = ? ORDER BY access_id"
+        return [Grant(row[0], row[1], _split(row[2], 16), row[3]) for row in await self._read(query, owner)]
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """See `CustodyStore.put_background`."""
+        query = "INSERT OR REPLACE INTO backgrounds VALUES (?, ?)"
+        await self._write_one(query, (digest, content))
+
+    async def background(self, digest: bytes) -> bytes | None:
+        """See `CustodyStore.background`."""
+        rows = await self._read("SELECT content FROM backgrounds WHERE digest = ?", digest)
+        return rows[0][0] if rows else None
+
+    async def add_outbox(self, row: OutboxRow) -> None:
+        """See `ReceiptOutbox.add_outbox`."""
+        await self._write(lambda database: _insert_outbox(database, [row]))
+
+    async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.mark_outbox_ready`."""
+        query = "UPDATE outbox SET status = 'ready', plan = x'' WHERE kind = ? AND subject = ? AND part = ?"
+        await self._write_one(query, key)
+
+    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.remove_outbox`."""
+        await self._write(lambda database: _apply(database, BlockEffects(settled=(key,))))
+
+    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox`."""
+        query = f"SELECT {_OUTBOX_COLUMNS} FROM outbox WHERE status = ? ORDER BY height, kind, subject, part LIMIT ?"  # noqa: S608
+        return [OutboxRow(*row) for row in await self._read(query, status, limit)]
+
+    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox_of`."""
+        query = f"SELECT {_OUTBOX_COLUMNS} FROM outbox WHERE kind = ? AND subject = ? ORDER BY part"  # noqa: S608
+        return [OutboxRow(*row) for row in await self._read(query, kind, subject)]
+
+    async def all_clips(self) -> AsyncIterator[ClipRow]:
+        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no lock."""
+        query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
+        last = b""
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield _clip(row)
+            last = rows[-1][0]
+
+    async def slots_in_use(self) -> AsyncIterator[int]:
+        """See `CustodyStore.slots_in_use`."""
+        query = "SELECT slot FROM frames WHERE slot > ? ORDER BY slot LIMIT ?"
+        last = -1
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield row[0]
+            last = rows[-1][0]
