@@ -10,22 +10,24 @@ import asyncio
 import secrets
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import structlog
 
-from consensus.block import Block, Header, Receipt, Receipts
+from consensus.block import Block, Receipt, Receipts
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
-from consensus.records.clips import ClipUpload
+from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
-from contracts.state.view import StateReader
 from node.api.services import TransactionPool
 from node.finality import FinalityFeed
-from node.offchain.store import Checkpoint, OutboxRow, RecordFacts
+from node.offchain.custodian import Custodian
+from node.offchain.finalized import collect_events
+from node.offchain.store import OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore
 
@@ -33,7 +35,9 @@ OUTBOX_BATCH_COUNT = 64
 OUTBOX_INTERVAL_MS = 1_000
 OUTBOX_LIFETIME_MS = 60_000
 FETCH_INTERVAL_MS = 2_000
-FETCH_BATCH_COUNT = 16
+REFUSALS_MAX_COUNT = 3
+KNOWN_ALREADY_CODES = frozenset({"RECEIPT_EXISTS"})
+CLIP_ABSENT_CODES = frozenset({"NOT_FOUND", "CLIP_NOT_CONFIRMED", "CLIP_ERASED"})
 CLIP_PART_BYTES = 1024 * 1024
 CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
 CLIPS_SERVED_KEPT_COUNT = 2
@@ -41,39 +45,6 @@ RETRY_MS = 500
 _WAIT_MS = 60_000
 
 log = structlog.get_logger(__name__)
-
-
-class Custodian(Protocol):
-    """What is asked of the custodian (`node.offchain.custodian`)."""
-
-    async def checkpoint(self) -> Checkpoint | None:
-        """Return the newest block whose effects are in the store."""
-        ...
-
-    async def on_finalized(
-        self, header: Header, block_id: bytes, receipts: Sequence[Receipt], state: StateReader
-    ) -> None:
-        """Take one finalized block's effects over, with its checkpoint; `state` is the newest finalized one.
-
-        Repeating a block is harmless. Raises STORE_UNAVAILABLE.
-        """
-        ...
-
-    async def outbox(self, limit: int) -> Sequence[OutboxRow]:
-        """Return transactions that are owed to the chain and may be submitted."""
-        ...
-
-    async def missing(self, limit: int) -> Sequence[RecordFacts]:
-        """Return clips that the chain has and this custodian has not."""
-        ...
-
-    async def export_clip(self, record_id: bytes) -> ClipUpload | None:
-        """Return a confirmed clip whole, for another custodian, or None."""
-        ...
-
-    async def import_clip(self, upload: ClipUpload) -> None:
-        """Take a missing clip over from another custodian. Raises UPLOAD_* if it is not the chain's."""
-        ...
 
 
 class PeerRequests(Protocol):
@@ -87,6 +58,36 @@ class PeerRequests(Protocol):
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Return the answer. Raises PEER_UNAVAILABLE."""
         ...
+
+
+class PeerLink:
+    """Another custodian over the nodes' own connection (`PeerCustodian`)."""
+
+    def __init__(self, name: str, peers: PeerRequests) -> None:
+        self.name = name
+        self._peers = peers
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        """Return a confirmed clip as that custodian holds it, or None if it has none. Raises PEER_*, ENCODING_*."""
+        data = bytearray()
+        while True:
+            request = ClipRequest(record_id=record_id, offset=len(data))
+            part = decode(await self._peers.request(self.name, RequestKind.CLIP, encode(request)), ClipPart)
+            if part.total > CLIP_WIRE_MAX_BYTES or (not part.data and len(data) < part.total):
+                raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's clip is not what it announced.")
+            data += part.data
+            if len(data) >= part.total:
+                return decode(bytes(data), ClipDownload) if data else None
+
+
+@dataclass(slots=True)
+class _Submission:
+    """The last transaction that was made of an outbox row."""
+
+    row: OutboxRow
+    txid: bytes
+    valid_until_ms: int
+    refusals: int = 0
 
 
 class Custody:
@@ -114,14 +115,15 @@ class Custody:
         self._peers = peers
         self._clock = clock
         self._others = frozenset(node.name for node in genesis.custodians) - {name}
-        self._submitted: dict[tuple[str, bytes, int], int] = {}
+        self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
         self._wake_outbox = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
         self.checkpoint_height: int | None = None
 
     async def start(self) -> None:
-        """Read the checkpoint and begin. Raises STORE_UNAVAILABLE."""
+        """Finish what a crash cut off, read the checkpoint and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        await self._custodian.start()
         checkpoint = await self._custodian.checkpoint()
         self.checkpoint_height = None if checkpoint is None else checkpoint.height
         loop = asyncio.get_running_loop()
@@ -133,6 +135,25 @@ class Custody:
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
+
+    # What clients ask (`CustodyService`)
+
+    async def stage(self, upload: ClipUpload, robot: bytes) -> None:  # noqa: ARG002 - the chain names the robot
+        """Keep an uploaded clip until its record is final. Raises UPLOAD_*, CLIP_ERASED, STORE_UNAVAILABLE."""
+        await self._custodian.stage(upload)
+        self._wake_outbox.set()
+
+    async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
+        """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does."""
+        return await self._custodian.download(record_id, access_id, owner)
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """Keep a recorded empty frame under its SHA-256."""
+        await self._custodian.put_background(digest, content)
+
+    async def get_background(self, digest: bytes) -> bytes | None:
+        """Return a recorded empty frame, or None."""
+        return await self._custodian.get_background(digest)
 
     # Following the chain
 
@@ -154,14 +175,31 @@ class Custody:
     async def _take_block(self, height: int) -> None:
         with self._ledger.snapshot() as snapshot:
             block_bytes, receipts_bytes = snapshot.block(height), snapshot.receipts(height)
-            if block_bytes is None or receipts_bytes is None:
-                raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold block {height}.")
-            block = decode(block_bytes, Block)
-            receipts = decode(receipts_bytes, Receipts).receipts
-            await self._custodian.on_finalized(block.header, block.block_id, receipts, snapshot)
+        if block_bytes is None or receipts_bytes is None:
+            raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold block {height}.")
+        block, receipts = decode(block_bytes, Block), decode(receipts_bytes, Receipts).receipts
+        events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
+        await self._custodian.on_finalized_block(events)
         self.checkpoint_height = height
-        if any(receipt.ok and receipt.events for receipt in receipts):
+        await self._note_refusals(receipts)
+        if events.events:
             self._wake_outbox.set()
+
+    async def _note_refusals(self, receipts: Sequence[Receipt]) -> None:
+        """A contract that refuses what is owed will mostly do so again: try a few times, then let it be."""
+        if not self._submitted:
+            return
+        refused = {receipt.txid: receipt.code for receipt in receipts if not receipt.ok}
+        for key, submission in list(self._submitted.items()):
+            code = refused.get(submission.txid)
+            if code is None:
+                continue
+            submission.refusals += 1
+            submission.valid_until_ms = 0
+            log.warning("outbox_call_failed", kind=submission.row.kind, code=code, count=submission.refusals)
+            if code in KNOWN_ALREADY_CODES or submission.refusals >= REFUSALS_MAX_COUNT:
+                await self._custodian.dismiss(submission.row)
+                del self._submitted[key]
 
     # Submitting what is owed
 
@@ -184,19 +222,24 @@ class Custody:
     async def _submit_due(self) -> None:
         """Sign and submit the rows that are due, each again only after its last transaction expired unseen."""
         now_ms = self._clock()
-        rows = await self._custodian.outbox(OUTBOX_BATCH_COUNT)
-        owed = {row.key for row in rows}
-        self._submitted = {key: until for key, until in self._submitted.items() if key in owed and until > now_ms}
-        due = [row for row in rows if row.key not in self._submitted]
+        rows = {row.key: row for row in await self._custodian.owed(OUTBOX_BATCH_COUNT)}
+        self._submitted = {key: submission for key, submission in self._submitted.items() if key in rows}
+        due = [row for row in rows.values() if self._is_due(row, now_ms)]
         if not due:
             return
         transactions = [self._sign(row, now_ms + OUTBOX_LIFETIME_MS) for row in due]
         results = await self._pool.submit([transaction.wire for transaction in transactions])
         for row, transaction, result in zip(due, transactions, results, strict=True):
-            if result.error is None:
-                self._submitted[row.key] = transaction.body.valid_until_ms
-            else:
+            if result.error is not None:
                 log.warning("outbox_refused", kind=row.kind, code=result.error.code)
+                continue
+            previous = self._submitted.get(row.key)
+            refusals = 0 if previous is None else previous.refusals
+            self._submitted[row.key] = _Submission(row, transaction.txid, transaction.body.valid_until_ms, refusals)
+
+    def _is_due(self, row: OutboxRow, now_ms: int) -> bool:
+        submission = self._submitted.get(row.key)
+        return submission is None or submission.valid_until_ms <= now_ms
 
     def _sign(self, row: OutboxRow, valid_until_ms: int) -> Transaction:
         return sign_transaction(
@@ -220,8 +263,7 @@ class Custody:
         request = decode(body, ClipRequest)
         data = self._served.get(request.record_id)
         if data is None or request.offset == 0:
-            upload = await self._custodian.export_clip(request.record_id)
-            data = b"" if upload is None else encode(upload)
+            data = await self._export(request.record_id)
             self._served[request.record_id] = data
             while len(self._served) > CLIPS_SERVED_KEPT_COUNT:
                 self._served.popitem(last=False)
@@ -230,37 +272,27 @@ class Custody:
             self._served.pop(request.record_id, None)
         return encode(ClipPart(total=len(data), data=part))
 
+    async def _export(self, record_id: bytes) -> bytes:
+        try:
+            return encode(await self._custodian.export(record_id))
+        except BlockRobotError as error:
+            if error.code in CLIP_ABSENT_CODES:
+                return b""
+            raise
+
     async def _fetch(self) -> None:
         while True:
+            await asyncio.sleep(FETCH_INTERVAL_MS / 1000)
+            links = [PeerLink(name, self._peers) for name in self._peers.connected if name in self._others]
+            if not links:
+                continue
             try:
-                for facts in await self._custodian.missing(FETCH_BATCH_COUNT):
-                    await self._fetch_clip(facts.record_id)
+                count = await self._custodian.fetch_missing(links)
             except BlockRobotError as error:
-                log.warning("clip_fetch_failed", code=error.code, detail=error.detail)
+                log.warning("clips_not_fetched", code=error.code, detail=error.detail)
             except Exception:
                 log.exception("clip_fetch_fault")
-            await asyncio.sleep(FETCH_INTERVAL_MS / 1000)
-
-    async def _fetch_clip(self, record_id: bytes) -> None:
-        """Ask the other custodians for a clip until one has the right one."""
-        for peer in sorted(self._others & set(self._peers.connected)):
-            try:
-                data = await self._download(peer, record_id)
-                if data:
-                    await self._custodian.import_clip(decode(data, ClipUpload))
-                    log.info("clip_fetched", peer=peer)
-                    return
-            except BlockRobotError as error:
-                log.warning("clip_fetch_failed", peer=peer, code=error.code, detail=error.detail)
-
-    async def _download(self, peer: str, record_id: bytes) -> bytes:
-        """Return a clip's canonical bytes from one peer, nothing if it has none. Raises PEER_*."""
-        data = bytearray()
-        while True:
-            request = ClipRequest(record_id=record_id, offset=len(data))
-            part = decode(await self._peers.request(peer, RequestKind.CLIP, encode(request)), ClipPart)
-            if part.total > CLIP_WIRE_MAX_BYTES or (not part.data and len(data) < part.total):
-                raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's clip is not what it announced.")
-            data += part.data
-            if len(data) >= part.total:
-                return bytes(data)
+            else:
+                if count:
+                    log.info("clips_fetched", count=count)
+                    self._wake_outbox.set()

@@ -25,6 +25,7 @@ from contracts.execution.registry import require_contracts
 from contracts.execution.standing import has_standing
 from node.api import ApiServices, create_api
 from node.config import NodeConfig, load_genesis, load_key
+from node.custody import Custody
 from node.engine import Engine
 from node.execution import ExecutedBlock, Executor
 from node.finality import FinalityFeed, LedgerWriter
@@ -33,6 +34,11 @@ from node.journal import Journal
 from node.machine import ViewRunner, genesis_block
 from node.mempool import Mempool
 from node.metrics import NodeMetrics
+from node.offchain.custodian import Custodian
+from node.offchain.erase_keys import EraseKeys
+from node.offchain.mongo_store import MongoStore
+from node.offchain.sqlite_store import SqliteStore
+from node.offchain.store import CustodyStore
 from node.operator import create_operator_listener
 from node.p2p.network import PeerNetwork, bind_listener
 from node.peers import Peers
@@ -166,6 +172,40 @@ class Node:
             mempool=self._mempool, engine=self._engine, gossip=self._peers.gossip, feed=self._feed, clock=self._clock
         )
         self._metrics = NodeMetrics(self._gauges(), now_ms)
+        self._custody = await self._open_custody()
+
+    async def _open_custody(self) -> Custody | None:
+        """Open the custodian's store and erase keys, if this node is a custodian.
+
+        Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED, CONFIGURATION_INVALID.
+        """
+        config, clock_ms = self.config, self._clock.now_ms
+        path = config.custodian_key_path
+        if path is None:
+            return None
+        key = load_key(path, self._entry.custodian_key, "custodian")
+        store: CustodyStore
+        if config.custody_store == "sqlite":
+            store = SqliteStore(config.custody_dir)
+        elif config.custody_store.startswith(("mongodb://", "mongodb+srv://")):
+            store = MongoStore(config.custody_store)
+        else:
+            raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or a MongoDB URI.")
+        erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
+        await self._stack.enter_async_context(store)
+        custody = Custody(
+            genesis=self.genesis,
+            name=config.name,
+            custodian=Custodian(store, erase_keys, member=key.public_key, clock_ms=clock_ms),
+            key=key,
+            ledger=self._ledger,
+            feed=self._feed,
+            pool=self._pool,
+            peers=self._network,
+            clock=clock_ms,
+        )
+        self._peers.clips = custody
+        return custody
 
     async def _start(self) -> None:
         """Bind the ports, then begin to take part, then let clients in."""
@@ -188,6 +228,9 @@ class Node:
         self._engine.start(self._peers)
         housekeeping = asyncio.get_running_loop().create_task(self._keep_house(), name="housekeeping")
         stack.push_async_callback(_cancel, housekeeping)
+        if self._custody is not None:
+            await self._custody.start()
+            stack.push_async_callback(self._custody.stop)
         services = ApiServices(
             genesis=self.genesis,
             node_name=config.name,
@@ -195,7 +238,7 @@ class Node:
             ledger=FinalizedLedger(self._ledger, self._feed),
             views=ViewRunner(self.genesis),
             pool=self._pool,
-            custody=None,
+            custody=self._custody,
         )
         api = create_api(services)
         await self._serve(api, api_socket)
@@ -256,7 +299,7 @@ class Node:
             "leader": self._leader_name(),
             "peers": self._network.connected,
             "mempool": len(self._mempool),
-            "custody_checkpoint": None,
+            "custody_checkpoint": None if self._custody is None else self._custody.checkpoint_height,
             "fault": core.halted or self._engine.fault,
             "version": version("blockrobot"),
             "uptime_s": round(time.monotonic() - self._started_at, 1),
