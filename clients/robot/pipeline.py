@@ -192,9 +192,10 @@ class Pipeline:
             pixels=b"",
         )
 
-    def note_delivered(self, done: Delivered) -> None:
-        """Count a record that is final, and log it under its record id (which is random)."""
-        case = f"record-{done.clip.upload.record_id.hex()}"
-        self._log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case)
-        self._log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case)
-        self._statistics.delivered(done)
+
+def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) -> None:
+    """Count a record that is final, and log it under its record id (which is random)."""
+    case = f"record-{done.clip.upload.record_id.hex()}"
+    log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case)
+    log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case)
+    statistics.delivered(done)

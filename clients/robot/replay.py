@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
@@ -10,14 +11,14 @@ from typing import Any, Protocol
 
 import cv2
 
-from clients.robot.delivery import Delivered, Delivery
+from clients.robot.delivery import Delivery
 from clients.robot.event_log import EventLog
 from clients.robot.events import Event
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
 from clients.robot.identity import load_identity
 from clients.robot.network import RobotNetwork
-from clients.robot.pipeline import Camera, Pipeline
+from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import load_roster
 from clients.robot.source import BagSource
 from clients.robot.spool import Spool
@@ -29,6 +30,7 @@ from consensus.genesis import Genesis
 SENSOR_NAME = "depth"
 EMPTY_FRAMES_KEPT_COUNT = 8
 _START_DELAY_MS = 250
+_PROGRESS_EVERY_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +61,73 @@ async def _events(source: BagSource, *, real_time: bool) -> AsyncIterator[Event]
             yield event
 
 
+class _Run:
+    """One run: the parts that are put together, and what they tell each other."""
+
+    def __init__(self, folder: Path, client: NetworkClient, options: ReplayOptions, progress: ProgressListener) -> None:
+        self._folder = folder
+        self._options = options
+        self._progress = progress
+        self._identity = load_identity(folder)
+        self._chain_id = client.genesis.chain_id
+        self._network = RobotNetwork(client, self._identity)
+        self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
+        self._spool = Spool(folder / "spool", self._identity.spool)
+
+    async def work(self, source: BagSource) -> RunStatistics:
+        """Work through a recording and return the figures once all its records are final."""
+        empty = source.empty_frames()
+        bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
+        hider = Hider(learn_background(empty))
+        statistics = RunStatistics(window_ms=hider.pairing.window_ms)
+        await self._network.publish_empty_frames(bank)
+        height, width = empty[0].shape
+        with EventLog(self._options.events) as log:
+            delivery = Delivery(
+                self._spool,
+                self._network,
+                on_delivered=lambda done: note_delivered(done, statistics, log),
+                at_once=self._options.at_once,
+            )
+            pipeline = Pipeline(
+                camera=Camera(sensor=SENSOR_NAME, width=width, height=height, empty_frames=bank),
+                hider=hider,
+                roster=self._roster,
+                visits=VisitBook(self._chain_id, self._identity.identity.public_key, self._options.purpose),
+                spool=self._spool,
+                delivery=delivery,
+                statistics=statistics,
+                log=log,
+                purpose=self._options.purpose,
+                clip_ms=self._options.clip_ms,
+                now_ms=self._network.now_ms,
+            )
+            source.shift_to(self._network.now_ms() + _START_DELAY_MS)
+            events = _events(source, real_time=self._options.real_time)
+            telling = asyncio.create_task(self._tell_regularly(statistics))
+            try:
+                await pipeline.run(events)
+            finally:
+                telling.cancel()
+                await delivery.stop()
+            self._tell(statistics, last=True)
+        return statistics
+
+    async def _tell_regularly(self, statistics: RunStatistics) -> None:
+        while True:
+            self._tell(statistics, last=False)
+            await asyncio.sleep(_PROGRESS_EVERY_S)
+
+    def _tell(self, statistics: RunStatistics, *, last: bool) -> None:
+        figures = {
+            "frames_read": statistics.published,
+            "frames_recorded": statistics.kept_final,
+            "records": statistics.records_final,
+            "waiting": len(self._spool.names()),
+        }
+        self._progress(figures, last=last)
+
+
 async def replay_recording(
     folder: Path, recording: Path, genesis: Genesis, options: ReplayOptions, progress: ProgressListener
 ) -> dict[str, Any]:
@@ -68,63 +137,9 @@ async def replay_recording(
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
-    identity = load_identity(folder)
     source = BagSource(recording)
-    empty = source.empty_frames()
     async with NetworkClient(genesis) as client:
-        network = RobotNetwork(client, identity)
-        roster = load_roster(options.roster, identity, genesis, network.now_ms())
-        bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
-        hider = Hider(learn_background(empty))
-        statistics = RunStatistics(window_ms=hider.pairing.window_ms)
-        spool = Spool(folder / "spool", identity.spool)
-        await network.publish_empty_frames(bank)
-        height, width = empty[0].shape
-        with EventLog(options.events) as log:
-            delivery = Delivery(
-                spool,
-                network,
-                on_delivered=lambda done: delivered(done),  # noqa: PLW0108 - bound below
-                at_once=options.at_once,
-            )
-            pipeline = Pipeline(
-                camera=Camera(sensor=SENSOR_NAME, width=width, height=height, empty_frames=bank),
-                hider=hider,
-                roster=roster,
-                visits=VisitBook(genesis.chain_id, identity.identity.public_key, options.purpose),
-                spool=spool,
-                delivery=delivery,
-                statistics=statistics,
-                log=log,
-                purpose=options.purpose,
-                clip_ms=options.clip_ms,
-                now_ms=network.now_ms,
-            )
-
-            def delivered(done: Delivered) -> None:
-                pipeline.note_delivered(done)
-                tell()
-
-            def tell(*, last: bool = False) -> None:
-                figures = {
-                    "frames_read": statistics.published,
-                    "frames_recorded": statistics.kept_final,
-                    "records": statistics.records_final,
-                    "waiting": len(spool.names()),
-                }
-                progress(figures, last=last)
-
-            async def watched(events: AsyncIterator[Event]) -> AsyncIterator[Event]:
-                async for event in events:
-                    tell()
-                    yield event
-
-            source.shift_to(network.now_ms() + _START_DELAY_MS)
-            try:
-                await pipeline.run(watched(_events(source, real_time=options.real_time)))
-            finally:
-                await delivery.stop()
-            tell(last=True)
+        statistics = await _Run(folder, client, options, progress).work(source)
     return {
         "frames": statistics.frames_json(),
         "latency_ms": statistics.latency_json(),

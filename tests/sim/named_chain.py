@@ -1,4 +1,4 @@
-"""The smallest chain that the core can be driven on: keys, transactions that are mere names, states that are mere hashes."""
+"""The smallest chain that the core can be driven on: keys, transactions that are names, states that are hashes."""
 
 from __future__ import annotations
 
