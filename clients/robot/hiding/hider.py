@@ -1,8 +1,8 @@
 """The streaming hider: frames and sightings in, one verdict out for each frame and owner, nobody else in any picture.
 
 Each silhouette is cut out as the frame arrives and the frame itself is let go: no whole frame is ever held, written
-or sent. Every covered (frame, owner) gets exactly one verdict, `Kept` or `Withheld`, in time order for each owner. It must never
-guess: who cannot be told apart is withheld.
+or sent. Every covered (frame, owner) gets exactly one verdict, `Kept` or `Withheld`, in time order for each owner.
+It must never guess: who cannot be told apart is withheld.
 """
 
 from __future__ import annotations
