@@ -146,7 +146,7 @@ class Cluster:
         temporary.replace(path)
 
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until these nodes (all unless said) answer 200 on /readyz. Raises CLUSTER_START_FAILED with why not."""
+        """Wait until these nodes (all unless said) say that they are ready. Raises CLUSTER_START_FAILED with why not."""
         deadline = time.monotonic() + timeout_s
         waiting = list(names or self.names)
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
@@ -154,12 +154,22 @@ class Cluster:
                 for name in list(waiting):
                     if not self.is_running(name):
                         raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
-                    if await _answers_ready(session, self.configs[name]):
+                    if await self._answers_ready(session, name):
                         waiting.remove(name)
                 if waiting and time.monotonic() > deadline:
                     raise BlockRobotError("CLUSTER_START_FAILED", f"Not ready in time: {', '.join(waiting)}.")
                 if waiting:
                     await asyncio.sleep(_POLL_S)
+
+    async def _answers_ready(self, session: aiohttp.ClientSession, name: str) -> bool:
+        """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
+        status = await _fetch_status(session, self.configs[name])
+        return (
+            status is not None
+            and bool(status.get("ready"))
+            and status.get("name") == name
+            and status.get("chain_id") == self.genesis.chain_id.hex()
+        )
 
     def last_words(self, name: str) -> str:
         """Return the last line that a node printed outside its log."""
@@ -190,14 +200,6 @@ async def read_metric(config: NodeConfig, name: str) -> float | None:
 
 def _operator_url(config: NodeConfig, path: str) -> str:
     return f"http://{config.host}:{config.operator_port}{path}"
-
-
-async def _answers_ready(session: aiohttp.ClientSession, config: NodeConfig) -> bool:
-    try:
-        async with session.get(_operator_url(config, "/readyz")) as response:
-            return response.status == 200
-    except (aiohttp.ClientError, TimeoutError):
-        return False
 
 
 async def _fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:

@@ -290,6 +290,7 @@ class Node:
         return {
             "name": self.config.name,
             "organisation": self._entry.organisation,
+            "chain_id": self.genesis.chain_id.hex(),
             "ready": self.is_ready(),
             "height": core.finalized.height + len(core.certified_branch()),
             "finalized_height": self._feed.height,
