@@ -9,12 +9,14 @@ from __future__ import annotations
 import json
 import os
 import secrets
-import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from clients.sdk.http import NetworkClient
+from clients.sdk.transactions import Clock, SystemClock
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
@@ -47,10 +49,11 @@ class CardEntry:
 class Desk:
     """The desk of one organisation's registrar, in one folder."""
 
-    def __init__(self, folder: Path, genesis: Genesis) -> None:
+    def __init__(self, folder: Path, genesis: Genesis, clock: Clock | None = None) -> None:
         """Open a desk. Raises DATA_DIRECTORY_INVALID without a registrar's key of this network."""
         self._folder = folder
         self._genesis = genesis
+        self._clock = clock or SystemClock()
         try:
             self.key = PrivateKey((folder / _KEY_FILE).read_bytes())
         except FileNotFoundError:
@@ -60,12 +63,16 @@ class Desk:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", "The key is not one of this network's registrars.")
 
     def cards(self) -> list[CardEntry]:
-        """Return all cards that were issued here."""
+        """Return all cards that were issued here. Raises DATA_DIRECTORY_INVALID if the list is damaged."""
         path = self._folder / _CARDS_FILE
         if not path.exists():
             return []
-        rows: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))
-        return [CardEntry(**row) for row in rows]
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=list[CardEntry])
+        except msgspec.MsgspecError:
+            raise BlockRobotError(
+                "DATA_DIRECTORY_INVALID", f"The list of cards in {self._folder} is damaged."
+            ) from None
 
     def issue(self, uid: str, role: str, lifetime_ms: int = CARD_LIFETIME_DEFAULT_MS) -> str:
         """Issue a card for a tag and return its enrolment code; a tag that had a card gets a new handle."""
@@ -78,7 +85,7 @@ class Desk:
             handle=secrets.token_bytes(32),
             card_secret=secrets.token_bytes(32),
             role=role,
-            not_after_ms=_now_ms() + lifetime_ms,
+            not_after_ms=self._clock.now_ms() + lifetime_ms,
         )
         kept = [entry for entry in self.cards() if entry.uid != normal]
         self._save([*kept, CardEntry(uid=normal, handle=card.handle.hex(), role=role)])
@@ -88,6 +95,7 @@ class Desk:
         temporary = self._folder / f".{_CARDS_FILE}.tmp"
         descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+            os.fchmod(descriptor, 0o600)  # a leftover of a crash keeps its old mode
             json.dump([asdict(card) for card in cards], file)
             file.flush()
             os.fsync(file.fileno())
@@ -105,7 +113,7 @@ class Desk:
         if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":
             raise BlockRobotError("NOT_FOUND", "There is no active robot with this key.")
         key = secrets.token_bytes(ROSTER_KEY_BYTES)
-        now = _now_ms()
+        now = self._clock.now_ms()
         roster = Roster(
             version=ROSTER_VERSION,
             chain_id=self._genesis.chain_id,
@@ -141,7 +149,3 @@ class Desk:
             purposes=tuple(state["purposes"]),
             proof=b"",
         )
-
-
-def _now_ms() -> int:
-    return time.time_ns() // 1_000_000

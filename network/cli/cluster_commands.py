@@ -45,7 +45,7 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     Example: blockrobot up --nodes 4
     """
     place = network_folder(folder)
-    if ephemeral and place.exists():
+    if ephemeral and (place / "genesis.json").exists():
         Cluster(place).stop_all()
         shutil.rmtree(place)
     if not (place / "genesis.json").exists():

@@ -1,0 +1,201 @@
+"""The registrar's desk: who may sit at it, what it keeps, what it hands out."""
+
+from __future__ import annotations
+
+import secrets
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+from nacl.public import PrivateKey as SealingPrivateKey
+
+from clients.registrar.desk import CARD_LIFETIME_DEFAULT_MS, Desk
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.roster import Roster, open_roster, roster_tag
+from consensus.records.vouchers import decode_card_code, recover_registrar
+from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
+
+REGISTRAR = PrivateKey(bytes([2] * 32))
+UID = "E2801160600002054A1B2C3D"
+ROBOT = PrivateKey(bytes([6] * 32)).public_key
+ROBOT_SEALING = SealingPrivateKey(bytes([11] * 32))
+
+
+class FixedClock:
+    def now_ms(self) -> int:
+        return NOW_MS
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "registrar.key").write_bytes(REGISTRAR.secret)
+    return tmp_path
+
+
+@pytest.fixture
+def desk(folder: Path) -> Desk:
+    return Desk(folder, make_genesis(), FixedClock())
+
+
+def code_of(error: pytest.ExceptionInfo[BlockRobotError]) -> str:
+    return error.value.code
+
+
+def test_without_a_key_there_is_no_desk(tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        Desk(tmp_path, make_genesis())
+    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+
+
+def test_a_key_of_another_network_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "registrar.key").write_bytes(secrets.token_bytes(32))
+    with pytest.raises(BlockRobotError) as caught:
+        Desk(tmp_path, make_genesis())
+    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+
+
+def test_an_admins_key_is_no_registrars(tmp_path: Path) -> None:
+    (tmp_path / "registrar.key").write_bytes(bytes([1] * 32))
+    with pytest.raises(BlockRobotError):
+        Desk(tmp_path, make_genesis())
+
+
+def test_a_card_carries_a_voucher_of_this_registrar_for_this_chain(desk: Desk) -> None:
+    card = decode_card_code(desk.issue(UID, "subject"))
+    assert recover_registrar(card, make_genesis().chain_id) == REGISTRAR.public_key
+    assert recover_registrar(card, bytes(32)) != REGISTRAR.public_key
+    assert (card.role, card.not_after_ms) == ("subject", NOW_MS + CARD_LIFETIME_DEFAULT_MS)
+
+
+def test_nothing_of_the_uid_is_in_the_code(desk: Desk) -> None:
+    """The same tag twice: no byte of either code can be predicted from the UID."""
+    first, second = decode_card_code(desk.issue(UID, "subject")), decode_card_code(desk.issue(UID, "subject"))
+    assert first.handle != second.handle
+    assert first.card_secret != second.card_secret
+
+
+def test_a_reissued_tag_has_one_handle_the_new_one(desk: Desk) -> None:
+    desk.issue(UID, "subject")
+    desk.issue("0BADF00D", "staff")
+    again = decode_card_code(desk.issue(f"  {UID.lower()}\n", "subject"))
+    assert [(entry.uid, entry.role) for entry in desk.cards()] == [("0BADF00D", "staff"), (UID, "subject")]
+    assert desk.cards()[1].handle == again.handle.hex()
+
+
+def test_the_list_of_cards_is_for_its_user_only_and_survives_a_restart(desk: Desk, folder: Path) -> None:
+    desk.issue(UID, "subject")
+    (folder / ".cards.json.tmp").touch(mode=0o644)
+    desk.issue("0BADF00D", "subject")
+    assert stat.S_IMODE((folder / "cards.json").stat().st_mode) == 0o600
+    assert sorted(path.name for path in folder.iterdir()) == ["cards.json", "registrar.key"]
+    assert Desk(folder, make_genesis()).cards() == desk.cards()
+
+
+@pytest.mark.parametrize("content", ["", "{", '[{"uid": "A"}]', '{"uid": 1}'])
+def test_a_damaged_list_is_said_to_be_damaged_and_not_overwritten(desk: Desk, folder: Path, content: str) -> None:
+    (folder / "cards.json").write_text(content, encoding="utf-8")
+    with pytest.raises(BlockRobotError) as caught:
+        desk.issue(UID, "subject")
+    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+    assert (folder / "cards.json").read_text(encoding="utf-8") == content
+
+
+def test_an_empty_uid_and_an_unknown_role_make_no_card(desk: Desk) -> None:
+    for uid, role in ((" \n", "subject"), (UID, "emperor")):
+        with pytest.raises(BlockRobotError):
+            desk.issue(uid, role)
+    assert desk.cards() == []
+
+
+class FakeClient:
+    """A network's proven state, asked in the registrar's session."""
+
+    state: dict[tuple[str, bytes], Any] = {}  # noqa: RUF012 - set anew by each test
+
+    def __init__(self, genesis: object) -> None:
+        self.asked: list[bytes] = []
+
+    async def __aenter__(self) -> FakeClient:
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        """Nothing is open."""
+
+    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+        assert key.public_key == REGISTRAR.public_key
+        return self.state.get((contract, state_key))
+
+
+def member_state(role: str, status: str = "active", sealing: bytes = bytes(32)) -> dict[str, Any]:
+    keys = [PrivateKey(secrets.token_bytes(32)).public_key for _ in range(2)]
+    return {
+        "role": role,
+        "status": status,
+        "spend": keys[0],
+        "view": keys[1],
+        "sealing": sealing,
+        "purposes": ["demo"],
+    }
+
+
+@pytest.fixture
+def chain(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, bytes], Any]:
+    robot = member_state("robot", sealing=bytes(ROBOT_SEALING.public_key))
+    FakeClient.state = {("identity", b"member/" + ROBOT): robot}
+    monkeypatch.setattr("clients.registrar.desk.NetworkClient", FakeClient)
+    return FakeClient.state
+
+
+def register(desk: Desk, chain: dict[tuple[str, bytes], Any], uid: str, role: str, **state: Any) -> bytes:
+    handle = decode_card_code(desk.issue(uid, role)).handle
+    member = secrets.token_bytes(33)
+    chain[("identity", b"handle/" + handle)] = member
+    chain[("identity", b"member/" + member)] = member_state(role, **state)
+    return handle
+
+
+def opened(sealed: bytes) -> Roster:
+    return open_roster(
+        sealed,
+        bytes(ROBOT_SEALING),
+        registrars={REGISTRAR.public_key},
+        now_ms=NOW_MS,
+        robot=ROBOT,
+        chain_id=make_genesis().chain_id,
+    )
+
+
+async def test_a_roster_has_whoever_registered_and_nobody_else(desk: Desk, chain: dict[Any, Any]) -> None:
+    ann = register(desk, chain, UID, "subject")
+    nurse = register(desk, chain, "0BADF00D", "staff")
+    register(desk, chain, "DEADBEEF", "subject", status="left")
+    register(desk, chain, "ABCDEF01", "officer")
+    desk.issue("NOT-YET-REGISTERED", "subject")
+    sealed, count = await desk.make_roster(ROBOT)
+    assert count == 2
+    assert {row.handle for row in opened(sealed).rows} == {ann, nurse}
+
+
+async def test_a_roster_finds_a_tag_without_holding_it(desk: Desk, chain: dict[Any, Any]) -> None:
+    handle = register(desk, chain, UID, "subject")
+    sealed, _ = await desk.make_roster(ROBOT)
+    roster = opened(sealed)
+    assert {row.tag: row.handle for row in roster.rows}[roster_tag(roster.key, UID)] == handle
+    assert UID.encode() not in sealed
+    assert UID not in repr(roster)
+
+
+async def test_two_rosters_cannot_be_joined_by_their_tags(desk: Desk, chain: dict[Any, Any]) -> None:
+    register(desk, chain, UID, "subject")
+    first, second = [opened((await desk.make_roster(ROBOT))[0]) for _ in range(2)]
+    assert first.rows[0].tag != second.rows[0].tag
+
+
+@pytest.mark.parametrize("change", [{"role": "subject"}, {"status": "revoked"}])
+async def test_only_an_active_robot_gets_a_roster(desk: Desk, chain: dict[Any, Any], change: dict[str, str]) -> None:
+    chain[("identity", b"member/" + ROBOT)].update(change)
+    with pytest.raises(BlockRobotError) as caught:
+        await desk.make_roster(ROBOT)
+    assert code_of(caught) == "NOT_FOUND"
