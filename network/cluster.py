@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
+import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
@@ -37,6 +38,10 @@ class NodeStatusReport:
     name: str
     running: bool
     status: dict[str, Any] | None
+
+
+class _ClusterState(msgspec.Struct):
+    pids: dict[str, int]
 
 
 class Cluster:
@@ -133,10 +138,9 @@ class Cluster:
 
     def _read_pids(self) -> dict[str, int]:
         try:
-            pids: dict[str, int] = json.loads((self.folder / _STATE_FILE).read_text(encoding="utf-8"))["pids"]
-        except (FileNotFoundError, ValueError, KeyError):
+            return msgspec.json.decode((self.folder / _STATE_FILE).read_bytes(), type=_ClusterState).pids
+        except (FileNotFoundError, msgspec.MsgspecError):
             return {}
-        return pids
 
     def _write_pid(self, name: str, pid: int) -> None:
         pids = self._read_pids() | {name: pid}

@@ -33,7 +33,10 @@ def _open(desk: Path | None, genesis: Path | None) -> Desk:
 
 @click.group()
 def card() -> None:
-    """Issue enrolment cards (registrars)."""
+    """Issue enrolment cards (registrars).
+
+    Example: blockrobot card issue --role subject
+    """
 
 
 @card.command()
@@ -63,7 +66,10 @@ def issue(desk: Path | None, genesis: Path | None, role: str, uid_file: Path | N
 
 @click.group()
 def roster() -> None:
-    """Make robots' rosters (registrars)."""
+    """Make robots' rosters (registrars).
+
+    Example: blockrobot roster make --robot 02ab... --out roster.sealed
+    """
 
 
 @roster.command()

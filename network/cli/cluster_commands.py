@@ -66,7 +66,10 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
 @json_option
 @plain_errors
 def down(folder: Path | None, as_json: bool) -> None:
-    """Stop the local network. Nothing final is lost."""
+    """Stop the local network. Nothing final is lost.
+
+    Example: blockrobot down
+    """
     stopped = Cluster(network_folder(folder)).stop_all()
     if as_json:
         print_json({"ok": True, "stopped": stopped})
@@ -79,7 +82,10 @@ def down(folder: Path | None, as_json: bool) -> None:
 @json_option
 @plain_errors
 def status(folder: Path | None, as_json: bool) -> None:
-    """Show each node's height, finalized height, round, peers and custody checkpoint."""
+    """Show each node's height, finalized height, round, peers and custody checkpoint.
+
+    Example: blockrobot status --json
+    """
     place = network_folder(folder)
     report(asyncio.run(Cluster(place).status()), place, as_json=as_json)
 
@@ -88,16 +94,26 @@ def status(folder: Path | None, as_json: bool) -> None:
 @click.argument("node", required=False)
 @folder_option
 @click.option("--lines", default=20, show_default=True, type=click.IntRange(1, 10_000), help="How many lines of each.")
+@json_option
 @plain_errors
-def logs(node: str | None, folder: Path | None, lines: int) -> None:
-    """Show the last log lines of one node, or of all."""
+def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> None:
+    """Show the last log lines of one node, or of all.
+
+    Example: blockrobot logs node-2 --lines 50
+    """
     cluster = Cluster(network_folder(folder))
+    rows: list[tuple[str, str]] = []
     for name in [node] if node else cluster.names:
         config = cluster.config(name)
         for path in (config.log_path, config.data_dir / "output.log"):
             if path.exists():
-                for line in path.read_text(encoding="utf-8", errors="replace").splitlines()[-lines:]:
-                    click.echo(f"{name} {line}")
+                text = path.read_text(encoding="utf-8", errors="replace")
+                rows.extend((name, line) for line in text.splitlines()[-lines:])
+    if as_json:
+        print_json({"ok": True, "lines": [{"node": name, "line": line} for name, line in rows]})
+        return
+    for name, line in rows:
+        click.echo(f"{name} {line}")
 
 
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:

@@ -29,11 +29,13 @@ def _environment(extra: dict[str, str]) -> dict[str, str]:
 def parse_answer(output: bytes, errors: bytes, arguments: list[str]) -> dict[str, Any]:
     """Return a child's JSON answer. Raises the child's own refusal, or INTERNAL if it said nothing readable."""
     try:
-        answer: dict[str, Any] = json.loads(output)
+        answer = json.loads(output)
     except ValueError:
+        answer = None
+    if not isinstance(answer, dict):
         tail = errors.decode(errors="replace").strip().splitlines()[-1:]
         detail = f"`blockrobot {' '.join(arguments[:3])}` gave no answer: {' '.join(tail)}"
-        raise BlockRobotError("INTERNAL", detail) from None
+        raise BlockRobotError("INTERNAL", detail)
     problem = answer.get("error")
     if problem:
         code = problem["code"] if problem["code"] in CATALOGUE else "INTERNAL"

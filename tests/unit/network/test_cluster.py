@@ -1,0 +1,92 @@
+"""A network's folder and its nodes, none of which runs: what is said then."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.layout import create_network
+
+BASE_PORT = 45_670
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("network") / "n"
+    create_network(folder, nodes=4, base_port=BASE_PORT)
+    return folder
+
+
+@pytest.fixture
+def cluster(made: Path) -> Cluster:
+    (made / "cluster.json").unlink(missing_ok=True)
+    return Cluster(made)
+
+
+def refusal_of(error: pytest.ExceptionInfo[BlockRobotError]) -> str:
+    return error.value.code
+
+
+def test_an_empty_folder_holds_no_network(tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "nowhere"):
+        with pytest.raises(BlockRobotError) as caught:
+            Cluster(folder)
+        assert refusal_of(caught) == "CLUSTER_NOT_RUNNING"
+
+
+def test_a_cluster_knows_its_nodes_and_their_ports(cluster: Cluster) -> None:
+    assert cluster.names == ["node-1", "node-2", "node-3", "node-4"]
+    assert [cluster.config(name).p2p_port for name in cluster.names] == [BASE_PORT + 10 * i for i in range(4)]
+    with pytest.raises(BlockRobotError) as caught:
+        cluster.config("node-9")
+    assert refusal_of(caught) == "NOT_FOUND"
+
+
+async def test_a_dead_node_has_no_status(cluster: Cluster) -> None:
+    reports = await cluster.status()
+    assert [(report.name, report.running, report.status) for report in reports] == [
+        (name, False, None) for name in cluster.names
+    ]
+
+
+def test_a_stranger_with_a_nodes_old_number_is_not_taken_for_the_node(cluster: Cluster) -> None:
+    """Numbers of processes come round again: this test's own process must survive a `down`."""
+    (cluster.folder / "cluster.json").write_text(json.dumps({"pids": {"node-1": os.getpid()}}), encoding="utf-8")
+    assert not cluster.is_running("node-1")
+    assert cluster.stop_all() == []
+    cluster.kill("node-1")
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"pids": 7}', '{"pids": {"node-1": "x"}}'])
+def test_a_damaged_list_of_processes_is_as_good_as_none(cluster: Cluster, content: str) -> None:
+    (cluster.folder / "cluster.json").write_text(content, encoding="utf-8")
+    assert not cluster.is_running("node-1")
+    assert cluster.stop_all() == []
+
+
+def test_stopping_what_does_not_run_is_harmless(cluster: Cluster) -> None:
+    cluster.stop("node-2")
+    assert cluster.stop_all() == []
+
+
+async def test_waiting_for_a_node_that_died_ends_at_once_with_its_last_words(cluster: Cluster) -> None:
+    (cluster.config("node-1").data_dir / "output.log").write_text("first\nno disk\n", encoding="utf-8")
+    with pytest.raises(BlockRobotError) as caught:
+        await cluster.wait_ready(["node-1"])
+    assert refusal_of(caught) == "CLUSTER_START_FAILED"
+    assert "no disk" in caught.value.detail
+
+
+def test_a_node_that_said_nothing_is_reported_so(cluster: Cluster) -> None:
+    assert cluster.last_words("node-3") == "it printed nothing."
+
+
+def test_no_key_of_the_network_is_readable_by_others(made: Path) -> None:
+    secret = [path for path in made.rglob("*") if path.name.endswith((".key", "key.pem"))]
+    assert len(secret) >= 4 * 2 + 2 * 3
+    assert {path.stat().st_mode & 0o777 for path in secret} == {0o600}

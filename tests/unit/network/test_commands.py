@@ -1,0 +1,226 @@
+"""The command line: help everywhere, plain refusals, one JSON object, exit codes that programs can rely on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+from nacl import pwhash
+
+from clients.wallet.keystore import Keystore, PassphraseCost
+from consensus.errors import CATALOGUE
+from network.cli.main import main
+from network.layout import create_network
+
+WORDS = "abandon " * 23 + "art"
+CHEAP = PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN)
+
+
+def every_command() -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    def walk(command: click.Command, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+        yield path, command
+        if isinstance(command, click.Group):
+            context = click.Context(command)
+            for name in command.list_commands(context):
+                child = command.get_command(context, name)
+                assert child is not None
+                yield from walk(child, (*path, name))
+
+    return walk(main, ())
+
+
+COMMANDS = dict(every_command())
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    monkeypatch.delenv("BLOCKROBOT_PASSPHRASE_FILE", raising=False)
+    return tmp_path
+
+
+@pytest.fixture
+def network(home: Path) -> Path:
+    create_network(home / "network", nodes=1, organisations=1, base_port=46_780)
+    return home / "network"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(main, list(arguments))
+
+
+def problem_of(result: Result) -> dict[str, Any]:
+    """Return the error of a JSON answer, checked for its form."""
+    answer = json.loads(result.stdout)
+    assert answer["ok"] is False
+    problem: dict[str, Any] = answer["error"]
+    assert problem["code"] in CATALOGUE
+    assert problem["next_step"] == CATALOGUE[problem["code"]].next_step
+    return problem
+
+
+@pytest.mark.parametrize("path", COMMANDS, ids=lambda path: " ".join(path) or "blockrobot")
+def test_every_command_explains_itself(path: tuple[str, ...], home: Path) -> None:
+    result = run(*path, "--help")
+    assert result.exit_code == 0
+    assert "Usage:" in result.output
+    assert (COMMANDS[path].help or "").strip().split("\n")[0].endswith((".", ":", "?", "gone,")) or path == ()
+
+
+def test_every_command_can_answer_in_json() -> None:
+    silent = [
+        " ".join(path)
+        for path, command in COMMANDS.items()
+        if not isinstance(command, click.Group) and "as_json" not in {parameter.name for parameter in command.params}
+    ]
+    assert silent == []
+
+
+def test_every_command_of_the_root_shows_an_example() -> None:
+    without = [
+        path[0] for path, command in COMMANDS.items() if len(path) == 1 and "Example" not in (command.help or "")
+    ]
+    assert without == []
+
+
+def test_an_unknown_command_is_a_matter_of_usage() -> None:
+    assert run("conquer").exit_code == 2
+
+
+@pytest.mark.parametrize("command", [("status",), ("down",), ("logs",)])
+def test_where_there_is_no_network_that_is_said(home: Path, command: tuple[str, ...]) -> None:
+    result = run(*command, "--json")
+    assert result.exit_code == 1
+    assert problem_of(result)["code"] == "CLUSTER_NOT_RUNNING"
+    spoken = run(*command)
+    assert "CLUSTER_NOT_RUNNING" in spoken.stderr
+    assert "Next step" in spoken.stderr
+    assert "Traceback" not in spoken.output
+
+
+def test_the_status_of_a_stopped_network_names_its_nodes_as_stopped(network: Path) -> None:
+    answer = json.loads(run("status", "--json").stdout)
+    assert (answer["ok"], answer["nodes"]) == (False, [{"name": "node-1", "running": False}])
+    assert "stopped" in run("status").output
+
+
+def test_logs_of_a_node_that_is_not_there_exit_with_not_found(network: Path) -> None:
+    result = run("logs", "node-7", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (3, "NOT_FOUND")
+
+
+def test_logs_show_the_last_lines(network: Path) -> None:
+    (network / "nodes" / "node-1" / "node.log").write_text("one\ntwo\nthree\n", encoding="utf-8")
+    assert run("logs", "--lines", "2").output == "node-1 two\nnode-1 three\n"
+    answer = json.loads(run("logs", "--lines", "1", "--json").stdout)
+    assert answer == {"ok": True, "lines": [{"node": "node-1", "line": "three"}]}
+
+
+def test_stopping_a_stopped_network_is_no_error(network: Path) -> None:
+    assert json.loads(run("down", "--json").stdout) == {"ok": True, "stopped": []}
+
+
+def passphrase(home: Path, text: str) -> None:
+    (home / "passphrase").write_text(text + "\n", encoding="utf-8")
+    os.environ["BLOCKROBOT_PASSPHRASE_FILE"] = str(home / "passphrase")
+
+
+@pytest.fixture
+def wallet(network: Path, home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", "")
+    passphrase(home, "tea")
+    path = home / "wallets" / "default.wallet"
+    Keystore.create(path, WORDS, "tea", CHEAP)
+    return path
+
+
+def test_a_wallet_that_is_not_there_exits_with_not_found(wallet: Path) -> None:
+    result = run("wallet", "--profile", "bob", "records", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (3, "WALLET_NOT_FOUND")
+
+
+def test_a_wrong_passphrase_exits_with_refused(wallet: Path, home: Path) -> None:
+    passphrase(home, "coffee")
+    result = run("wallet", "records", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (4, "WALLET_PASSPHRASE_WRONG")
+
+
+def test_an_unregistered_wallet_is_told_what_to_do(wallet: Path) -> None:
+    result = run("wallet", "records", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "NOT_REGISTERED")
+
+
+def test_without_a_genesis_file_nothing_is_trusted(wallet: Path, network: Path) -> None:
+    (network / "genesis.json").unlink()
+    result = run("wallet", "records", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "GENESIS_INVALID")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("wallet", "new"),
+        ("wallet", "restore"),
+        ("wallet", "erase", "--all"),
+        ("wallet", "erase"),
+        ("wallet", "--profile", "../x", "records"),
+        ("card", "issue"),
+        ("roster", "make", "--robot", "zz", "--out", "r"),
+    ],
+    ids=" ".join,
+)
+def test_without_a_terminal_nothing_asks_and_nothing_hangs(network: Path, arguments: tuple[str, ...]) -> None:
+    result = run(*arguments)
+    assert result.exit_code == 2
+    assert "Error:" in result.stderr
+
+
+def test_a_new_wallet_writes_its_words_where_told_and_shows_no_secret(network: Path, home: Path, wallet: Path) -> None:
+    words = home / "words"
+    result = run("wallet", "--profile", "ann", "new", "--words-file", str(words), "--fast-passphrase", "--json")
+    answer = json.loads(result.stdout)
+    assert answer["ok"]
+    assert words.stat().st_mode & 0o777 == 0o600
+    assert all(word not in result.output.split() for word in words.read_text(encoding="utf-8").split())
+    assert "tea" not in result.output.split()
+    restored = run("wallet", "--profile", "again", "restore", "--words-file", str(words), "--fast-passphrase", "--json")
+    assert json.loads(restored.stdout)["member"] == answer["member"]
+
+
+def test_a_second_wallet_at_the_same_place_is_refused(wallet: Path, home: Path) -> None:
+    result = run("wallet", "new", "--words-file", str(home / "words"), "--fast-passphrase", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "WALLET_EXISTS")
+
+
+def test_a_card_is_issued_from_a_file_and_its_uid_is_not_repeated(network: Path, home: Path) -> None:
+    (home / "uid").write_text("E28011606000\n", encoding="utf-8")
+    result = run("card", "issue", "--uid-file", str(home / "uid"), "--json")
+    answer = json.loads(result.stdout)
+    assert (answer["ok"], answer["role"]) == (True, "subject")
+    assert answer["code"].startswith("BR1-")
+    assert "E28011606000" not in result.output
+
+
+def test_a_damaged_enrolment_code_is_named(wallet: Path) -> None:
+    result = run("wallet", "register", "BR1-AAAA", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "VOUCHER_INVALID")
+
+
+def test_a_robot_gets_its_keys_once(home: Path) -> None:
+    first = json.loads(run("robot", "new", "--json").stdout)
+    assert len(bytes.fromhex(first["member"])) == 33
+    result = run("robot", "new", "--json")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "DATA_DIRECTORY_INVALID")
+
+
+def test_the_reference_pages_tell_when_they_are_stale(home: Path) -> None:
+    out = str(home / "pages")
+    assert run("reference", "--out", out, "--check", "--json").exit_code == 1
+    assert json.loads(run("reference", "--out", out, "--json").stdout)["changed"] == ["http-api.md", "errors.md"]
+    assert json.loads(run("reference", "--out", out, "--check", "--json").stdout)["ok"]
