@@ -15,6 +15,7 @@ from contracts.vm.faults import ContractSourceError, Diagnostic
 from contracts.vm.names import KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names
 from contracts.vm.prelex import prelex
 
+_SAID_BY = {"FLOAT": "NUMBER", "NO_EFFECT": "NOT_IN_LANGUAGE"}
 _CONTRACT_NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
 
 _REFUSED: dict[str, tuple[str, str]] = {
@@ -51,10 +52,12 @@ def check_source(source: str, name: str) -> SourceFacts:
 
 
 def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
-    first: dict[tuple[int, int], Diagnostic] = {}
-    for one in diagnostics:
-        first.setdefault((one.line, one.column), one)
-    return tuple(first[place] for place in sorted(first))
+    """Return the problems in the order of the source, without those that only repeat another at the same place."""
+    unique = {(one.line, one.column, one.code): one for one in reversed(diagnostics)}
+    for line, column, code in list(unique):
+        if (line, column, _SAID_BY.get(code, "")) in unique:
+            del unique[line, column, code]
+    return tuple(unique[place] for place in sorted(unique))
 
 
 def _parse(source: str, name: str, diagnostics: list[Diagnostic]) -> ast.Module:

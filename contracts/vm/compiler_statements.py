@@ -35,6 +35,8 @@ class StatementCompiler(ExpressionCompiler):
         lines: dict[Run, int] = {}
         leaves = False
         for statement in body:
+            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+                continue
             self.cost += 1
             step, leaves_here = self._statement(statement)
             leaves = leaves or leaves_here
@@ -55,7 +57,7 @@ class StatementCompiler(ExpressionCompiler):
             case ast.AugAssign():
                 return self._augmented(node), False
             case ast.Expr():
-                return (None if isinstance(node.value, ast.Constant) else self._effect(node.value)), False
+                return self._effect(node.value), False
             case ast.Return():
                 return self._return(node), True
             case ast.If():
