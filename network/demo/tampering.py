@@ -25,12 +25,12 @@ def _flipped(ciphertext: bytes) -> bytes:
 
 
 def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
-    (path,) = folder.glob("*.sqlite")
+    (path,) = folder.glob("*.sqlite3")
     place = (record_id, index)
     with sqlite3.connect(path, timeout=10) as database:
-        select = "SELECT ciphertext FROM frames WHERE record_id = ? AND frame_index = ?"
+        select = "SELECT ciphertext FROM frames WHERE record_id = ? AND place = ?"
         (ciphertext,) = database.execute(select, place).fetchone()
-        update = "UPDATE frames SET ciphertext = ? WHERE record_id = ? AND frame_index = ?"
+        update = "UPDATE frames SET ciphertext = ? WHERE record_id = ? AND place = ?"
         database.execute(update, (_flipped(ciphertext), *place))
     database.close()
 
