@@ -1,9 +1,10 @@
 """The networked custody store, on MongoDB by PyMongo's asynchronous client. Must never rest on what needs a transaction.
 
 Each write waits for the majority and their journals, is idempotent, and comes in an order in which a crash between two
-leaves nothing half visible: frames before their clip, effects before their checkpoint. Frames are documents of their
-own, far below the limit of 16 MB. A server's files may hold deleted bytes for a while; without the erase keys, which
-no server has, these open nothing. The same code serves a replica set or a sharded cluster: its URI says which.
+leaves nothing half visible: a clip is `staging` until its frames are there, and effects come before their checkpoint.
+Reads see only what the majority has, so that no failover takes back what was read. A server's files may hold deleted
+bytes for a while; without the erase keys, which no server has, these open nothing. The same code serves a replica set
+or a sharded cluster: its URI says which.
 """
 
 from __future__ import annotations
@@ -13,14 +14,18 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
-from pymongo import ASCENDING, AsyncMongoClient, DeleteOne, InsertOne, ReplaceOne, UpdateOne
+from bson.errors import BSONError
+from pymongo import ASCENDING, DESCENDING, AsyncMongoClient, DeleteOne, ReplaceOne, UpdateOne
 from pymongo.asynchronous.collection import AsyncCollection
 from pymongo.asynchronous.database import AsyncDatabase
-from pymongo.errors import PyMongoError
+from pymongo.errors import ConfigurationError, InvalidName, PyMongoError
+from pymongo.read_concern import ReadConcern
+from pymongo.read_preferences import ReadPreference
 from pymongo.write_concern import WriteConcern
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
+from node.offchain import mongo_documents as documents
+from node.offchain.mongo_documents import STAGING, Document, rows
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -33,19 +38,32 @@ from node.offchain.store import (
     RecordFacts,
 )
 
-Document = dict[str, Any]
+Order = Sequence[tuple[str, int]]
 
-DATABASE_NAME = "blockrobot_custody"
-ARRIVING = "arriving"
-SERVER_SELECTION_MAX_MS = 5_000
+FORMAT_VERSION = 1
+SERVER_SELECTION_MAX_MS = 3_000
+MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
+_PAGE_DOCUMENTS_COUNT = 500
+_ONE = "one"
 
-_INDEXES: Mapping[str, Sequence[Sequence[str]]] = {
-    "clips": (("owner", "_id"), ("status", "valid_until_ms", "_id"), ("status", "expires_at_ms", "_id")),
-    "frames": (("record_id", "place"), ("slot",)),
-    "grants": (("owner", "_id"),),
-    "missing": (("height", "_id"), ("expires_at_ms",)),
-    "outbox": (("status", "height", "kind", "subject", "part"), ("kind", "subject", "part")),
+
+def _rising(*fields: str) -> Order:
+    return tuple((field, ASCENDING) for field in fields)
+
+
+_BY_KEY = _rising("_id")
+_NEWEST_FIRST: Order = (("height", DESCENDING), ("_id", ASCENDING))
+_INDEXES: Mapping[str, Sequence[Order]] = {
+    "clips": (
+        _rising("owner", "status", "_id"),
+        _rising("status", "valid_until_ms", "_id"),
+        _rising("status", "expires_at_ms", "_id"),
+    ),
+    "frames": (_rising("record_id", "index"), _rising("slot")),
+    "grants": (_rising("owner", "_id"),),
+    "missing": (_NEWEST_FIRST, _rising("expires_at_ms")),
+    "outbox": (_rising("status", "height", "kind", "subject", "part"), _rising("kind", "subject", "part")),
 }
 
 
@@ -53,131 +71,79 @@ _INDEXES: Mapping[str, Sequence[Sequence[str]]] = {
 def _answering() -> Iterator[None]:
     try:
         yield
-    except PyMongoError as error:
+    except (PyMongoError, BSONError) as error:
         # The message of the driver may quote the URI, which may hold a password.
         raise BlockRobotError("STORE_UNAVAILABLE", f"The store's server failed ({type(error).__name__}).") from error
 
 
-def _frame_id(record_id: bytes, index: int) -> bytes:
-    return record_id + u32(index)
+def _up_to(at_ms: int) -> Document:
+    """Return the condition `<= at_ms` on whole milliseconds.
+
+    Written as `< at_ms + 1`: a server that the tests run on leaves out the bound itself when it reads `$lte` from the
+    middle of a compound index.
+    """
+    return {"$lt": at_ms + 1}
 
 
-def _outbox_id(key: tuple[str, bytes, int]) -> bytes:
-    kind, subject, part = key
-    return kind.encode() + b"\x00" + subject + u32(part)
+def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Document]]:
+    try:
+        client: AsyncMongoClient[Document] = AsyncMongoClient(
+            uri,
+            appname="blockrobot",
+            serverSelectionTimeoutMS=SERVER_SELECTION_MAX_MS,
+            connectTimeoutMS=SERVER_SELECTION_MAX_MS,
+            socketTimeoutMS=SOCKET_MAX_MS,
+        )
+        database = client.get_default_database(
+            read_preference=ReadPreference.PRIMARY,
+            read_concern=ReadConcern("majority"),
+            write_concern=WriteConcern(w="majority", j=True, wtimeout=MAJORITY_MAX_MS),
+        )
+    except (ConfigurationError, InvalidName, ValueError):
+        # Not chained: the driver's message may quote the URI, which may hold a password.
+        raise BlockRobotError(
+            "CONFIGURATION_INVALID", "The store is named by a MongoDB URI with a database: mongodb://host:port/name."
+        ) from None
+    return client, database
 
 
-def _clip_document(clip: ClipRow) -> Document:
-    return {
-        "_id": clip.record_id,
-        "txid": clip.txid,
-        "valid_until_ms": clip.valid_until_ms,
-        "status": clip.status,
-        "commitment_leaves": list(clip.commitment_leaves),
-        "ciphertext_leaves": list(clip.ciphertext_leaves),
-        "owner": clip.owner,
-        "expires_at_ms": clip.expires_at_ms,
-        "height": clip.height,
-    }
-
-
-def _clip(found: Document) -> ClipRow:
-    return ClipRow(
-        record_id=found["_id"],
-        txid=found["txid"],
-        valid_until_ms=found["valid_until_ms"],
-        status=found["status"],
-        commitment_leaves=tuple(found["commitment_leaves"]),
-        ciphertext_leaves=tuple(found["ciphertext_leaves"]),
-        owner=found["owner"],
-        expires_at_ms=found["expires_at_ms"],
-        height=found["height"],
-    )
-
-
-def _missing_document(facts: RecordFacts) -> Document:
-    return {
-        "_id": facts.record_id,
-        "txid": facts.txid,
-        "owner": facts.owner,
-        "commitment_root": facts.commitment_root,
-        "ciphertext_root": facts.ciphertext_root,
-        "expires_at_ms": facts.expires_at_ms,
-        "height": facts.height,
-        "erased_frames": list(facts.erased_frames),
-    }
-
-
-def _missing(found: Document) -> RecordFacts:
-    return RecordFacts(
-        record_id=found["_id"],
-        txid=found["txid"],
-        owner=found["owner"],
-        commitment_root=found["commitment_root"],
-        ciphertext_root=found["ciphertext_root"],
-        expires_at_ms=found["expires_at_ms"],
-        height=found["height"],
-        erased_frames=tuple(found["erased_frames"]),
-    )
-
-
-def _outbox_document(row: OutboxRow) -> Document:
-    return {
-        "kind": row.kind,
-        "subject": row.subject,
-        "part": row.part,
-        "contract": row.contract,
-        "entry": row.entry,
-        "arguments": row.arguments,
-        "height": row.height,
-        "status": row.status,
-        "plan": row.plan,
-    }
-
-
-def _outbox_row(found: Document) -> OutboxRow:
-    return OutboxRow(**{name: value for name, value in found.items() if name != "_id"})
-
-
-def _confirmation(facts: RecordFacts) -> UpdateOne:
-    changes = {
-        "status": "confirmed",
-        "txid": facts.txid,
-        "owner": facts.owner,
-        "expires_at_ms": facts.expires_at_ms,
-        "height": facts.height,
-    }
-    return UpdateOne({"_id": facts.record_id, "status": "staged"}, {"$set": changes})
+async def _check_format(database: AsyncDatabase[Document]) -> None:
+    """Mark a new database, refuse a foreign one. The mark comes after the indexes."""
+    found = await database["format"].find_one({"_id": _ONE})
+    if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
+        raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
+    if found is not None and found.get("version") != FORMAT_VERSION:
+        detail = f"The store has format {found.get('version')!r}, not {FORMAT_VERSION}."
+        raise BlockRobotError("STORAGE_DAMAGED", detail)
+    for collection, indexes in _INDEXES.items():
+        for fields in indexes:
+            await database[collection].create_index(list(fields))
+    if found is None:
+        await database["format"].replace_one({"_id": _ONE}, {"version": FORMAT_VERSION}, upsert=True)
 
 
 class MongoStore:
     """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `store.py`."""
 
-    def __init__(self, uri: str, database: str | None = None) -> None:
-        """Name the server by its URI; the database is the URI's own unless it is named here."""
+    def __init__(self, uri: str) -> None:
+        """Name the server and the database by a URI: `mongodb://host:port/database`."""
         self._uri = uri
-        self._database_name = database
         self._client: AsyncMongoClient[Document] | None = None
         self._database: AsyncDatabase[Document] | None = None
 
     async def __aenter__(self) -> Self:
-        """Connect and make the indexes. Raises STORE_UNAVAILABLE if no server answers in five seconds."""
-        with _answering():
-            client: AsyncMongoClient[Document] = AsyncMongoClient(
-                self._uri,
-                serverSelectionTimeoutMS=SERVER_SELECTION_MAX_MS,
-                connectTimeoutMS=SERVER_SELECTION_MAX_MS,
-                socketTimeoutMS=SOCKET_MAX_MS,
-            )
-            try:
-                name = self._database_name or client.get_default_database(DATABASE_NAME).name
-                database = client.get_database(name, write_concern=WriteConcern(w="majority", j=True))
-                for collection, indexes in _INDEXES.items():
-                    for fields in indexes:
-                        await database[collection].create_index([(field, ASCENDING) for field in fields])
-            except BaseException:
-                await client.close()
-                raise
+        """Connect and make the indexes.
+
+        Raises STORE_UNAVAILABLE if no server answers in three seconds, STORAGE_DAMAGED for a database of another
+        format, CONFIGURATION_INVALID for a URI that names no database.
+        """
+        client, database = _connect(self._uri)
+        try:
+            with _answering():
+                await _check_format(database)
+        except BaseException:
+            await client.close()
+            raise
         self._client, self._database = client, database
         return self
 
@@ -199,46 +165,29 @@ class MongoStore:
             with _answering():
                 await self._collection(name).bulk_write(list(operations), ordered=True)
 
-    async def _one(self, name: str, key: Any) -> Document | None:
+    async def _delete(self, name: str, where: Document) -> None:
         with _answering():
-            return await self._collection(name).find_one({"_id": key})
+            await self._collection(name).delete_many(where)
+
+    async def _one(self, name: str, key: Any) -> list[Document]:
+        return await self._many(name, {"_id": key})
 
     async def _many(
-        self,
-        name: str,
-        where: Document,
-        *,
-        sort: Sequence[str] = ("_id",),
-        descending: bool = False,
-        limit: int = 0,
-        fields: Sequence[str] | None = None,
+        self, name: str, where: Document, *, sort: Order = _BY_KEY, limit: int = 0, fields: Sequence[str] | None = None
     ) -> list[Document]:
-        order = [(field, -1 if descending and field == sort[0] else ASCENDING) for field in sort]
+        wanted = None if fields is None else {"_id": "_id" in fields, **dict.fromkeys(fields, True)}
         with _answering():
-            return await self._collection(name).find(where, fields).sort(order).limit(limit).to_list(None)
+            found = self._collection(name).find(where, wanted).sort(list(sort)).limit(limit)
+            return await found.to_list(None)
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-        """See `CustodyStore.stage`; a clip is seen only when all its frames are there.
-
-        Until then it stands as `arriving`, so that one whose upload was cut off is purged like a staged one.
-        """
-        arriving = _clip_document(clip) | {"status": ARRIVING}
-        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, arriving, upsert=True)])
-        with _answering():
-            await self._collection("frames").delete_many({"record_id": clip.record_id})
-        documents = [
-            {
-                "_id": _frame_id(row.record_id, row.index),
-                "record_id": row.record_id,
-                "place": row.index,
-                "slot": row.slot,
-                "wrapped_key": row.wrapped_key,
-                "ciphertext": row.ciphertext,
-            }
-            for row in frames
-        ]
-        await self._bulk("frames", [InsertOne(document) for document in documents])
-        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, _clip_document(clip), upsert=True)])
+        """See `CustodyStore.stage`. A crash leaves a `staging` clip, which lapses as a staged one does."""
+        first = documents.clip_document(clip, STAGING)
+        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, first, upsert=True)])
+        await self._delete("frames", {"record_id": clip.record_id})
+        written = [documents.frame_document(row) for row in frames]
+        await self._bulk("frames", [ReplaceOne({"_id": frame["_id"]}, frame, upsert=True) for frame in written])
+        await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, documents.clip_document(clip), upsert=True)])
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""
@@ -250,118 +199,110 @@ class MongoStore:
         await self._bulk(
             "outbox",
             [
-                UpdateOne({"_id": _outbox_id(row.key)}, {"$setOnInsert": _outbox_document(row)}, upsert=True)
+                UpdateOne(
+                    {"_id": documents.outbox_id(row.key)},
+                    {"$setOnInsert": documents.outbox_document(row)},
+                    upsert=True,
+                )
                 for row in effects.outbox
             ],
         )
-        await self._bulk("clips", [_confirmation(facts) for facts in effects.confirmed])
+        await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
         await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
-        await self._bulk(
-            "missing",
-            [ReplaceOne({"_id": facts.record_id}, _missing_document(facts), upsert=True) for facts in effects.missing],
-        )
-        await self._bulk(
-            "grants",
-            [
-                ReplaceOne(
-                    {"_id": grant.access_id},
-                    {"owner": grant.owner, "records": list(grant.records), "height": grant.height},
-                    upsert=True,
-                )
-                for grant in effects.grants
-            ],
-        )
-        await self._bulk("outbox", [DeleteOne({"_id": _outbox_id(key)}) for key in effects.settled])
+        missing = [documents.missing_document(facts) for facts in effects.missing]
+        await self._bulk("missing", [ReplaceOne({"_id": facts["_id"]}, facts, upsert=True) for facts in missing])
+        grants = [documents.grant_document(grant) for grant in effects.grants]
+        await self._bulk("grants", [ReplaceOne({"_id": grant["_id"]}, grant, upsert=True) for grant in grants])
+        await self._bulk("outbox", [DeleteOne({"_id": documents.outbox_id(key)}) for key in effects.settled])
         if effects.checkpoint is not None:
-            point = effects.checkpoint
-            with _answering():
-                await self._collection("missing").delete_many({"expires_at_ms": {"$lte": point.timestamp_ms}})
-            document = {"height": point.height, "block_id": point.block_id, "timestamp_ms": point.timestamp_ms}
-            await self._bulk("checkpoint", [ReplaceOne({"_id": 1}, document, upsert=True)])
+            point = documents.checkpoint_document(effects.checkpoint)
+            await self._delete("missing", {"expires_at_ms": _up_to(effects.checkpoint.timestamp_ms)})
+            await self._bulk("checkpoint", [ReplaceOne({"_id": _ONE}, point, upsert=True)])
 
     async def checkpoint(self) -> Checkpoint | None:
         """See `CustodyStore.checkpoint`."""
-        found = await self._one("checkpoint", 1)
-        return Checkpoint(found["height"], found["block_id"], found["timestamp_ms"]) if found else None
+        found = rows(documents.checkpoint_row, await self._one("checkpoint", _ONE))
+        return found[0] if found else None
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
         """See `CustodyStore.clips`."""
-        where = {"_id": {"$in": list(record_ids)}, "status": {"$ne": ARRIVING}}
+        where = {"_id": {"$in": list(record_ids)}, "status": {"$ne": STAGING}}
         found = await self._many("clips", where) if record_ids else []
-        return {document["_id"]: _clip(document) for document in found}
+        return {clip.record_id: clip for clip in rows(documents.clip_row, found)}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         """See `CustodyStore.clips_of_owner`."""
-        return [_clip(found) for found in await self._many("clips", {"owner": owner, "status": "confirmed"})]
+        return rows(documents.clip_row, await self._many("clips", {"owner": owner, "status": "confirmed"}))
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """See `CustodyStore.frames`."""
-        rows = await self._many("frames", {"record_id": record_id}, sort=("place",))
-        return [
-            FrameRow(row["record_id"], row["place"], row["ciphertext"], row["wrapped_key"], row["slot"]) for row in rows
-        ]
+        found = await self._many("frames", {"record_id": record_id}, sort=_rising("record_id", "index"))
+        return rows(documents.frame_row, found)
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
         """See `CustodyStore.frame_places`."""
         where = {"record_id": {"$in": list(record_ids)}}
-        fields = ("record_id", "place", "slot")
-        rows = await self._many("frames", where, sort=("record_id", "place"), fields=fields) if record_ids else []
-        return [FramePlace(row["record_id"], row["place"], row["slot"]) for row in rows]
+        order, fields = _rising("record_id", "index"), ("record_id", "index", "slot")
+        found = await self._many("frames", where, sort=order, fields=fields) if record_ids else []
+        return rows(documents.frame_place, found)
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         """See `CustodyStore.erase_frames`."""
-        await self._bulk("frames", [DeleteOne({"_id": _frame_id(record_id, index)}) for index in indexes])
+        await self._bulk("frames", [DeleteOne({"_id": documents.frame_id(record_id, index)}) for index in indexes])
 
     async def erase_clip(self, record_id: bytes) -> None:
         """See `CustodyStore.erase_clip`; the mark comes first, so that a half-erased clip is never served."""
-        mark = ClipRow(record_id, b"", 0, "erased", (), ())
-        await self._bulk("clips", [ReplaceOne({"_id": record_id}, _clip_document(mark), upsert=True)])
-        with _answering():
-            await self._collection("frames").delete_many({"record_id": record_id})
-        await self._bulk("missing", [DeleteOne({"_id": record_id})])
+        mark = documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ()))
+        await self._bulk("clips", [ReplaceOne({"_id": record_id}, mark, upsert=True)])
+        await self._delete("frames", {"record_id": record_id})
+        await self._delete("missing", {"_id": record_id})
 
     async def drop_staged(self, record_id: bytes) -> None:
-        """See `CustodyStore.drop_staged`; the clip goes last, so that a drop that was cut off is repeated."""
-        found = await self._one("clips", record_id)
-        if found is not None and found["status"] in {"staged", ARRIVING}:
-            with _answering():
-                await self._collection("frames").delete_many({"record_id": record_id})
-            await self._bulk("clips", [DeleteOne({"_id": record_id})])
+        """See `CustodyStore.drop_staged`; the clip goes last, so that a crash leaves no frame without one."""
+        staged = {"_id": record_id, "status": {"$in": ["staged", STAGING]}}
+        with _answering():
+            hidden = await self._collection("clips").update_one(staged, {"$set": {"status": STAGING}})
+        if hidden.matched_count:
+            await self._delete("frames", {"record_id": record_id})
+            await self._delete("clips", {"_id": record_id, "status": STAGING})
 
     async def sweep(self) -> None:
         """See `CustodyStore.sweep`; a server's files are its own, so there is nothing to do from here."""
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
-        """See `CustodyStore.lapsed`."""
-        where = {"status": {"$in": ["staged", ARRIVING]}, "valid_until_ms": {"$lte": at_ms}}
-        found = await self._many("clips", where, sort=("valid_until_ms", "_id"), limit=limit, fields=("_id",))
-        return [document["_id"] for document in found]
+        """See `CustodyStore.lapsed`; a clip whose staging was cut off lapses too."""
+        found: list[Document] = []
+        for status in ("staged", STAGING):
+            where = {"status": status, "valid_until_ms": _up_to(at_ms)}
+            order = _rising("status", "valid_until_ms", "_id")
+            found += await self._many("clips", where, sort=order, limit=limit, fields=("_id", "valid_until_ms"))
+        found.sort(key=lambda document: (document["valid_until_ms"], document["_id"]))
+        return [document["_id"] for document in found[:limit]]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.expired`."""
-        where = {"status": "confirmed", "expires_at_ms": {"$lte": at_ms}}
-        found = await self._many("clips", where, sort=("expires_at_ms", "_id"), limit=limit, fields=("_id",))
+        where = {"status": "confirmed", "expires_at_ms": _up_to(at_ms)}
+        order = _rising("status", "expires_at_ms", "_id")
+        found = await self._many("clips", where, sort=order, limit=limit, fields=("_id",))
         return [document["_id"] for document in found]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
         """See `CustodyStore.missing`."""
-        found = await self._many("missing", {}, sort=("height", "_id"), descending=True, limit=limit)
-        return [_missing(document) for document in found]
+        return rows(documents.missing_row, await self._many("missing", {}, sort=_NEWEST_FIRST, limit=limit))
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
         """See `CustodyStore.missing_clip`."""
-        found = await self._one("missing", record_id)
-        return _missing(found) if found else None
+        found = rows(documents.missing_row, await self._one("missing", record_id))
+        return found[0] if found else None
 
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
-        found = await self._one("grants", access_id)
-        return Grant(access_id, found["owner"], tuple(found["records"]), found["height"]) if found else None
+        found = rows(documents.grant_row, await self._one("grants", access_id))
+        return found[0] if found else None
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         """See `CustodyStore.grants_of_owner`."""
-        found = await self._many("grants", {"owner": owner})
-        return [Grant(row["_id"], row["owner"], tuple(row["records"]), row["height"]) for row in found]
+        return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """See `CustodyStore.put_background`."""
@@ -369,8 +310,8 @@ class MongoStore:
 
     async def background(self, digest: bytes) -> bytes | None:
         """See `CustodyStore.background`."""
-        found = await self._one("backgrounds", digest)
-        return bytes(found["content"]) if found else None
+        found = rows(lambda document: bytes(document["content"]), await self._one("backgrounds", digest))
+        return found[0] if found else None
 
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
@@ -379,7 +320,7 @@ class MongoStore:
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.mark_outbox_ready`."""
         changes = {"$set": {"status": "ready", "plan": b""}}
-        await self._bulk("outbox", [UpdateOne({"_id": _outbox_id(key)}, changes)])
+        await self._bulk("outbox", [UpdateOne({"_id": documents.outbox_id(key)}, changes)])
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.remove_outbox`."""
@@ -387,22 +328,28 @@ class MongoStore:
 
     async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
-        order = ("height", "kind", "subject", "part")
-        return [_outbox_row(row) for row in await self._many("outbox", {"status": status}, sort=order, limit=limit)]
+        order = _rising("status", "height", "kind", "subject", "part")
+        return rows(documents.outbox_row, await self._many("outbox", {"status": status}, sort=order, limit=limit))
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox_of`."""
-        found = await self._many("outbox", {"kind": kind, "subject": subject}, sort=("part",))
-        return [_outbox_row(row) for row in found]
+        order = _rising("kind", "subject", "part")
+        return rows(documents.outbox_row, await self._many("outbox", {"kind": kind, "subject": subject}, sort=order))
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
-        """See `CustodyStore.all_clips`."""
-        with _answering():
-            async for document in self._collection("clips").find({"status": {"$ne": ARRIVING}}).sort("_id", ASCENDING):
-                yield _clip(document)
+        """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no cursor."""
+        last = b""
+        while found := await self._many("clips", {"_id": {"$gt": last}}, limit=_PAGE_DOCUMENTS_COUNT):
+            for clip in rows(documents.clip_row, [document for document in found if document["status"] != STAGING]):
+                yield clip
+            last = found[-1]["_id"]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
-        """See `CustodyStore.slots_in_use`."""
-        with _answering():
-            async for document in self._collection("frames").find({}, ("slot",)):
-                yield document["slot"]
+        """See `CustodyStore.slots_in_use`; read in pages, from the index alone."""
+        last, order = -1, _rising("slot")
+        while found := await self._many(
+            "frames", {"slot": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("slot",)
+        ):
+            for slot in rows(lambda document: int(document["slot"]), found):
+                yield slot
+                last = slot

@@ -1,6 +1,6 @@
 """The scrub: compares the chain's records with the store's clips, both ways. Must never repair what it cannot prove.
 
-A clip that is missing is put among the missing ones, so that it is fetched; everything else is reported, for a person to judge.
+A clip that is missing is put among the missing ones, so that it is fetched; all else is reported, for a person to judge.
 """
 
 from __future__ import annotations

@@ -190,6 +190,7 @@ class SqliteStore:
             self._database = None
         if self._worker is not None:
             self._worker.shutdown()
+            self._worker = None
 
     def _open(self) -> sqlite3.Connection:
         self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)

@@ -1,0 +1,177 @@
+"""How the rows of a custodian's store look as MongoDB documents. Must never guess at a document that is not whole.
+
+A row's key is the document's `_id`. Frames are documents of their own, so that no clip comes near the limit of 16 MB.
+A clip has one status more than `ClipRow` knows: `staging`, while its frames are being written or dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from pymongo import UpdateOne
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u32
+from node.offchain.store import Checkpoint, ClipRow, FramePlace, FrameRow, Grant, OutboxRow, RecordFacts
+
+Document = dict[str, Any]
+Row = TypeVar("Row")
+
+STAGING = "staging"
+
+
+def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> list[Row]:
+    """Convert what was found. Raises STORAGE_DAMAGED for a document that lacks a field or has a wrong one."""
+    try:
+        return [convert(document) for document in documents]
+    except (KeyError, TypeError) as error:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The store has a document that is not whole: {error!r}.") from error
+
+
+def frame_id(record_id: bytes, index: int) -> bytes:
+    """Return the key of a frame: its record id and index, so that keys sort as frames do."""
+    return record_id + u32(index)
+
+
+def outbox_id(key: tuple[str, bytes, int]) -> bytes:
+    """Return the key of an outbox row."""
+    kind, subject, part = key
+    return kind.encode() + b"\x00" + subject + u32(part)
+
+
+def clip_document(clip: ClipRow, status: str | None = None) -> Document:
+    """Return a clip as a document, under another status if one is named."""
+    return {
+        "_id": clip.record_id,
+        "txid": clip.txid,
+        "valid_until_ms": clip.valid_until_ms,
+        "status": status or clip.status,
+        "commitment_leaves": list(clip.commitment_leaves),
+        "ciphertext_leaves": list(clip.ciphertext_leaves),
+        "owner": clip.owner,
+        "expires_at_ms": clip.expires_at_ms,
+        "height": clip.height,
+    }
+
+
+def clip_row(found: Document) -> ClipRow:
+    """Return the clip of a document."""
+    return ClipRow(
+        record_id=found["_id"],
+        txid=found["txid"],
+        valid_until_ms=found["valid_until_ms"],
+        status=found["status"],
+        commitment_leaves=tuple(found["commitment_leaves"]),
+        ciphertext_leaves=tuple(found["ciphertext_leaves"]),
+        owner=found["owner"],
+        expires_at_ms=found["expires_at_ms"],
+        height=found["height"],
+    )
+
+
+def confirmation(facts: RecordFacts) -> UpdateOne:
+    """Return the write that confirms a whole clip, and changes no erased or half-written one."""
+    changes = {
+        "status": "confirmed",
+        "txid": facts.txid,
+        "owner": facts.owner,
+        "expires_at_ms": facts.expires_at_ms,
+        "height": facts.height,
+    }
+    return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
+
+
+def frame_document(row: FrameRow) -> Document:
+    """Return a frame as a document."""
+    return {
+        "_id": frame_id(row.record_id, row.index),
+        "record_id": row.record_id,
+        "index": row.index,
+        "slot": row.slot,
+        "wrapped_key": row.wrapped_key,
+        "ciphertext": row.ciphertext,
+    }
+
+
+def frame_row(found: Document) -> FrameRow:
+    """Return the frame of a document."""
+    return FrameRow(found["record_id"], found["index"], found["ciphertext"], found["wrapped_key"], found["slot"])
+
+
+def frame_place(found: Document) -> FramePlace:
+    """Return where the frame of a document, read without its bytes, is."""
+    return FramePlace(found["record_id"], found["index"], found["slot"])
+
+
+def missing_document(facts: RecordFacts) -> Document:
+    """Return a missing clip as a document."""
+    return {
+        "_id": facts.record_id,
+        "txid": facts.txid,
+        "owner": facts.owner,
+        "commitment_root": facts.commitment_root,
+        "ciphertext_root": facts.ciphertext_root,
+        "expires_at_ms": facts.expires_at_ms,
+        "height": facts.height,
+        "erased_frames": list(facts.erased_frames),
+    }
+
+
+def missing_row(found: Document) -> RecordFacts:
+    """Return the missing clip of a document."""
+    return RecordFacts(
+        record_id=found["_id"],
+        txid=found["txid"],
+        owner=found["owner"],
+        commitment_root=found["commitment_root"],
+        ciphertext_root=found["ciphertext_root"],
+        expires_at_ms=found["expires_at_ms"],
+        height=found["height"],
+        erased_frames=tuple(found["erased_frames"]),
+    )
+
+
+def grant_document(grant: Grant) -> Document:
+    """Return a grant as a document."""
+    return {
+        "_id": grant.access_id,
+        "owner": grant.owner,
+        "records": list(grant.records),
+        "height": grant.height,
+    }
+
+
+def grant_row(found: Document) -> Grant:
+    """Return the grant of a document."""
+    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"])
+
+
+def outbox_document(row: OutboxRow) -> Document:
+    """Return an outbox row as a document, without its key."""
+    return {
+        "kind": row.kind,
+        "subject": row.subject,
+        "part": row.part,
+        "contract": row.contract,
+        "entry": row.entry,
+        "arguments": row.arguments,
+        "height": row.height,
+        "status": row.status,
+        "plan": row.plan,
+    }
+
+
+def outbox_row(found: Document) -> OutboxRow:
+    """Return the outbox row of a document."""
+    return OutboxRow(**{name: value for name, value in found.items() if name != "_id"})
+
+
+def checkpoint_document(point: Checkpoint) -> Document:
+    """Return a checkpoint as a document, without its key."""
+    return {"height": point.height, "block_id": point.block_id, "timestamp_ms": point.timestamp_ms}
+
+
+def checkpoint_row(found: Document) -> Checkpoint:
+    """Return the checkpoint of a document."""
+    return Checkpoint(found["height"], found["block_id"], found["timestamp_ms"])

@@ -1,0 +1,24 @@
+"""Chooses the custody store that a node's configuration names. Must never print the URI, which may hold a password."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from node.offchain.mongo_store import MongoStore
+from node.offchain.sqlite_store import SqliteStore
+from node.offchain.store import CustodyStore
+
+MONGO_SCHEMES = ("mongodb://", "mongodb+srv://")
+
+
+def open_store(uri: str, folder: Path) -> CustodyStore:
+    """Return the store, to be entered with `async with`: `sqlite` is one in `folder`, a MongoDB URI one on its server.
+
+    Raises CONFIGURATION_INVALID for any other name.
+    """
+    if uri == "sqlite":
+        return SqliteStore(folder)
+    if uri.startswith(MONGO_SCHEMES):
+        return MongoStore(uri)
+    raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or the URI of a MongoDB database.")

@@ -1,0 +1,53 @@
+"""The stores under test: SQLite in a temporary directory, and a database on a MongoDB-compatible server."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import AsyncIterator, Callable, Iterator
+from pathlib import Path
+from urllib.parse import urlsplit, urlunsplit
+
+import pytest
+from pymongo import MongoClient
+
+from node.offchain.mongo_store import MongoStore
+from node.offchain.sqlite_store import SqliteStore
+from node.offchain.store import CustodyStore
+from tests.offchain import secantus
+
+
+@pytest.fixture(scope="session")
+def mongo_uri() -> Iterator[str]:
+    """MONGO_URI if it is set, else a server started for the tests."""
+    given = os.environ.get("MONGO_URI")
+    if given:
+        yield given
+    else:
+        with secantus.running() as uri:
+            yield uri
+
+
+@pytest.fixture
+def mongo_database(mongo_uri: str) -> Iterator[str]:
+    """The URI of a fresh database, dropped afterwards."""
+    name = f"blockrobot_test_{secrets.token_hex(6)}"
+    yield urlunsplit(urlsplit(mongo_uri)._replace(path=f"/{name}"))
+    with MongoClient(mongo_uri) as client:
+        client.drop_database(name)
+
+
+@pytest.fixture(params=["sqlite", "mongo"])
+def make_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], CustodyStore]:
+    """A maker of stores over one and the same database: a second one sees what the first left."""
+    if request.param == "sqlite":
+        return lambda: SqliteStore(tmp_path / "custody")
+    uri = request.getfixturevalue("mongo_database")
+    return lambda: MongoStore(uri)
+
+
+@pytest.fixture
+async def store(make_store: Callable[[], CustodyStore]) -> AsyncIterator[CustodyStore]:
+    """One open store of each kind."""
+    async with make_store() as opened:
+        yield opened

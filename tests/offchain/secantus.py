@@ -1,0 +1,121 @@
+"""A MongoDB-compatible server for the tests: SecantusDB, as a child process in an environment of its own.
+
+It is beta and GPL, so it is for tests only, and what passes here has not been tested on MongoDB itself. Installing fails
+loudly. `python -m tests.offchain.secantus` starts one, prints its URI, and runs until it is interrupted.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pymongo import MongoClient
+from pymongo.errors import PyMongoError
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = ROOT / ".venv-mongo"
+REQUIREMENTS = ROOT / "tests" / "requirements-mongo.txt"
+START_MAX_S = 60.0
+STOP_MAX_S = 15.0
+
+
+def install() -> Path:
+    """Return the server's command, making its environment from the pinned requirements if they are not in it yet."""
+    wanted = hashlib.sha256(REQUIREMENTS.read_bytes() + sys.version.encode()).hexdigest()
+    stamp = ENVIRONMENT / "requirements.sha256"
+    with (ROOT / ".venv-mongo.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not stamp.exists() or stamp.read_text() != wanted:
+            subprocess.run([sys.executable, "-m", "venv", "--clear", ENVIRONMENT], check=True)
+            pip = [ENVIRONMENT / "bin" / "python", "-m", "pip", "--quiet", "--disable-pip-version-check", "install"]
+            result = subprocess.run(
+                [*pip, "--require-hashes", "--only-binary", ":all:", "--requirement", REQUIREMENTS],
+                capture_output=True,
+                text=True,
+                check=False,
+            )
+            if result.returncode:
+                raise RuntimeError(
+                    "The MongoDB-compatible server of the tests cannot be installed. Set MONGO_URI to the URI of a "
+                    f"MongoDB server to test against that instead.\n{result.stderr.strip()}"
+                )
+            stamp.write_text(wanted)
+    return ENVIRONMENT / "bin" / "secantusd-py"
+
+
+def choose_port() -> int:
+    """Return a port of the loopback interface that is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return port
+
+
+def start(storage: Path, port: int) -> subprocess.Popen[bytes]:
+    """Start the server on loopback over a directory and return once it answers. Raises RuntimeError if it does not."""
+    log = (storage / "server.log").open("ab")
+    command = [install(), "--host", "127.0.0.1", "--port", str(port), "--storage-path", storage / "data"]
+    options = ["--sync-on-commit", "--log-level", "WARNING"]
+    child = subprocess.Popen([*command, *options], stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    log.close()
+    deadline = time.monotonic() + START_MAX_S
+    with MongoClient(uri_of(port), serverSelectionTimeoutMS=500) as client:
+        while time.monotonic() < deadline and child.poll() is None:
+            try:
+                client.admin.command("ping")
+            except PyMongoError:
+                continue
+            return child
+    stop(child)
+    raise RuntimeError(f"The test server did not start: {(storage / 'server.log').read_text(errors='replace')[-2000:]}")
+
+
+def stop(child: subprocess.Popen[bytes]) -> None:
+    """Stop the server, by force if it takes too long."""
+    child.terminate()
+    try:
+        child.wait(STOP_MAX_S)
+    except subprocess.TimeoutExpired:
+        child.kill()
+        child.wait()
+
+
+def uri_of(port: int) -> str:
+    """Return the server's URI, to which a database's name may be inserted before the question mark."""
+    return f"mongodb://127.0.0.1:{port}/?directConnection=true"
+
+
+@contextmanager
+def running() -> Iterator[str]:
+    """Run a server over a temporary directory; yields its URI."""
+    with tempfile.TemporaryDirectory(prefix="blockrobot-mongo-") as storage:
+        port = choose_port()
+        child = start(Path(storage), port)
+        try:
+            yield uri_of(port)
+        finally:
+            stop(child)
+
+
+def main() -> None:
+    """Run a server until SIGINT or SIGTERM."""
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    with running() as uri:
+        print(uri, flush=True)  # noqa: T201 - the URI is what the command is for
+        try:
+            signal.pause()
+        except KeyboardInterrupt:
+            sys.exit(0)
+
+
+if __name__ == "__main__":
+    main()
