@@ -1,4 +1,7 @@
-"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame."""
+"""Puts a whole run together: recording, roster, pipeline, delivery, and the summary of what became of every frame.
+
+Must never end while a covered frame is neither final, nor withheld, nor counted as lost.
+"""
 
 from __future__ import annotations
 

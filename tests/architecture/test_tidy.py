@@ -179,16 +179,49 @@ def test_no_test_is_switched_off_or_cannot_fail() -> None:
     assert matches(files_of_tests(), CANNOT_FAIL) == []
 
 
+def functions_of_tests() -> list[tuple[Path, ast.FunctionDef | ast.AsyncFunctionDef]]:
+    return [
+        (path, item)
+        for path in files_of_tests()
+        for item in ast.walk(tree_of(path))
+        if isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+
+
+def asserts(item: ast.AST) -> bool:
+    """Tell whether something asserts by itself: `assert`, `pytest.raises`, `pytest.fail`, or an AssertionError."""
+    for node in ast.walk(item):
+        if isinstance(node, ast.Assert):
+            return True
+        if isinstance(node, ast.Attribute) and node.attr in {"raises", "fail", "assert_never"}:
+            return True
+        if isinstance(node, ast.Name) and node.id == "AssertionError":
+            return True
+    return False
+
+
+def names_used(item: ast.AST) -> set[str]:
+    """Return every name that a function calls, takes as a fixture or passes on."""
+    found = {node.id for node in ast.walk(item) if isinstance(node, ast.Name)}
+    found |= {node.attr for node in ast.walk(item) if isinstance(node, ast.Attribute)}
+    return found | {node.arg for node in ast.walk(item) if isinstance(node, ast.arg)}
+
+
 def test_no_test_is_without_an_assertion() -> None:
-    """`pytest.raises` counts, and so does a call of a function of the same file or of a checker that asserts."""
-    empty = []
-    for path in files_of_tests():
-        for item in ast.walk(tree_of(path)):
-            if not isinstance(item, ast.FunctionDef | ast.AsyncFunctionDef) or not item.name.startswith("test_"):
-                continue
-            words = ast.unparse(item)
-            if not re.search(r"\bassert\b|raises\(|assert_|check_|verify|require_|expect", words):
-                empty.append(f"{place(path, item.lineno)} {item.name}")
+    """A test asserts itself, or uses something that asserts: a function of the tests, or a check that raises."""
+    functions = functions_of_tests()
+    asserting = {item.name for _, item in functions if asserts(item)}
+    while True:
+        more = {item.name for _, item in functions if item.name not in asserting and names_used(item) & asserting}
+        if not more:
+            break
+        asserting |= more
+    raising = re.compile(r"\b(?:check|verify|validate|assert|expect|require|lint)_\w+\(|\b(?:check|validate)\(")
+    empty = [
+        f"{place(path, item.lineno)} {item.name}"
+        for path, item in functions
+        if item.name.startswith("test_") and item.name not in asserting and not raising.search(ast.unparse(item))
+    ]
     assert empty == []
 
 

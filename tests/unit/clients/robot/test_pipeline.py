@@ -1,0 +1,185 @@
+"""The whole robot on a small recording, in virtual time: every frame accounted for, nothing said that must not be."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+from nacl.public import PrivateKey as SealingPrivateKey
+
+from clients.robot.delivery import Delivered, Delivery
+from clients.robot.event_log import EventLog, read_events
+from clients.robot.events import Event, Frame, Sighting
+from clients.robot.hiding.background import empty_bank, learn_background
+from clients.robot.hiding.hider import Hider
+from clients.robot.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.rosters import RosterBook
+from clients.robot.source import BagSource
+from clients.robot.spool import Spool
+from clients.robot.statistics import RunStatistics
+from clients.robot.visits import VisitBook
+from consensus.primitives.encoding import decode
+from consensus.primitives.keys import PrivateKey
+from consensus.records.envelopes import open_metadata
+from consensus.records.metadata import RecordMetadata, find_chain_gaps
+from consensus.records.roster import Roster, RosterRow, roster_tag
+from tests.unit.clients.robot.test_delivery import FakeNetwork
+from tests.unit.clients.robot.test_spool import KEY
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+UID = "E200000000000001"
+CHAIN = bytes(range(32))
+ROBOT = PrivateKey(bytes([5] * 32))
+ANN = SealingPrivateKey(bytes([12] * 32))
+
+
+def roster(*, purposes: tuple[str, ...] = ("demo",)) -> Roster:
+    key = bytes([4] * 32)
+    row = RosterRow(
+        tag=roster_tag(key, UID),
+        handle=b"HANDLE" * 5 + b"HA",
+        spend=PrivateKey(secrets.token_bytes(32)).public_key,
+        view=PrivateKey(secrets.token_bytes(32)).public_key,
+        sealing=bytes(ANN.public_key),
+        purposes=purposes,
+        proof=b"",
+    )
+    return Roster(1, CHAIN, ROBOT.public_key, key, 0, 1, (row,))
+
+
+class Robot:
+    """One run over a recording."""
+
+    def __init__(self, folder: Path, recording: Path, known: Roster, clip_ms: int = 200) -> None:
+        self.network = FakeNetwork()
+        self.statistics = RunStatistics(window_ms=5_000)
+        self.log_path = folder / "events.jsonl"
+        self.spool = Spool(folder / "spool", KEY)
+        self.source = BagSource(recording)
+        self.known = known
+        self.clip_ms = clip_ms
+        self.delivered: list[Delivered] = []
+
+    async def run(self) -> None:
+        empty = self.source.empty_frames()
+        height, width = empty[0].shape
+        with EventLog(self.log_path) as log:
+
+            def note(done: Delivered) -> None:
+                self.delivered.append(done)
+                note_delivered(done, self.statistics, log)
+
+            delivery = Delivery(self.spool, self.network, on_delivered=note, at_once=True)
+            pipeline = Pipeline(
+                camera=Camera("depth", width, height, tuple(empty_bank(empty))),
+                hider=Hider(learn_background(empty)),
+                roster=RosterBook(self.known),
+                visits=VisitBook(CHAIN, ROBOT.public_key, "demo"),
+                spool=self.spool,
+                delivery=delivery,
+                statistics=self.statistics,
+                log=log,
+                purpose="demo",
+                clip_ms=self.clip_ms,
+                now_ms=virtual_now_ms,
+            )
+            self.source.shift_to(virtual_now_ms())
+            try:
+                await pipeline.run(self.events())
+            finally:
+                await delivery.stop()
+
+    async def events(self) -> AsyncIterator[Event]:
+        for event in self.source.events():
+            await asyncio.sleep(0)
+            yield event
+
+
+@pytest.fixture
+def ran(tmp_path: Path, small_bag: Path) -> Robot:
+    robot = Robot(tmp_path, small_bag, roster())
+    run_virtual(robot.run())
+    return robot
+
+
+def test_the_recording_has_what_this_file_needs(small_bag: Path) -> None:
+    events = list(BagSource(small_bag).events())
+    assert sum(isinstance(event, Frame) for event in events) >= 6
+    assert {event.uid for event in events if isinstance(event, Sighting)} == {UID}
+
+
+def test_every_covered_frame_is_final_or_withheld(ran: Robot) -> None:
+    counts = ran.statistics.frames_json()
+    assert counts["published"] >= 6
+    assert counts["covered"] > 0
+    assert counts["lost"] == 0
+    assert counts["kept"] + counts["withheld"] == counts["covered"]
+
+
+def test_everything_is_on_the_chain_and_every_visit_closed_with_its_count(ran: Robot) -> None:
+    assert ran.spool.names() == []
+    per_owner = {owner: list(ran.network.records.values()).count(owner) for owner in set(ran.network.records.values())}
+    assert per_owner
+    assert ran.network.closed == per_owner
+
+
+def test_the_owner_can_read_the_whole_visit_and_is_told_what_was_withheld(ran: Robot) -> None:
+    metas = [decode(open_metadata(bytes(ANN), done.clip.sealed_metadata), RecordMetadata) for done in ran.delivered]
+    metas.sort(key=lambda meta: meta.index_in_visit)
+    assert find_chain_gaps(metas) == []
+    told: dict[str, int] = {}
+    for meta in metas:
+        for reason, count in meta.withheld:
+            told[reason] = told.get(reason, 0) + count
+    assert told == ran.statistics.withheld
+
+
+def test_no_line_of_the_log_holds_a_uid_a_handle_or_an_owner_key(ran: Robot) -> None:
+    text = ran.log_path.read_text(encoding="utf-8").lower()
+    owners = {done.clip.owner.hex() for done in ran.delivered}
+    assert owners
+    for secret in (UID, UID.encode().hex(), (b"HANDLE" * 5 + b"HA").hex(), "handle", *owners):
+        assert secret.lower() not in text
+
+
+def test_the_log_tells_the_papers_story(ran: Robot) -> None:
+    activities = [event["activity"] for event in read_events(ran.log_path)]
+    assert activities.count("IMAGE_RETRIEVE") == ran.statistics.published
+    assert activities.count("IMAGE_PAIRED") == ran.statistics.covered
+    assert activities.count("BLOCKCHAIN_TRANSACTION") == len(ran.network.records)
+    assert activities.count("DATABASE_PERSISTANCE") == len(ran.network.records)
+    assert activities.count("IMAGE_WITHHELD") == ran.statistics.withheld_count
+
+
+def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_bag: Path) -> None:
+    known = roster()
+    stranger = Roster(1, CHAIN, ROBOT.public_key, bytes([9] * 32), 0, 1, known.rows)
+    robot = Robot(tmp_path, small_bag, stranger)
+    run_virtual(robot.run())
+    assert robot.network.calls == []
+    assert robot.statistics.covered == 0
+    assert {event["activity"] for event in read_events(robot.log_path)} >= {"IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"}
+
+
+def test_whoever_did_not_consent_to_the_purpose_is_not_recorded(tmp_path: Path, small_bag: Path) -> None:
+    robot = Robot(tmp_path, small_bag, roster(purposes=("research",)))
+    run_virtual(robot.run())
+    assert robot.network.calls == []
+    assert robot.network.uploads == {}
+
+
+def test_clips_that_waited_from_the_run_before_are_delivered_first(tmp_path: Path, small_bag: Path) -> None:
+    first = Robot(tmp_path, small_bag, roster())
+    first.network.refusals = ["SENDER_WITHOUT_STANDING"] * 100
+    with pytest.raises(Exception, match="SENDER_WITHOUT_STANDING"):
+        run_virtual(first.run())
+    waiting = len(first.spool.names())
+    assert waiting > 0
+    second = Robot(tmp_path, small_bag, roster())
+    run_virtual(second.run())
+    assert second.spool.names() == []
+    assert len(second.network.records) >= waiting + 1
+    assert second.statistics.frames_json()["lost"] == 0
