@@ -55,6 +55,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     # API and sessions
     ErrorEntry("REQUEST_INVALID", 400, "The request does not have the described form.", "See /v1/openapi.json for the form."),
     ErrorEntry("REQUEST_TOO_LARGE", 413, "The request body is larger than this route takes.", "Send less at once."),
+    ErrorEntry("REQUEST_TIMEOUT", 408, "The request's body did not arrive in time.", "Send it again; check the connection.", retryable=True),
+    ErrorEntry("MEDIA_TYPE_UNSUPPORTED", 415, "The route does not take a body of this media type or content encoding.", "Send the Content-Type that /v1/openapi.json names, uncompressed."),
     ErrorEntry("ROUTE_UNKNOWN", 404, "There is no such route.", "See /v1/openapi.json for the routes."),
     ErrorEntry("METHOD_NOT_ALLOWED", 405, "The route does not take this method.", "See /v1/openapi.json for the methods."),
     ErrorEntry("RATE_LIMITED", 429, "Too many requests from here.", "Wait a moment and try again.", retryable=True),
@@ -99,6 +101,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     # Records, robot and wallet
     ErrorEntry("VOUCHER_INVALID", 400, "The enrolment code is damaged.", "Scan or type the code on the card again."),
     ErrorEntry("VOUCHER_EXPIRED", 403, "The enrolment code is too old.", "Ask the registrar for a new card."),
+    ErrorEntry("VOUCHER_FOREIGN", 403, "The enrolment code was not issued by a registrar of this network, or not to this holder.", "Check that the card and the genesis file are of the same network, and use your own card."),
+    ErrorEntry("HANDLE_TAKEN", 409, "The enrolment code was used already.", "If it was you, restore that wallet from its words; if not, tell the registrar, who issues a new card."),
     ErrorEntry("ENVELOPE_INVALID", 400, "The sealed bytes do not open with this key.", "They were made for another person, or were changed."),
     ErrorEntry("RENDITION_CORRUPTED", 409, "The picture is not the one that the robot committed to.", "Tell the hospital: the custodian's copy was changed."),
     ErrorEntry("BAG_DAMAGED", 400, "The recording cannot be read.", "Check the file, or make it again."),

@@ -83,8 +83,8 @@ class Mempool:
         """Check a transaction and let it wait; return it and whether it is new here.
 
         Raises ENCODING_*, TRANSACTION_TOO_LARGE, TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED,
-        TRANSACTION_TOO_FAR_AHEAD, TRANSACTION_REPLAYED, SENDER_LIMIT, MEMPOOL_FULL, SIGNATURE_* or
-        SENDER_WITHOUT_STANDING. The cheap checks come first, the signature after them.
+        TRANSACTION_TOO_FAR_AHEAD, TRANSACTION_REPLAYED, SENDER_LIMIT, MEMPOOL_FULL, SIGNATURE_*,
+        SENDER_WITHOUT_STANDING or what `has_standing` raises. The cheap checks come first, the signature after them.
         """
         known = self._cache.get(wire)
         transaction = decode_transaction(wire) if known is None else known

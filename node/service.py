@@ -22,8 +22,9 @@ from consensus.primitives.encoding import decode
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import require_contracts
-from contracts.execution.standing import has_standing
+from contracts.execution.standing import require_standing
 from node.api import ApiServices, create_api
+from node.api.server import serve_api
 from node.config import NodeConfig, load_genesis, load_key
 from node.custody import Custody
 from node.engine import Engine
@@ -36,9 +37,7 @@ from node.mempool import Mempool
 from node.metrics import NodeMetrics
 from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import EraseKeys
-from node.offchain.mongo_store import MongoStore
-from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import CustodyStore
+from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
 from node.p2p.network import PeerNetwork, bind_listener
 from node.peers import Peers
@@ -184,13 +183,7 @@ class Node:
         if path is None:
             return None
         key = load_key(path, self._entry.custodian_key, "custodian")
-        store: CustodyStore
-        if config.custody_store == "sqlite":
-            store = SqliteStore(config.custody_dir)
-        elif config.custody_store.startswith(("mongodb://", "mongodb+srv://")):
-            store = MongoStore(config.custody_store)
-        else:
-            raise BlockRobotError("CONFIGURATION_INVALID", "The custody store is sqlite or a MongoDB URI.")
+        store = open_store(config.custody_store, config.custody_dir)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
         custody = Custody(
@@ -240,8 +233,7 @@ class Node:
             pool=self._pool,
             custody=self._custody,
         )
-        api = create_api(services)
-        await self._serve(api, api_socket)
+        await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         await self._serve(create_operator_listener(self), operator_socket)
         log.info("node_started", name=config.name, height=self._feed.height)
 
@@ -256,7 +248,10 @@ class Node:
     def _has_standing(self, transaction: Transaction) -> bool:
         reader = self._executor.reader
         position = reader.position
-        return position is not None and has_standing(reader, transaction, position.timestamp_ms)
+        if position is None:
+            return False
+        require_standing(reader, transaction, position.timestamp_ms)
+        return True
 
     def _is_spent(self, txid: bytes) -> bool:
         return self._engine.is_on_branch(txid) or self._executor.reader.locate(txid) is not None

@@ -18,6 +18,7 @@ from contracts.state.view import StateReader
 
 OWNER_CONTRACTS = frozenset({"access", "erasure"})
 ORGANISATIONS_MAX_COUNT = 256
+WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
 
 
@@ -38,40 +39,57 @@ def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
         return None
 
 
-def _holds_voucher(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
-    """Tell whether a registration would pass for its signatures, its expiry and its handle."""
+def _find_registration_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
+    """Return why a registration has no standing (an error code), or an empty text if it has."""
     arguments = transaction.arguments()
     if len(arguments) != _REGISTER_ARGUMENTS_COUNT:
-        return False
+        return WITHOUT_STANDING
     handle, card_key, role, not_after_ms, voucher_signature, spend, view, sealing, card_signature, _ = arguments
     texts = (handle, card_key, voucher_signature, spend, view, sealing, card_signature)
-    if not all(isinstance(item, bytes) for item in texts) or not isinstance(role, str) or len(handle) != 32:
-        return False
-    if type(not_after_ms) is not int or not chain_time_ms <= not_after_ms < 1 << 53:
-        return False
+    well_formed = all(isinstance(item, bytes) for item in texts) and isinstance(role, str) and len(handle) == 32
+    if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
+        return WITHOUT_STANDING
     chain_id, sender = transaction.body.chain_id, transaction.body.sender
-    if state.get(b"identity\x00handle/" + handle) is not None:
-        return False
     card = chain_id + handle + sender + spend + view + sealing
     if _recovers(CARD_TAG, card_signature, card) != card_key:
-        return False
+        return "VOUCHER_FOREIGN"
     voucher = chain_id + handle + card_key + u64(not_after_ms) + role.encode()
     registrar = _recovers(VOUCHER_TAG, voucher_signature, voucher)
-    return registrar is not None and state.get(b"identity\x00registrar/" + registrar) is not None
+    if registrar is None or state.get(b"identity\x00registrar/" + registrar) is None:
+        return "VOUCHER_FOREIGN"
+    if state.get(b"identity\x00handle/" + handle) is not None:
+        return "HANDLE_TAKEN"
+    return "" if chain_time_ms <= not_after_ms else "VOUCHER_EXPIRED"
 
 
-def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
-    """Tell whether the sender may have this transaction wait, by the finalized state and its time in ms.
+def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
+    """Return why the sender may not have this transaction wait, as an error code, or an empty text if he may.
 
-    The sender must have been verified before (`Transaction.verify_sender`).
+    Judged by the finalized state and its time in ms. The sender must have been verified before
+    (`Transaction.verify_sender`).
     """
     sender, body = transaction.body.sender, transaction.body
     if _is_active_member(state, sender):
-        return True
+        return ""
     if body.contract in OWNER_CONTRACTS and state.get(b"records\x00visit/" + sender) is not None:
-        return True
+        return ""
     if state.get(b"identity\x00custodian/" + sender) or state.get(b"identity\x00registrar/" + sender):
-        return True
+        return ""
     if body.contract == "identity" and body.entry == "register":
-        return _holds_voucher(state, transaction, chain_time_ms)
-    return _is_admin(state, sender)
+        return _find_registration_fault(state, transaction, chain_time_ms)
+    return "" if _is_admin(state, sender) else WITHOUT_STANDING
+
+
+def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:
+    """Tell whether the sender may have this transaction wait (see `find_fault`)."""
+    return not find_fault(state, transaction, chain_time_ms)
+
+
+def require_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> None:
+    """Refuse a sender who may not have this transaction wait (see `find_fault`).
+
+    Raises SENDER_WITHOUT_STANDING, or for a registration VOUCHER_FOREIGN, VOUCHER_EXPIRED or HANDLE_TAKEN.
+    """
+    fault = find_fault(state, transaction, chain_time_ms)
+    if fault:
+        raise BlockRobotError(fault)

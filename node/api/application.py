@@ -21,6 +21,7 @@ from node.api.rate_limit import RateLimiter
 from node.api.routes import ROUTES
 from node.api.routes.openapi import DOCUMENT_KEY
 from node.api.routing import Call, Route
+from node.api.server import ApiConnection, name_server, refuse_expectation
 from node.api.services import ApiServices
 from node.api.sessions import TOKEN_SIZE_BYTES, Session, SessionTable
 
@@ -110,10 +111,19 @@ async def _answer(name: str, work: Awaitable[web.StreamResponse]) -> web.StreamR
 async def _problem_middleware(request: web.Request, handler: _WebHandler) -> web.StreamResponse:
     """Cover what never reaches a route: unknown paths and methods."""
     resource = request.match_info.route.resource
-    response = await _answer(f"{request.method} {resource.canonical if resource else 'unknown'}", handler(request))
-    if not response.prepared:
-        response.headers["X-Content-Type-Options"] = "nosniff"
-    return response
+    name = f"{request.method} {resource.canonical if resource else 'unknown'}"
+    connection = request.protocol
+    if not isinstance(connection, ApiConnection):
+        return await _answer(name, handler(request))
+    connection.begin()
+    try:
+        return await _answer(name, handler(request))
+    finally:
+        connection.end()
+
+
+async def _prepare(_request: web.Request, response: web.StreamResponse) -> None:
+    name_server(response)
 
 
 def _bind(gate: _Gate, route: Route) -> _WebHandler:
@@ -127,8 +137,9 @@ def create_api(services: ApiServices, routes: tuple[Route, ...] = ROUTES) -> web
     """Return the application that serves `/v1` of one node. Raises CONFIGURATION_INVALID for a route without a rule."""
     require_rules(routes)
     application = web.Application(middlewares=[_problem_middleware])
+    application.on_response_prepare.append(_prepare)
     application[DOCUMENT_KEY] = build_openapi(routes)
     gate = _Gate(services)
     for route in routes:
-        application.router.add_route(route.method, route.path, _bind(gate, route))
+        application.router.add_route(route.method, route.path, _bind(gate, route), expect_handler=refuse_expectation)
     return application

@@ -15,6 +15,7 @@ from node.api.routing import Answer, Body, Parameter, Route
 API_VERSION = "1.0.0"
 EVERY_ROUTE_ERRORS = ("REQUEST_INVALID", "RATE_LIMITED", "INTERNAL")
 SESSION_ERRORS = ("SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED")
+BODY_ERRORS = ("REQUEST_TOO_LARGE", "REQUEST_TIMEOUT", "MEDIA_TYPE_UNSUPPORTED")
 _SCHEMA_PLACE = "#/components/schemas/{name}"
 
 
@@ -24,7 +25,7 @@ def errors_of(route: Route) -> tuple[str, ...]:
     if route.access.needs_session:
         codes |= set(SESSION_ERRORS)
     if route.body is not None:
-        codes.add("REQUEST_TOO_LARGE")
+        codes |= set(BODY_ERRORS)
     return tuple(sorted(codes))
 
 

@@ -5,12 +5,14 @@ The same table makes the aiohttp application, the OpenAPI document and the refer
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
 import msgspec
 from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
 
 from consensus.errors import BlockRobotError
 from node.api.access import Access
@@ -23,6 +25,7 @@ MSGPACK = "application/msgpack"
 BYTES = "application/octet-stream"
 SSE = "text/event-stream"
 BODY_DEFAULT_MAX_BYTES = 64 * 1024
+BODY_TIMEOUT_MS = 60_000
 
 D = TypeVar("D", bound=Document)
 
@@ -108,16 +111,34 @@ class Call:
         return number
 
     async def body(self) -> bytes:
-        """Return the request's body. Raises REQUEST_TOO_LARGE beyond the route's own limit."""
+        """Return the request's body.
+
+        Raises MEDIA_TYPE_UNSUPPORTED, REQUEST_TOO_LARGE beyond the route's own limit, REQUEST_TIMEOUT if it dawdles,
+        REQUEST_INVALID if it is cut off.
+        """
         limit = self.route.body.max_bytes if self.route.body else 0
+        self._require_media_type()
         if self.http.content_length is not None and self.http.content_length > limit:
             raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
         content = bytearray()
-        async for chunk in self.http.content.iter_chunked(64 * 1024):
-            content += chunk
-            if len(content) > limit:
-                raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+        try:
+            async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
+                async for chunk in self.http.content.iter_chunked(64 * 1024):
+                    content += chunk
+                    if len(content) > limit:
+                        raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
+        except TimeoutError:
+            raise BlockRobotError("REQUEST_TIMEOUT") from None
+        except (web.RequestPayloadError, HttpProcessingError):
+            raise BlockRobotError("REQUEST_INVALID", "The body's framing is damaged.") from None
         return bytes(content)
+
+    def _require_media_type(self) -> None:
+        """Refuse what is packed, or said to be something else; a body of no stated type passes."""
+        if "Content-Encoding" in self.http.headers:
+            raise BlockRobotError("MEDIA_TYPE_UNSUPPORTED", "The route takes no packed bodies.")
+        if self.route.body and self.http.content_type not in {self.route.body.media_type, BYTES}:
+            raise BlockRobotError("MEDIA_TYPE_UNSUPPORTED", f"The route takes {self.route.body.media_type}.")
 
     async def document(self, kind: type[D]) -> D:
         """Return the request's JSON document. Raises REQUEST_INVALID with what is wrong, REQUEST_TOO_LARGE."""

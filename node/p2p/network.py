@@ -81,7 +81,10 @@ class PeerNetwork:
         loop = asyncio.get_running_loop()
         listener = bind_listener(self._config.host, self._config.p2p_port)
         self._server = await loop.create_server(
-            lambda: PeerConnection(self, self._shaper, None), sock=listener, ssl=self._server_tls
+            lambda: PeerConnection(self, self._shaper, None),
+            sock=listener,
+            ssl=self._server_tls,
+            ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
         )
         names = [node.name for node in self._genesis.nodes]
         for name in names[names.index(self._config.name) + 1 :]:
