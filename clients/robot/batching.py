@@ -18,6 +18,7 @@ class OpenClip:
     frames: list[Kept] = field(default_factory=list)
     withheld: dict[str, int] = field(default_factory=dict)
     size_bytes: int = 0
+    added_at_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +37,8 @@ class Batcher:
         self._clip_ms = clip_ms
         self._open: dict[str, OpenClip] = {}
 
-    def add_kept(self, frame: Kept) -> list[ReadyClip]:
-        """Take a frame and return the clips that it closes: the one before it, or the one it fills."""
+    def add_kept(self, frame: Kept, now_ms: int) -> list[ReadyClip]:
+        """Take a frame settled at `now_ms`; return the clips that it closes: the one before it, or the one it fills."""
         clip = self._open.setdefault(frame.alias, OpenClip())
         ready = []
         if clip.frames and frame.captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms:
@@ -45,6 +46,7 @@ class Batcher:
             clip = self._open.setdefault(frame.alias, OpenClip())
         clip.frames.append(frame)
         clip.size_bytes += len(frame.cut.pixels_png)
+        clip.added_at_ms = now_ms
         full = len(clip.frames) >= CLIP_FRAMES_MAX_COUNT or clip.size_bytes >= _CLIP_MAX_BYTES
         if full or self._clip_ms == 0:
             ready.append(self._close(frame.alias))
@@ -55,12 +57,10 @@ class Batcher:
         counts = self._open.setdefault(frame.alias, OpenClip()).withheld
         counts[str(frame.reason)] = counts.get(str(frame.reason), 0) + 1
 
-    def close_before(self, captured_at_ms: int) -> list[ReadyClip]:
-        """Return the clips whose time is over, so that none waits for a frame that never comes."""
+    def close_idle(self, now_ms: int) -> list[ReadyClip]:
+        """Return the clips that got no frame for a clip's length, so that none waits for a frame that never comes."""
         due = [
-            alias
-            for alias, clip in self._open.items()
-            if clip.frames and captured_at_ms - clip.frames[0].captured_at_ms >= self._clip_ms
+            alias for alias, clip in self._open.items() if clip.frames and now_ms - clip.added_at_ms >= self._clip_ms
         ]
         return [self._close(alias) for alias in due]
 

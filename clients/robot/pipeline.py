@@ -25,7 +25,7 @@ from clients.robot.event_log import (
 )
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import EmptyFrame
-from clients.robot.hiding.hider import BUFFER_DEFAULT_MS, Hider, Kept, Output, Withheld
+from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
 from clients.robot.pairing import Decision
 from clients.robot.rosters import RosterBook
 from clients.robot.sealing import ClipContent, seal_clip
@@ -90,7 +90,7 @@ class Pipeline:
                 self._statistics.frame_arrived(event.sequence, self._now_ms())
                 self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{event.sequence}")
                 outputs = await asyncio.to_thread(self._hider.push_frame, event)
-                ready = self._batcher.close_before(event.captured_at_ms - BUFFER_DEFAULT_MS)
+                ready = self._batcher.close_idle(self._now_ms())
             else:
                 outputs, ready = self._identify(event), []
             self._seal([*self._sort(outputs), *ready])
@@ -129,7 +129,7 @@ class Pipeline:
                 for alias in output.owners:
                     self._log.write(now, IMAGE_PAIRED, case, alias=alias)
             elif isinstance(output, Kept):
-                ready.extend(self._batcher.add_kept(output))
+                ready.extend(self._batcher.add_kept(output, now))
             else:
                 self._note_withheld(output, now, case)
         return ready

@@ -41,7 +41,7 @@ async def find_leader(cluster: Cluster) -> str:
 
 
 async def kill_and_restart_leader(cluster: Cluster) -> LeaderKill:
-    """SIGKILL the leader, watch the others for the longest time without a new final block, restart it, let it catch up."""
+    """SIGKILL the leader, measure how long transactions waited, restart it, let it catch up."""
     name = await find_leader(cluster)
     before = max((await _finalized(cluster)).values())
     cluster.kill(name)
@@ -61,17 +61,23 @@ async def kill_and_restart_leader(cluster: Cluster) -> LeaderKill:
 
 
 async def _watch_gap(cluster: Cluster, killed: str) -> float:
-    """Return the longest time in which no living node's finalized height grew, from the kill on."""
+    """Return the longest time in which transactions waited at a living node and no finalized height grew."""
     last_height = max((await _finalized(cluster, without=killed)).values())
-    last_change = started = time.monotonic()
+    waiting_since: float | None = time.monotonic()
+    started = time.monotonic()
     longest = 0.0
     while time.monotonic() - started < _WATCH_S:
         await asyncio.sleep(_POLL_S)
-        height = max((await _finalized(cluster, without=killed)).values(), default=last_height)
+        alive = [report.status for report in await cluster.status() if report.status and report.name != killed]
+        height = max((int(status["finalized_height"]) for status in alive), default=last_height)
+        waiting = any(int(status["mempool"]) > 0 for status in alive)
         now = time.monotonic()
-        longest = max(longest, now - last_change)
-        if height > last_height:
-            last_height, last_change = height, now
+        if waiting_since is not None:
+            longest = max(longest, now - waiting_since)
+        if height > last_height or not waiting:
+            last_height, waiting_since = max(height, last_height), None
+        if waiting and waiting_since is None:
+            waiting_since = now
     return longest
 
 

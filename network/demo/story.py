@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.bag import make_bag
+from clients.robot.pairing import WINDOW_DEFAULT_MS
 from clients.robot.scenario import Scenario, published_run_1
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
@@ -224,8 +225,8 @@ class Demo:
         for person in self.scenario.people:
             times = person.reading_times_s() if person.tagged else []
             for index in range(self.scenario.frame_count):
-                at = index / self.scenario.frame_rate
-                covered += any(abs(at - reading) <= 5.0 for reading in times)
+                at_ms = round(1000 * index / self.scenario.frame_rate)
+                covered += any(abs(at_ms - round(1000 * reading)) <= WINDOW_DEFAULT_MS for reading in times)
         return covered
 
     def _check_frames(self) -> None:
@@ -238,7 +239,7 @@ class Demo:
         expected = self._expected_covered()
         self.checks.add(
             "the right frames were paired",
-            ok=abs(frames["covered"] - expected) <= 2 * len(self.scenario.people),
+            ok=frames["covered"] == expected,
             detail=f"{frames['covered']} frames and owners, {expected} by the scenario's own readings",
         )
         self.checks.add(

@@ -24,36 +24,36 @@ def sequences(clips: list[ReadyClip]) -> list[list[int]]:
 
 def test_a_clip_spans_less_than_its_length() -> None:
     batcher = Batcher(500)
-    closed = [clip for number in range(12) for clip in batcher.add_kept(kept(number, 100 * number))]
+    closed = [clip for number in range(12) for clip in batcher.add_kept(kept(number, 100 * number), 0)]
     assert sequences(closed) == [[0, 1, 2, 3, 4], [5, 6, 7, 8, 9]]
     assert sequences(batcher.flush()) == [[10, 11]]
 
 
 def test_with_length_zero_every_picture_is_a_record_as_in_the_paper() -> None:
     batcher = Batcher(0)
-    assert [sequences(batcher.add_kept(kept(number, number))) for number in range(3)] == [[[0]], [[1]], [[2]]]
+    assert [sequences(batcher.add_kept(kept(number, number), 0)) for number in range(3)] == [[[0]], [[1]], [[2]]]
     assert batcher.flush() == []
 
 
 def test_a_clip_never_has_more_frames_than_a_record_may() -> None:
     batcher = Batcher(10**9)
     closed = [
-        clip for number in range(2 * CLIP_FRAMES_MAX_COUNT + 1) for clip in batcher.add_kept(kept(number, number))
+        clip for number in range(2 * CLIP_FRAMES_MAX_COUNT + 1) for clip in batcher.add_kept(kept(number, number), 0)
     ]
     assert [len(clip.frames) for clip in closed] == [CLIP_FRAMES_MAX_COUNT, CLIP_FRAMES_MAX_COUNT]
 
 
 def test_a_clip_of_large_pictures_closes_early() -> None:
     batcher = Batcher(10**9)
-    closed = [clip for number in range(5) for clip in batcher.add_kept(kept(number, number, size_bytes=2**21))]
+    closed = [clip for number in range(5) for clip in batcher.add_kept(kept(number, number, size_bytes=2**21), 0)]
     assert sequences(closed) == [[0, 1], [2, 3]]
 
 
 def test_two_owners_are_never_in_one_clip() -> None:
     batcher = Batcher(500)
     for number in range(3):
-        batcher.add_kept(kept(number, number, "ann"))
-        batcher.add_kept(kept(number, number, "bob"))
+        batcher.add_kept(kept(number, number, "ann"), 0)
+        batcher.add_kept(kept(number, number, "bob"), 0)
     assert {clip.alias: len(clip.frames) for clip in batcher.flush()} == {"ann": 3, "bob": 3}
 
 
@@ -62,7 +62,7 @@ def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
     batcher.add_withheld(withheld(0, 0, Reason.CONTACT))
     batcher.add_withheld(withheld(1, 50, Reason.CONTACT))
     batcher.add_withheld(withheld(2, 99, Reason.MERGED))
-    batcher.add_kept(kept(3, 100))
+    batcher.add_kept(kept(3, 100), 0)
     (clip,) = batcher.flush()
     assert clip.withheld == (("contact", 2), ("merged", 1))
 
@@ -70,8 +70,8 @@ def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
 def test_withheld_frames_are_counted_once() -> None:
     batcher = Batcher(500)
     batcher.add_withheld(withheld(0, 0))
-    batcher.add_kept(kept(1, 100))
-    first = batcher.add_kept(kept(2, 700))
+    batcher.add_kept(kept(1, 100), 0)
+    first = batcher.add_kept(kept(2, 700), 0)
     assert [clip.withheld for clip in first] == [(("contact", 1),)]
     assert [clip.withheld for clip in batcher.flush()] == [()]
 
@@ -86,29 +86,29 @@ def test_a_tail_that_is_withheld_whole_is_still_told() -> None:
 def test_withheld_frames_of_one_owner_say_nothing_to_another() -> None:
     batcher = Batcher(500)
     batcher.add_withheld(withheld(0, 0, alias="bob"))
-    batcher.add_kept(kept(0, 0, "ann"))
+    batcher.add_kept(kept(0, 0, "ann"), 0)
     assert {clip.alias: clip.withheld for clip in batcher.flush()} == {"ann": (), "bob": (("contact", 1),)}
 
 
 def test_a_clip_whose_owner_went_away_is_closed_by_the_clock() -> None:
     batcher = Batcher(500)
-    batcher.add_kept(kept(0, 1_000))
-    assert batcher.close_before(1_499) == []
-    assert sequences(batcher.close_before(1_500)) == [[0]]
-    assert batcher.close_before(9_999) == []
+    batcher.add_kept(kept(0, 400), 1_000)
+    assert batcher.close_idle(1_499) == []
+    assert sequences(batcher.close_idle(1_500)) == [[0]]
+    assert batcher.close_idle(9_999) == []
 
 
 def test_the_clock_alone_makes_no_clip_without_pictures() -> None:
     batcher = Batcher(500)
     batcher.add_withheld(withheld(0, 0))
-    assert batcher.close_before(10**6) == []
+    assert batcher.close_idle(10**6) == []
 
 
 @pytest.mark.parametrize("clip_ms", [0, 1, 100, 500, 2_000])
 def test_no_frame_is_lost_or_doubled_and_order_is_kept(clip_ms: int) -> None:
     batcher = Batcher(clip_ms)
     times = [0, 33, 66, 900, 901, 902, 5_000, 5_400, 5_500, 5_501]
-    closed = [clip for number, at_ms in enumerate(times) for clip in batcher.add_kept(kept(number, at_ms))]
+    closed = [clip for number, at_ms in enumerate(times) for clip in batcher.add_kept(kept(number, at_ms), 0)]
     closed += batcher.flush()
     assert [frame.sequence for clip in closed for frame in clip.frames] == list(range(len(times)))
     assert all(clip.frames[-1].captured_at_ms - clip.frames[0].captured_at_ms <= clip_ms for clip in closed)
