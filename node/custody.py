@@ -29,7 +29,7 @@ from node.offchain.custodian import Custodian
 from node.offchain.finalized import collect_events
 from node.offchain.store import OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
-from node.storage.ledger_store import LedgerStore
+from node.storage.ledger_store import LedgerStore, TransactionLocation
 
 OUTBOX_BATCH_COUNT = 64
 OUTBOX_INTERVAL_MS = 1_000
@@ -42,6 +42,7 @@ CLIP_PART_BYTES = 1024 * 1024
 CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
 CLIPS_SERVED_KEPT_COUNT = 2
 RETRY_MS = 500
+CATCH_UP_MAX_MS = 3_000
 _WAIT_MS = 60_000
 
 log = structlog.get_logger(__name__)
@@ -118,6 +119,7 @@ class Custody:
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
         self._wake_outbox = asyncio.Event()
+        self._followed = asyncio.Condition()
         self._tasks: list[asyncio.Task[None]] = []
         self.checkpoint_height: int | None = None
 
@@ -144,7 +146,11 @@ class Custody:
         self._wake_outbox.set()
 
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
-        """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does."""
+        """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does.
+
+        Her transaction may have been final elsewhere a moment ago: wait for it here before it is missed.
+        """
+        await self._wait_for(access_id)
         return await self._custodian.download(record_id, access_id, owner)
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
@@ -154,6 +160,23 @@ class Custody:
     async def get_background(self, digest: bytes) -> bytes | None:
         """Return a recorded empty frame, or None."""
         return await self._custodian.get_background(digest)
+
+    async def _wait_for(self, txid: bytes) -> None:
+        """Wait, not long, until a transaction is stored here and its block's effects are in the custodian's store."""
+        place = self._locate(txid)
+        if place is None and await self._feed.wait_final(txid, CATCH_UP_MAX_MS):
+            place = self._locate(txid)
+        if place is None:
+            return
+        try:
+            async with asyncio.timeout(CATCH_UP_MAX_MS / 1000), self._followed:
+                await self._followed.wait_for(lambda: (self.checkpoint_height or 0) >= place.height)
+        except TimeoutError:
+            log.warning("custody_behind", height=self.checkpoint_height)
+
+    def _locate(self, txid: bytes) -> TransactionLocation | None:
+        with self._ledger.snapshot() as snapshot:
+            return snapshot.locate(txid)
 
     # Following the chain
 
@@ -181,6 +204,8 @@ class Custody:
         events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
         await self._custodian.on_finalized_block(events)
         self.checkpoint_height = height
+        async with self._followed:
+            self._followed.notify_all()
         await self._note_refusals(receipts)
         if events.events:
             self._wake_outbox.set()
