@@ -6,8 +6,6 @@ the trie, storage.
 
 from __future__ import annotations
 
-import os
-import platform
 import time
 from collections.abc import Mapping
 from typing import Any
@@ -16,6 +14,7 @@ from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
 from contracts.execution.registry import PRIVACY_CONTRACTS, load_contracts, read_source
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
+from network.bench.conditions import build_result, measure_conditions
 
 ROBOT = b"\x02" + b"r" * 32
 OWNER = b"\x03" + b"o" * 32
@@ -106,6 +105,7 @@ def measure_compile_ms() -> float:
 
 def run_vm_benchmark(seconds: float = 3) -> dict[str, Any]:
     """Call `records.record` for about `seconds` of CPU time and return name, ok, figures and conditions."""
+    conditions = measure_conditions(nodes=0)
     compile_ms = measure_compile_ms()
     bench = RecordBench(load_contracts())
     calls_before = bench.host.calls
@@ -119,22 +119,12 @@ def run_vm_benchmark(seconds: float = 3) -> dict[str, Any]:
             bench.record()
         spent += time.thread_time() - started
     calls = bench.count - 1
-    return {
-        "name": "vm",
-        "ok": True,
-        "figures": {
-            "record_calls_per_s": round(calls / spent, 1),
-            "record_cpu_us": round(spent / calls * 1e6, 2),
-            "record_gas": first_gas,
-            "gas_per_s": round(bench.gas_used / spent),
-            "compile_ms": round(compile_ms, 2),
-        },
-        "conditions": {
-            "host_calls_per_record": host_calls,
-            "contracts_compiled": len(PRIVACY_CONTRACTS),
-            "cores": os.cpu_count() or 1,
-            "load": round(os.getloadavg()[0], 2),
-            "python": platform.python_version(),
-            "clock": "thread CPU time",
-        },
+    figures = {
+        "record_calls_per_s": round(calls / spent, 1),
+        "record_cpu_us": round(spent / calls * 1e6, 2),
+        "record_gas": first_gas,
+        "gas_per_s": round(bench.gas_used / spent),
+        "compile_ms": round(compile_ms, 2),
     }
+    more = {"clock": "thread CPU time", "host_calls_per_record": host_calls, "contracts": len(PRIVACY_CONTRACTS)}
+    return build_result("vm", ok=True, figures=figures, conditions={**conditions, **more})
