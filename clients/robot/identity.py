@@ -18,6 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 
 _FILE = "robot.keys"
+_KEY_BYTES = 32
 
 
 class _KeyFile(msgspec.Struct):
@@ -54,7 +55,7 @@ class RobotIdentity:
 def create_identity(folder: Path) -> RobotIdentity:
     """Draw a robot's keys and write them, mode 0600. Raises DATA_DIRECTORY_INVALID rather than overwrite."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    keys = _KeyFile(1, *(secrets.token_bytes(32) for _ in range(5)))
+    keys = _KeyFile(1, *(secrets.token_bytes(_KEY_BYTES) for _ in range(5)))
     try:
         descriptor = os.open(folder / _FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
@@ -72,11 +73,13 @@ def load_identity(folder: Path) -> RobotIdentity:
         return _identity(msgspec.msgpack.decode((folder / _FILE).read_bytes(), type=_KeyFile))
     except FileNotFoundError:
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no robot in {folder}.") from None
-    except msgspec.MsgspecError:
+    except (msgspec.MsgspecError, BlockRobotError):
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"The key file in {folder} is damaged.") from None
 
 
 def _identity(keys: _KeyFile) -> RobotIdentity:
+    if len(keys.sealing) != _KEY_BYTES or len(keys.spool) != _KEY_BYTES:
+        raise BlockRobotError("KEY_INVALID")
     return RobotIdentity(
         identity=PrivateKey(keys.identity),
         spend=PrivateKey(keys.spend),
