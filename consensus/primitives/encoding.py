@@ -70,7 +70,11 @@ def _prepare_dict(value: dict[Any, Any], depth: int) -> Any:
         elif type(key) is not str and type(key) is not bytes:
             raise BlockRobotError("VALUE_INVALID", f"A dict key is of type {type(key).__name__}.")
     ordered = _sort_keys(tuple(value)) if len(value) <= _CACHED_KEYS_MAX_COUNT else sorted(value, key=_encoder.encode)
-    return {key: _prepare(value[key], depth + 1) for key in ordered}
+    result: dict[Any, Any] = {}
+    for key in ordered:
+        item = value[key]
+        result[key] = item if type(item) is bytes or type(item) is str else _prepare(item, depth + 1)
+    return result
 
 
 @lru_cache(maxsize=256)

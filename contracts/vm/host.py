@@ -57,7 +57,9 @@ def _key_fault(key: Any) -> Fault:
 def _state_get(runtime: Runtime, key: Any, default: Any = None) -> Any:
     if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
         raise _key_fault(key)
-    runtime.charge(GET_GAS)
+    runtime.gas -= GET_GAS
+    if runtime.gas < 0:
+        runtime.exhausted()
     data = runtime.host.get(runtime.prefix + key)
     if data is None:
         return default

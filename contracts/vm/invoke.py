@@ -101,7 +101,7 @@ def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -
 
 def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
     try:
-        return [copy_across(runtime, value, "An argument", 1) for value in args]
+        return [value if type(value) is bytes else copy_across(runtime, value, "An argument", 1) for value in args]
     except Fault as fault:
         if fault.code == OUT_OF_GAS:
             raise
