@@ -12,13 +12,12 @@ from typing import Protocol
 
 import structlog
 
-from consensus.block import Block, FinalityProof, Header
+from consensus.block import Block, FinalityProof
 from consensus.block_rules import check_block
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.light_client import verify_finality
 from consensus.primitives.encoding import decode, encode
-from consensus.primitives.hashing import sha256
-from consensus.schedule import verify_qc
 from consensus.signature_cache import SignatureCache
 from node.engine import Engine
 from node.execution import ExecutedBlock, Executor
@@ -42,22 +41,6 @@ class Requester(Protocol):
     async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Return the answer. Raises PEER_UNAVAILABLE."""
         ...
-
-
-def verify_finality(proof: FinalityProof, genesis: Genesis, check: SignatureCache) -> Header:
-    """Check a two-chain proof; return the header that it makes final. Raises CERTIFICATE_INVALID or ENCODING_*."""
-    header, child = decode(proof.header_bytes, Header), decode(proof.child_header_bytes, Header)
-    if (
-        child.parent_id != sha256(proof.header_bytes)
-        or child.round != header.round + 1
-        or child.epoch != header.epoch
-        or proof.child_qc.block_id != sha256(proof.child_header_bytes)
-        or proof.child_qc.round != child.round
-        or child.qc.block_id != child.parent_id
-    ):
-        raise BlockRobotError("CERTIFICATE_INVALID", "The proof of finality is not a chain of two rounds.")
-    verify_qc(proof.child_qc, genesis.schedule, genesis.chain_id, genesis.block_id, check)
-    return header
 
 
 def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | None) -> FinalityProof | None:
@@ -189,9 +172,8 @@ class Synchroniser:
     def _check_batch(self, blocks: list[Block], proof: FinalityProof) -> None:
         """Check that the blocks follow one another above the head and that the last one is final."""
         genesis = self._genesis
-        if verify_finality(proof, genesis, self._check).height != blocks[-1].header.height or (
-            sha256(proof.header_bytes) != blocks[-1].block_id
-        ):
+        verify_finality(proof, genesis.schedule, genesis.chain_id, genesis.block_id)
+        if proof.header_bytes != blocks[-1].header_bytes:
             raise BlockRobotError("CERTIFICATE_INVALID", "The proof is not for the last block of the batch.")
         with self._ledger.snapshot() as snapshot:
             position = snapshot.position

@@ -1,0 +1,226 @@
+"""The custodian's tie to the chain: every block once and in order, what is owed is submitted until it is seen."""
+
+from __future__ import annotations
+
+import asyncio
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from consensus.block import (
+    Block,
+    FinalityProof,
+    Header,
+    QuorumCertificate,
+    Receipt,
+    Receipts,
+)
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode, encode_value
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipDownload
+from consensus.transaction import decode_transaction
+from node.api.services import SubmitResult
+from node.custody import CLIP_PART_BYTES, OUTBOX_LIFETIME_MS, REFUSALS_MAX_COUNT, Custody, PeerLink
+from node.finality import FinalityFeed
+from node.offchain.store import Checkpoint, OutboxRow
+from node.p2p.wire import ClipPart, ClipRequest, RequestKind
+from node.storage.ledger_store import FinalizedBlock
+from node.storage.memory_store import MemoryStore
+
+KEY = PrivateKey(sha256(b"custodian"))
+ROW = OutboxRow("receipt", bytes(32), 0, "erasure", "receipt", encode_value([bytes(32), 1]), 1)
+PROOF = FinalityProof(b"", b"", QuorumCertificate(epoch=0, round=0, block_id=b"", votes=()))
+
+
+class ScriptedCustodian:
+    """Remembers what it was told; owes what the test says."""
+
+    def __init__(self) -> None:
+        self.heights: list[int] = []
+        self.rows: list[OutboxRow] = [ROW]
+        self.dismissed: list[OutboxRow] = []
+        self.fails_once_at: int | None = None
+        self.clip: ClipDownload | None = None
+
+    async def start(self) -> None:
+        """Nothing was cut off."""
+
+    async def checkpoint(self) -> Checkpoint | None:
+        return Checkpoint(self.heights[-1], bytes(32), 1) if self.heights else None
+
+    async def on_finalized_block(self, events: Any) -> None:
+        if events.height == self.fails_once_at:
+            self.fails_once_at = None
+            raise BlockRobotError("STORE_UNAVAILABLE")
+        self.heights.append(events.height)
+
+    async def owed(self, limit: int) -> list[OutboxRow]:
+        return self.rows[:limit]
+
+    async def dismiss(self, row: OutboxRow) -> None:
+        self.dismissed.append(row)
+        self.rows.remove(row)
+
+    async def export(self, record_id: bytes) -> ClipDownload:
+        if self.clip is None:
+            raise BlockRobotError("NOT_FOUND")
+        return self.clip
+
+    async def fetch_missing(self, links: Any) -> int:
+        return 0
+
+
+class Pool:
+    """Takes all that is submitted."""
+
+    def __init__(self) -> None:
+        self.wires: list[bytes] = []
+
+    async def submit(self, wires: Any) -> list[SubmitResult]:
+        self.wires += wires
+        return [SubmitResult(decode_transaction(wire).txid, None) for wire in wires]
+
+
+class Rig:
+    """A custody over a memory store whose blocks the test makes."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("node.custody.RETRY_MS", 0)
+        self.now_ms = 1_000_000
+        self.custodian, self.pool, self.ledger = ScriptedCustodian(), Pool(), MemoryStore()
+        self.feed = FinalityFeed(-1)
+        custodians = tuple(SimpleNamespace(name=name) for name in ("node-1", "node-2"))
+        self.custody = Custody(
+            genesis=SimpleNamespace(chain_id=bytes(32), custodians=custodians),  # type: ignore[arg-type]
+            name="node-1",
+            custodian=self.custodian,  # type: ignore[arg-type]
+            key=KEY,
+            ledger=self.ledger,
+            feed=self.feed,
+            pool=self.pool,  # type: ignore[arg-type]
+            peers=SimpleNamespace(connected=[]),  # type: ignore[arg-type]
+            clock=lambda: self.now_ms,
+        )
+
+    async def finalize(self, height: int, *receipts: Receipt) -> None:
+        block = _block(height)
+        position = await self.ledger.commit(
+            [
+                FinalizedBlock(
+                    height=height,
+                    block_id=block.block_id,
+                    block_bytes=encode(block),
+                    receipts_bytes=encode(Receipts(receipts)),
+                    timestamp_ms=height + 1,
+                    state_root=bytes(32),
+                )
+            ],
+            b"",
+        )
+        self.feed.publish([], PROOF, position)
+
+    async def followed(self, height: int) -> None:
+        async with asyncio.timeout(5), self.custody._followed:
+            await self.custody._followed.wait_for(lambda: (self.custody.checkpoint_height or 0) >= height)
+
+
+def _block(height: int) -> Block:
+    qc = QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=())
+    zero = bytes(32)
+    header = Header(1, zero, 0, height, height, zero, qc, None, 0, height + 1, zero, zero, zero, None, 0)
+    return Block(header_bytes=encode(header), signature=b"", transactions=())
+
+
+def _refusal(txid: bytes, code: str) -> Receipt:
+    return Receipt(txid=txid, ok=False, code=code, message="", line=None, gas_used=1, events=())
+
+
+@pytest.fixture
+def rig(monkeypatch: pytest.MonkeyPatch) -> Rig:
+    return Rig(monkeypatch)
+
+
+async def test_a_custodian_that_was_down_hears_of_every_block_once_and_in_order(rig: Rig) -> None:
+    for height in range(5):
+        await rig.finalize(height)
+    rig.custodian.heights = [0, 1]
+    await rig.custody.start()
+    await rig.followed(4)
+    await rig.finalize(5)
+    await rig.followed(5)
+    await rig.custody.stop()
+    assert rig.custodian.heights == [0, 1, 2, 3, 4, 5]
+
+
+async def test_a_store_that_does_not_answer_is_asked_again_and_no_block_is_left_out(rig: Rig) -> None:
+    rig.custodian.fails_once_at = 1
+    for height in range(3):
+        await rig.finalize(height)
+    await rig.custody.start()
+    await rig.followed(2)
+    await rig.custody.stop()
+    assert rig.custodian.heights == [0, 1, 2]
+
+
+async def test_what_is_owed_is_signed_by_the_custodian_and_submitted_again_only_after_it_expired(rig: Rig) -> None:
+    await rig.custody._submit_due()
+    await rig.custody._submit_due()
+    assert len(rig.pool.wires) == 1
+    transaction = decode_transaction(rig.pool.wires[0])
+    transaction.verify_sender()
+    assert transaction.body.sender == KEY.public_key
+    assert (transaction.body.contract, transaction.body.entry) == ("erasure", "receipt")
+    rig.now_ms += OUTBOX_LIFETIME_MS
+    await rig.custody._submit_due()
+    assert len(rig.pool.wires) == 2
+    assert rig.pool.wires[0] != rig.pool.wires[1]
+
+
+async def test_what_the_chain_knows_already_is_dismissed_at_once(rig: Rig) -> None:
+    await rig.custody._submit_due()
+    await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, "RECEIPT_EXISTS")])
+    assert rig.custodian.dismissed == [ROW]
+
+
+async def test_what_a_contract_refuses_is_tried_a_few_times_and_then_dismissed(rig: Rig) -> None:
+    for attempt in range(REFUSALS_MAX_COUNT):
+        assert rig.custodian.dismissed == []
+        await rig.custody._submit_due()
+        assert len(rig.pool.wires) == attempt + 1
+        await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[-1]).txid, "RECEIPT_WRONG")])
+    assert rig.custodian.dismissed == [ROW]
+
+
+async def test_a_large_clip_comes_over_in_parts_and_whole(rig: Rig) -> None:
+    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    asked: list[int] = []
+
+    async def request(peer: str, kind: RequestKind, body: bytes) -> bytes:
+        asked.append(decode(body, ClipRequest).offset)
+        return await rig.custody.serve_peer("node-2", kind, body)
+
+    link = PeerLink("node-1", SimpleNamespace(request=request))  # type: ignore[arg-type]
+    assert await link.fetch(bytes(16)) == rig.custodian.clip
+    assert asked == [0, CLIP_PART_BYTES, 2 * CLIP_PART_BYTES]
+    rig.custodian.clip = None
+    assert await link.fetch(bytes(16)) is None
+
+
+async def test_nobody_but_a_custodian_gets_a_clip(rig: Rig) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        await rig.custody.serve_peer("node-3", RequestKind.CLIP, encode(ClipRequest(bytes(16), 0)))
+    assert caught.value.code == "PEER_REFUSED"
+
+
+async def test_a_peer_that_announces_more_than_it_sends_is_not_waited_for() -> None:
+    async def request(*_: Any) -> bytes:
+        return encode(ClipPart(total=100, data=b""))
+
+    link = PeerLink("node-1", SimpleNamespace(request=request))  # type: ignore[arg-type]
+    with pytest.raises(BlockRobotError) as caught:
+        await link.fetch(bytes(16))
+    assert caught.value.code == "PEER_MESSAGE_INVALID"

@@ -1,0 +1,103 @@
+"""Blocks from a peer are installed only if a quorum made the last of them final and all lead up to it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from consensus.block import Block, FinalityProof
+from consensus.errors import BlockRobotError
+from consensus.messages import sign_block
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from node.finality import FinalityFeed
+from node.storage.memory_store import MemoryStore
+from node.sync import BATCH_MAX_COUNT, Synchroniser, read_batch
+from tests.unit.node.hand_made_chain import KEYS, certify, make_chain, make_genesis, prove, stored
+
+GENESIS = make_genesis()
+CHAIN = make_chain(GENESIS, 12)
+
+
+async def _ledger(height: int, chain: list[Block] = CHAIN) -> MemoryStore:
+    ledger = MemoryStore()
+    await ledger.commit([stored(chain[0])], b"")
+    if height:
+        await ledger.commit([stored(block) for block in chain[1 : height + 1]], encode(prove(GENESIS, chain, height)))
+    return ledger
+
+
+async def _refusal(blocks: list[Block], proof: FinalityProof, height: int = 0) -> str:
+    nothing: Any = None
+    sync = Synchroniser(
+        genesis=GENESIS,
+        ledger=await _ledger(height),
+        engine=nothing,
+        executor=nothing,
+        writer=nothing,
+        feed=FinalityFeed(height),
+        requester=nothing,
+    )
+    try:
+        sync._check_batch(blocks, proof)
+    except BlockRobotError as error:
+        return error.code
+    return ""
+
+
+async def test_a_run_of_blocks_with_its_proof_is_believed() -> None:
+    assert await _refusal(CHAIN[1:9], prove(GENESIS, CHAIN, 8)) == ""
+    assert await _refusal(CHAIN[5:9], prove(GENESIS, CHAIN, 8), height=4) == ""
+
+
+async def test_a_proof_of_too_few_is_not_believed() -> None:
+    child = CHAIN[9]
+    proof = FinalityProof(CHAIN[8].header_bytes, child.header_bytes, certify(GENESIS, child, (0, 1)))
+    assert await _refusal(CHAIN[1:9], proof) == "CERTIFICATE_INVALID"
+
+
+async def test_a_certified_child_of_a_later_round_proves_nothing() -> None:
+    child = CHAIN[10]
+    proof = FinalityProof(CHAIN[8].header_bytes, child.header_bytes, certify(GENESIS, child))
+    assert await _refusal(CHAIN[1:9], proof) == "PROOF_INVALID"
+
+
+async def test_a_proof_of_another_block_than_the_last_is_not_believed() -> None:
+    assert await _refusal(CHAIN[1:9], prove(GENESIS, CHAIN, 7)) == "CERTIFICATE_INVALID"
+
+
+async def test_a_gap_in_the_run_is_noticed() -> None:
+    assert await _refusal([*CHAIN[1:4], *CHAIN[5:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
+    assert await _refusal(CHAIN[2:9], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
+
+
+async def test_a_block_that_was_changed_on_the_way_is_noticed() -> None:
+    header = msgspec.structs.replace(CHAIN[3].header, gas_used=5)
+    data = encode(header)
+    changed = Block(data, sign_block(KEYS[header.producer], sha256(data)), ())
+    assert await _refusal([*CHAIN[1:3], changed, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
+
+
+@pytest.mark.parametrize("from_height", [1, 5, 9])
+async def test_what_a_node_serves_is_what_another_believes(from_height: int) -> None:
+    ledger = await _ledger(10)
+    with ledger.snapshot() as snapshot:
+        batch = read_batch(snapshot, from_height)
+    assert batch.proof is not None
+    blocks = [decode(data, Block) for data in batch.blocks]
+    assert blocks == CHAIN[from_height:11]
+    assert await _refusal(blocks, batch.proof, height=from_height - 1) == ""
+
+
+async def test_a_long_chain_is_served_in_parts_each_with_its_proof() -> None:
+    chain = make_chain(GENESIS, BATCH_MAX_COUNT + 12)
+    ledger = await _ledger(BATCH_MAX_COUNT + 10, chain)
+    with ledger.snapshot() as snapshot:
+        batch = read_batch(snapshot, 1)
+        beyond = read_batch(snapshot, BATCH_MAX_COUNT + 11)
+    assert len(batch.blocks) == BATCH_MAX_COUNT
+    assert batch.proof is not None
+    assert batch.proof.header_bytes == chain[BATCH_MAX_COUNT].header_bytes
+    assert (beyond.blocks, beyond.proof) == ((), None)
