@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
+from bson.int64 import Int64
 from pymongo import UpdateOne
 
 from consensus.errors import BlockRobotError
@@ -21,10 +22,15 @@ Row = TypeVar("Row")
 STAGING = "staging"
 
 
+def _plain(document: Document) -> Document:
+    """Return the document with plain integers: what the driver reads as `Int64` is no value of a contract."""
+    return {name: int(value) if isinstance(value, Int64) else value for name, value in document.items()}
+
+
 def rows(convert: Callable[[Document], Row], documents: Iterable[Document]) -> list[Row]:
     """Convert what was found. Raises STORAGE_DAMAGED for a document that lacks a field or has a wrong one."""
     try:
-        return [convert(document) for document in documents]
+        return [convert(_plain(document)) for document in documents]
     except (KeyError, TypeError) as error:
         raise BlockRobotError("STORAGE_DAMAGED", f"The store has a document that is not whole: {error!r}.") from error
 

@@ -101,6 +101,18 @@ async def test_a_confirmed_clip_knows_its_owner_from_the_chain(store: CustodySto
     assert await store.clips_of_owner(STRANGER) == []
 
 
+async def test_numbers_come_back_as_plain_integers(store: CustodyStore) -> None:
+    """What the store returns goes into transactions, which take integers and nothing like them."""
+    large = 1_800_000_000_000
+    await stage(store, 1, valid_until_ms=large)
+    await store.apply(
+        BlockEffects(confirmed=(facts(1, expires_at_ms=large),), checkpoint=Checkpoint(5, TXID, large - 1))
+    )
+    [found] = await store.clips_of_owner(OWNER)
+    assert [type(number) for number in (found.valid_until_ms, found.expires_at_ms, found.height)] == [int] * 3
+    assert type((await store.checkpoint()).timestamp_ms) is int
+
+
 async def test_confirming_a_clip_that_is_not_there_makes_none(store: CustodyStore) -> None:
     await store.apply(BlockEffects(confirmed=(facts(1),)))
     assert await store.clips([record_id(1)]) == {}
