@@ -81,6 +81,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("JOURNAL_UNWRITABLE", 500, "The voting journal cannot be written, so the node signs nothing.", "Look at the disk and the log, then restart the node."),
     ErrorEntry("JOURNAL_DAMAGED", 500, "The voting journal is damaged in its middle.", "Keep the directory for inspection; the node must be made anew."),
     ErrorEntry("CONFIGURATION_INVALID", 400, "The configuration is incomplete or contradicts itself.", "Compare it with the reference in docs/reference."),
+    ErrorEntry("FILE_UNUSABLE", 400, "A file or folder cannot be read or written.", "Check its path, its permissions and the space on the disk."),
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it, or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),

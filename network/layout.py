@@ -158,6 +158,7 @@ def _node_entry(name: str, organisation: str, port: int, keys: _NodeKeys) -> Nod
 def _create_node(
     folder: Path, entry: NodeEntry, keys: _NodeKeys, authority: Authority, genesis_text: str, store_uri: str
 ) -> None:
+    folder.mkdir(parents=True, mode=0o700)  # ledger and custody tell who was where when
     config = NodeConfig(
         data_dir=folder,
         name=entry.name,

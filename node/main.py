@@ -10,6 +10,7 @@ import argparse
 import asyncio
 import logging
 import logging.handlers
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -79,6 +80,7 @@ def _new_event_loop() -> asyncio.AbstractEventLoop:
 
 
 def _run(data_dir: Path) -> None:
+    os.umask(0o077)  # what a node writes is for its own user
     config = load_config(data_dir)
     lock = DirectoryLock(data_dir)
     try:

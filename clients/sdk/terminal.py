@@ -46,6 +46,8 @@ def load_genesis(path: Path) -> Genesis:
         return genesis_from_json(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BlockRobotError("GENESIS_INVALID", f"There is no genesis file at {path}.") from None
+    except UnicodeDecodeError:
+        raise BlockRobotError("GENESIS_INVALID", f"{path} is not a text file.") from None
 
 
 def json_option(command: F) -> F:
@@ -69,13 +71,19 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
 
 
 def plain_errors(command: F) -> F:
-    """Turn a refusal into a sentence, a code, a next step and an exit code."""
+    """Turn a refusal, or a file that cannot be used, into a sentence, a code, a next step and an exit code."""
 
     @functools.wraps(command)
     def wrapped(*args: Any, **kwargs: Any) -> Any:
         try:
             return command(*args, **kwargs)
         except BlockRobotError as error:
-            sys.exit(fail(error, as_json=bool(kwargs.get("as_json"))))
+            refusal = error
+        except OSError as error:
+            place = f"{error.filename}: " if error.filename else ""
+            refusal = BlockRobotError("FILE_UNUSABLE", f"{place}{error.strerror or type(error).__name__}.")
+        except UnicodeDecodeError:
+            refusal = BlockRobotError("FILE_UNUSABLE", "A file that should hold text does not.")
+        sys.exit(fail(refusal, as_json=bool(kwargs.get("as_json"))))
 
     return wrapped  # type: ignore[return-value]
