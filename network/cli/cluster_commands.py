@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import secrets
 import shutil
 from pathlib import Path
 
@@ -49,7 +50,9 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
         Cluster(place).stop_all()
         shutil.rmtree(place)
     if not (place / "genesis.json").exists():
-        create_network(place, nodes=nodes, base_port=base_port, store=store)
+        # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
+        name = f"blockrobot-{secrets.token_hex(4)}"
+        create_network(place, nodes=nodes, base_port=base_port, store=store, network=name)
     cluster = Cluster(place)
     cluster.start_all()
     try:

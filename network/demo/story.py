@@ -25,7 +25,7 @@ from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
 from network.demo.processes import LongCommand, run_command, wallet_arguments
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, worst_foreign_share
-from network.demo.tampering import flip_stored_byte
+from network.demo.tampering import drop_databases, flip_stored_byte
 from network.layout import create_network
 
 RECORDING_TIMEOUT_S = 150.0
@@ -125,7 +125,12 @@ class Demo:
         """Make and start four node processes of two organisations, and wait until each is ready."""
         started = time.monotonic()
         create_network(
-            self._network_dir, nodes=4, organisations=2, base_port=self.options.base_port, store=self.options.store
+            self._network_dir,
+            nodes=4,
+            organisations=2,
+            base_port=self.options.base_port,
+            store=self.options.store,
+            network=f"demo-{secrets.token_hex(4)}",
         )
         self.cluster = Cluster(self._network_dir)
         self.cluster.start_all()
@@ -408,6 +413,7 @@ class Demo:
         """Stop the network, unless it is to be kept."""
         if self.cluster is not None and not self.options.keep:
             await asyncio.to_thread(self.cluster.stop_all)
+            await asyncio.to_thread(drop_databases, self.cluster)
 
 
 def _confirmed(answer: dict[str, Any]) -> bool:

@@ -8,12 +8,15 @@ from urllib.parse import urlsplit
 
 from pymongo import MongoClient
 
+from network.cluster import Cluster
 from node.config import NodeConfig
+from node.offchain.open_store import MONGO_SCHEMES
+from node.offchain.sqlite_store import DATABASE_FILE_NAME
 
 
 def flip_stored_byte(config: NodeConfig, record_id: bytes, index: int) -> None:
     """Flip one bit of the frame's ciphertext in this custodian's store, whichever store it is."""
-    if config.custody_store.startswith("mongodb://"):
+    if config.custody_store.startswith(MONGO_SCHEMES):
         _flip_in_mongo(config.custody_store, record_id, index)
     else:
         _flip_in_sqlite(config.custody_dir, record_id, index)
@@ -25,7 +28,7 @@ def _flipped(ciphertext: bytes) -> bytes:
 
 
 def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
-    (path,) = folder.glob("*.sqlite3")
+    path = folder / DATABASE_FILE_NAME
     place = (record_id, index)
     with sqlite3.connect(path, timeout=10) as database:
         select = "SELECT ciphertext FROM frames WHERE record_id = ? AND place = ?"
@@ -33,6 +36,15 @@ def _flip_in_sqlite(folder: Path, record_id: bytes, index: int) -> None:
         update = "UPDATE frames SET ciphertext = ? WHERE record_id = ? AND place = ?"
         database.execute(update, (_flipped(ciphertext), *place))
     database.close()
+
+
+def drop_databases(cluster: Cluster) -> None:
+    """Drop the databases that a demonstration made on a MongoDB server; embedded stores go with their folder."""
+    for node in cluster.genesis.custodians:
+        uri = cluster.config(node.name).custody_store
+        if uri.startswith("mongodb"):
+            with MongoClient[dict[str, object]](uri) as client:
+                client.drop_database(urlsplit(uri).path.lstrip("/"))
 
 
 def _flip_in_mongo(uri: str, record_id: bytes, index: int) -> None:
