@@ -41,9 +41,16 @@ def find_base_port(nodes: int) -> int:
 class NetworkUnderTest:
     """A cluster and one HTTP client."""
 
-    def __init__(self, folder: Path, nodes: int) -> None:
+    def __init__(self, folder: Path, nodes: int, store: str = "sqlite", network: str = "blockrobot") -> None:
         self.folder = folder
-        self.genesis = create_network(folder, nodes=nodes, organisations=min(2, nodes), base_port=find_base_port(nodes))
+        self.genesis = create_network(
+            folder,
+            nodes=nodes,
+            organisations=min(2, nodes),
+            base_port=find_base_port(nodes),
+            store=store,
+            network=network,
+        )
         self.cluster = Cluster(folder)
         self.names = self.cluster.names
         registrar = folder / "organisations" / self.genesis.organisations[0].name / "registrar.key"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import secrets
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
@@ -20,12 +19,8 @@ from tests.offchain import secantus
 @pytest.fixture(scope="session")
 def mongo_uri() -> Iterator[str]:
     """MONGO_URI if it is set, else a server started for the tests."""
-    given = os.environ.get("MONGO_URI")
-    if given:
-        yield given
-    else:
-        with secantus.running() as uri:
-            yield uri
+    with secantus.given_or_running() as uri:
+        yield uri
 
 
 @pytest.fixture

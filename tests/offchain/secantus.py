@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import fcntl
 import hashlib
+import os
 import signal
 import socket
 import subprocess
@@ -104,6 +105,17 @@ def running() -> Iterator[str]:
             yield uri_of(port)
         finally:
             stop(child)
+
+
+@contextmanager
+def given_or_running() -> Iterator[str]:
+    """Yield MONGO_URI if it is set, else the URI of a server that runs as long as the context."""
+    given = os.environ.get("MONGO_URI")
+    if given:
+        yield given
+    else:
+        with running() as uri:
+            yield uri
 
 
 def main() -> None:
