@@ -164,11 +164,15 @@ class LmdbSnapshot:
         return found
 
     def close(self) -> None:
-        """Let go of the snapshot; closing twice is harmless."""
+        """Let go of the snapshot; closing twice is harmless.
+
+        LMDB frees a reader's slot only when the transaction object is gone, so the snapshot does not keep it.
+        """
         if not self._closed:
             self._closed = True
             try:
                 self._transaction.abort()
+                del self._transaction
             finally:
                 self._on_close()
 

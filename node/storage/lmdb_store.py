@@ -56,7 +56,10 @@ class _ReaderGate:
         with self._changed:
             if self._open_count >= SNAPSHOTS_MAX_COUNT:
                 raise BlockRobotError("STORAGE_BUSY", "Too many snapshots of the ledger are open.")
-            transaction = environment.begin()
+            try:
+                transaction = environment.begin()
+            except lmdb.ReadersFullError:
+                raise BlockRobotError("STORAGE_BUSY", "Too many readers use the ledger.") from None
             self._open_count += 1
             return transaction
 

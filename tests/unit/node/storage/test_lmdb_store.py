@@ -232,6 +232,16 @@ async def test_too_many_snapshots_are_refused_and_can_be_had_again(lmdb_store, m
         assert view.state_root == EMPTY_ROOT
 
 
+async def test_a_closed_snapshot_holds_no_readers_slot_even_while_somebody_still_refers_to_it(lmdb_store):
+    """A handler that waits after reading keeps its closed snapshot alive; a thousand of them must not block reading."""
+    kept = []
+    for _ in range(module.SNAPSHOTS_MAX_COUNT + 100):
+        with lmdb_store.snapshot() as snapshot:
+            kept.append(snapshot)
+    with lmdb_store.snapshot() as snapshot:
+        assert snapshot.position == lmdb_store.position
+
+
 async def test_too_many_waiting_commits_are_refused(lmdb_store, chain, monkeypatch):
     monkeypatch.setattr(module, "COMMITS_WAITING_MAX_COUNT", 0)
     with pytest.raises(BlockRobotError) as caught:
