@@ -1,7 +1,7 @@
 """Sessions: a client proves its key once and gets a short-lived token. Must never log, store or return a token twice.
 
-Tokens are kept as hashes only. Both tables are bounded; when one is full, the oldest entries make room, so a flood
-of challenges costs its sender's own challenges and no memory.
+Tokens are kept as hashes only. The table is bounded, for all and for each key: a key that opens too many closes its own
+oldest ones, so a single member cannot put the others out.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import is_public_key
-from consensus.session import CHALLENGE_SIZE_BYTES, verify_session
+from consensus.session import verify_session
+from node.api.challenges import ChallengeBook
 from node.api.services import Clock, LedgerReader
 from node.api.standing import SessionKind, Standing, find_standing
 
-CHALLENGE_LIFETIME_MS = 60_000
 SESSION_LIFETIME_MS = 10 * 60_000
-CHALLENGES_MAX_COUNT = 4096
 SESSIONS_MAX_COUNT = 4096
+SESSIONS_OF_KEY_MAX_COUNT = 32
 TOKEN_SIZE_BYTES = 32
 
 
@@ -42,38 +42,48 @@ class SessionTable:
         self._node_name = node_name
         self._clock = clock
         self._ledger = ledger
-        self._challenges: OrderedDict[bytes, tuple[bytes, int]] = OrderedDict()
+        self._challenges = ChallengeBook(clock)
         self._sessions: OrderedDict[bytes, tuple[bytes, int]] = OrderedDict()
+        self._of_key: dict[bytes, OrderedDict[bytes, None]] = {}
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
         """Return a fresh single-use challenge (32 bytes) for this key and when it ends. Raises KEY_INVALID."""
         if not is_public_key(public_key):
             raise BlockRobotError("KEY_INVALID", "The public key is not a compressed point of secp256k1.")
-        challenge = secrets.token_bytes(CHALLENGE_SIZE_BYTES)
-        expires_at_ms = self._clock.now_ms() + CHALLENGE_LIFETIME_MS
-        self._challenges[challenge] = (public_key, expires_at_ms)
-        while len(self._challenges) > CHALLENGES_MAX_COUNT:
-            self._challenges.popitem(last=False)
-        return challenge, expires_at_ms
+        return self._challenges.issue(public_key)
 
     def open(self, public_key: bytes, challenge: bytes, signature: bytes) -> tuple[bytes, Session]:
         """Answer a challenge and return a new token (32 bytes) with its session.
 
-        The challenge is used up whatever the outcome. Raises CHALLENGE_INVALID, SIGNATURE_*, SESSION_REFUSED.
+        A challenge opens one session. Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
         """
-        known = self._challenges.pop(challenge, None)
-        if known is None or known[0] != public_key or known[1] <= self._clock.now_ms():
-            raise BlockRobotError("CHALLENGE_INVALID")
+        self._challenges.require(public_key, challenge)
         verify_session(public_key, signature, self._chain_id, self._node_name, challenge)
         standing = self._standing(public_key)
         if standing is None:
             raise BlockRobotError("SESSION_REFUSED")
+        self._challenges.use_up(public_key, challenge)
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
-        self._sessions[sha256(token)] = (public_key, expires_at_ms)
-        while len(self._sessions) > SESSIONS_MAX_COUNT:
-            self._sessions.popitem(last=False)
+        self._insert(sha256(token), public_key, expires_at_ms)
         return token, _session(public_key, standing, expires_at_ms)
+
+    def _insert(self, digest: bytes, public_key: bytes, expires_at_ms: int) -> None:
+        own = self._of_key.setdefault(public_key, OrderedDict())
+        self._sessions[digest] = (public_key, expires_at_ms)
+        own[digest] = None
+        if len(own) > SESSIONS_OF_KEY_MAX_COUNT:
+            self._forget(next(iter(own)))
+        while len(self._sessions) > SESSIONS_MAX_COUNT:
+            self._forget(next(iter(self._sessions)))
+
+    def _forget(self, digest: bytes) -> None:
+        known = self._sessions.pop(digest, None)
+        if known is not None:
+            own = self._of_key[known[0]]
+            del own[digest]
+            if not own:
+                del self._of_key[known[0]]
 
     def resolve(self, token: bytes) -> Session:
         """Return the session behind a token, with the key's standing as it is now on the finalized state.
@@ -86,17 +96,17 @@ class SessionTable:
             raise BlockRobotError("SESSION_EXPIRED")
         public_key, expires_at_ms = known
         if expires_at_ms <= self._clock.now_ms():
-            del self._sessions[digest]
+            self._forget(digest)
             raise BlockRobotError("SESSION_EXPIRED")
         standing = self._standing(public_key)
         if standing is None:
-            del self._sessions[digest]
+            self._forget(digest)
             raise BlockRobotError("SESSION_REFUSED")
         return _session(public_key, standing, expires_at_ms)
 
     def close(self, token: bytes) -> None:
         """Forget a session; an unknown token is no error."""
-        self._sessions.pop(sha256(token), None)
+        self._forget(sha256(token))
 
     def _standing(self, public_key: bytes) -> Standing | None:
         with self._ledger.snapshot() as snapshot:

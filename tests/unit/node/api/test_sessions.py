@@ -9,7 +9,7 @@ import pytest
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
-from node.api import sessions
+from node.api import challenges, sessions
 from tests.unit.node.api.small_network import (
     LEFT,
     OWNER,
@@ -61,12 +61,20 @@ async def test_a_challenge_works_once(api: Any, node: SmallNode) -> None:
     assert (again.status, (await again.json())["code"]) == (401, "CHALLENGE_INVALID")
 
 
-async def test_a_challenge_is_used_up_even_by_a_wrong_signature(api: Any, node: SmallNode) -> None:
+async def test_a_wrong_signature_opens_nothing_and_keeps_the_right_one_from_nothing(api: Any, node: SmallNode) -> None:
     challenge = await ask_challenge(api, SUBJECT)
     wrong = await answer_challenge(api, node, SUBJECT, challenge, name="n1")
     assert (await wrong.json())["code"] == "SIGNATURE_INVALID"
-    right = await answer_challenge(api, node, SUBJECT, challenge)
-    assert (await right.json())["code"] == "CHALLENGE_INVALID"
+    assert (await answer_challenge(api, node, SUBJECT, challenge)).status == 200
+
+
+@pytest.mark.parametrize("place", range(0, 32, 5))
+async def test_a_challenge_with_a_changed_byte_is_none(api: Any, node: SmallNode, place: int) -> None:
+    """Not even one whose expiry was moved."""
+    challenge = bytearray(await ask_challenge(api, SUBJECT))
+    challenge[place] ^= 1
+    answer = await answer_challenge(api, node, SUBJECT, bytes(challenge))
+    assert (await answer.json())["code"] == "CHALLENGE_INVALID"
 
 
 async def test_a_challenge_of_one_key_is_none_for_another(api: Any, node: SmallNode) -> None:
@@ -108,19 +116,39 @@ async def test_a_closed_session_is_over(api: Any, open_session: Any) -> None:
     assert (await api.get("/v1/finality", headers=headers)).status == 401
 
 
-async def test_the_tables_stay_bounded(
-    api: Any, node: SmallNode, open_session: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_the_table_stays_bounded(api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sessions, "SESSIONS_MAX_COUNT", 1)
-    monkeypatch.setattr(sessions, "CHALLENGES_MAX_COUNT", 2)
-    first_challenge = await ask_challenge(api, SUBJECT)
     first, second = await open_session(SUBJECT), await open_session(ROBOT)
     assert (await api.get("/v1/finality", headers=first)).status == 401
     assert (await api.get("/v1/finality", headers=second)).status == 200
-    await ask_challenge(api, ROBOT)
-    await ask_challenge(api, ROBOT)
-    answer = await answer_challenge(api, node, SUBJECT, first_challenge)
-    assert (await answer.json())["code"] == "CHALLENGE_INVALID"
+
+
+async def test_a_key_that_opens_too_many_sessions_closes_its_own_only(
+    api: Any, open_session: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sessions, "SESSIONS_OF_KEY_MAX_COUNT", 2)
+    others = await open_session(SUBJECT)
+    own = [await open_session(ROBOT) for _ in range(3)]
+    assert [(await api.get("/v1/finality", headers=one)).status for one in own] == [401, 200, 200]
+    assert (await api.get("/v1/finality", headers=others)).status == 200
+
+
+async def test_a_flood_of_challenges_puts_nobody_out(api: Any, node: SmallNode) -> None:
+    challenge = await ask_challenge(api, SUBJECT)
+    for _ in range(300):
+        await ask_challenge(api, STRANGER)
+    assert (await answer_challenge(api, node, SUBJECT, challenge)).status == 200
+
+
+async def test_a_key_is_slowed_down_alone(api: Any, node: SmallNode, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(challenges, "USED_OF_KEY_MAX_COUNT", 2)
+    for _ in range(2):
+        assert (await answer_challenge(api, node, ROBOT, await ask_challenge(api, ROBOT))).status == 200
+    refused = await answer_challenge(api, node, ROBOT, await ask_challenge(api, ROBOT))
+    assert (refused.status, (await refused.json())["code"]) == (429, "RATE_LIMITED")
+    assert (await answer_challenge(api, node, SUBJECT, await ask_challenge(api, SUBJECT))).status == 200
+    node.clock.time_ms += 60_000
+    assert (await answer_challenge(api, node, ROBOT, await ask_challenge(api, ROBOT))).status == 200
 
 
 async def test_a_public_key_that_is_no_point_gets_no_challenge(api: Any) -> None:
