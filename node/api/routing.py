@@ -6,7 +6,8 @@ The same table makes the aiohttp application, the OpenAPI document and the refer
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -17,6 +18,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from consensus.errors import BlockRobotError
 from node.api.access import Access
 from node.api.documents import Document
+from node.api.server import NO_KEY, ApiConnection
 from node.api.services import ApiServices
 from node.api.sessions import Session, SessionTable
 
@@ -121,6 +123,9 @@ class Call:
         if self.http.content_length is not None and self.http.content_length > limit:
             raise BlockRobotError("REQUEST_TOO_LARGE", f"The body may have at most {limit} bytes.")
         content = bytearray()
+        connection = self.http.protocol
+        if isinstance(connection, ApiConnection):
+            connection.end()  # who sends slowly may have to make room
         try:
             async with asyncio.timeout(BODY_TIMEOUT_MS / 1000):
                 async for chunk in self.http.content.iter_chunked(64 * 1024):
@@ -131,7 +136,20 @@ class Call:
             raise BlockRobotError("REQUEST_TIMEOUT") from None
         except (web.RequestPayloadError, HttpProcessingError):
             raise BlockRobotError("REQUEST_INVALID", "The body's framing is damaged.") from None
+        finally:
+            if isinstance(connection, ApiConnection):
+                connection.begin()
         return bytes(content)
+
+    @contextmanager
+    def hold_back(self) -> Iterator[bool]:
+        """Hold the answer back while the context lasts; yields False if too many are held back already."""
+        connection = self.http.protocol
+        if not isinstance(connection, ApiConnection):
+            yield True
+            return
+        with connection.hold_back(NO_KEY if self.session is None else self.session.public_key) as allowed:
+            yield allowed
 
     def _require_media_type(self) -> None:
         """Refuse what is packed, or said to be something else; a body of no stated type passes."""

@@ -1,8 +1,8 @@
 """How clients' connections are held: refusals below the routes, and how many may be open. Must never show its insides.
 
 What is no HTTP never reaches a route, so it is answered here, in the same form. Connections are bounded: one that
-sends no request in time is closed, and when all places are taken, the one idle for longest makes room. So holding
-connections open costs a stranger his own.
+sends no request in time is closed, and when all places are taken, the one idle for longest makes room. Answers that are
+held back have places of their own. So holding connections open costs a stranger his own.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import asyncio
 import logging
 import resource
 import socket
-from collections import OrderedDict
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from collections import Counter, OrderedDict
+from collections.abc import AsyncIterator, Iterator
+from contextlib import AbstractContextManager, asynccontextmanager, contextmanager
 from typing import Any
 
 from aiohttp import web
@@ -24,6 +24,8 @@ from node.api.problems import problem_response
 IDLE_MAX_MS = 30_000
 LINGER_MAX_MS = 2_000
 CONNECTIONS_MAX_COUNT = 2048
+HELD_BACK_OF_KEY_MAX_COUNT = 16
+NO_KEY = b""
 _DESCRIPTORS_DIVISOR = 2
 _log = logging.getLogger("node.api")
 _silent = logging.getLogger("node.api.requests")
@@ -43,6 +45,7 @@ class ConnectionTable:
         self._max_count = max_count
         self._idle: OrderedDict[ApiConnection, None] = OrderedDict()
         self._busy: set[ApiConnection] = set()
+        self._held_back: Counter[bytes] = Counter()
 
     def __len__(self) -> int:
         return len(self._idle) + len(self._busy)
@@ -70,6 +73,29 @@ class ConnectionTable:
         if connection in self._busy:
             self._busy.discard(connection)
             self._idle[connection] = None
+
+    @contextmanager
+    def hold_back(self, key: bytes) -> Iterator[bool]:
+        """Hold an answer back while the context lasts; yields False if there is no place for that.
+
+        Half of the connections may wait for callers without a session (NO_KEY), a quarter for keys, few for each.
+        """
+        anonymous = self._held_back[NO_KEY]
+        if key == NO_KEY:
+            allowed = anonymous < self._max_count // 2
+        else:
+            keyed = self._held_back.total() - anonymous
+            allowed = keyed < self._max_count // 4 and self._held_back[key] < HELD_BACK_OF_KEY_MAX_COUNT
+        if not allowed:
+            yield False
+            return
+        self._held_back[key] += 1
+        try:
+            yield True
+        finally:
+            self._held_back[key] -= 1
+            if not self._held_back[key]:
+                del self._held_back[key]
 
 
 class ApiConnection(web.RequestHandler):
@@ -112,6 +138,10 @@ class ApiConnection(web.RequestHandler):
     def end(self) -> None:
         """The request is answered."""
         self._table.end(self)
+
+    def hold_back(self, key: bytes) -> AbstractContextManager[bool]:
+        """See `ConnectionTable.hold_back`."""
+        return self._table.hold_back(key)
 
     def handle_error(
         self,

@@ -44,6 +44,13 @@ def _events_of(snapshot: LedgerSnapshot, height: int, after: int) -> list[bytes]
 
 
 async def _stream(call: Call) -> web.StreamResponse:
+    with call.hold_back() as allowed:
+        if not allowed:
+            raise BlockRobotError("RATE_LIMITED", "Too many streams of events are open.")
+        return await _send_events(call)
+
+
+async def _send_events(call: Call) -> web.StreamResponse:
     ledger, expires_at_ms = call.services.ledger, call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)

@@ -77,9 +77,12 @@ async def _get_transaction(call: Call) -> web.StreamResponse:
     with services.ledger.snapshot() as snapshot:
         state = _find(snapshot, txid, with_evidence)
     may_come = state is None and wait_ms > 0 and services.pool.status(txid) != "expired"
-    if may_come and await services.pool.wait_final(txid, wait_ms):
-        with services.ledger.snapshot() as snapshot:
-            state = _find(snapshot, txid, with_evidence)
+    if may_come:
+        with call.hold_back() as allowed:
+            is_final = allowed and await services.pool.wait_final(txid, wait_ms)
+        if is_final:
+            with services.ledger.snapshot() as snapshot:
+                state = _find(snapshot, txid, with_evidence)
     if state is None:
         state = TransactionState(
             txid=txid.hex(),
@@ -109,7 +112,7 @@ ROUTES = (
         "GET",
         "/v1/transactions/{txid}",
         "getTransaction",
-        "Where a transaction is; with `wait_ms` the answer is held back until it is final.",
+        "Where a transaction is; with `wait_ms` the answer is held back until it is final, unless too many are.",
         ANYONE,
         _get_transaction,
         Answer(JSON, TransactionState, "pending, finalized, unknown or expired."),
