@@ -65,7 +65,11 @@ class ContractEntry(Wire, frozen=True):
 
 
 class Genesis(Wire, frozen=True):
-    """The whole file. `state_root` is that after the genesis entries; it is no part of the chain id."""
+    """The whole file. `state_root` is that after the genesis entries; it is no part of the chain id.
+
+    `contract_language` is the version of the language that the contracts are written in, with its prices of gas: a node
+    that charged otherwise would come to other results in the middle of the chain.
+    """
 
     version: int
     network: str
@@ -76,6 +80,7 @@ class Genesis(Wire, frozen=True):
     contracts: tuple[ContractEntry, ...]
     purposes: tuple[str, ...]
     state_root: bytes
+    contract_language: int = 1
 
     @property
     def chain_id(self) -> bytes:

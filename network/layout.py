@@ -24,17 +24,18 @@ from consensus.genesis import (
     genesis_to_json,
 )
 from consensus.limits import PRODUCERS_MAX_COUNT
+from consensus.possession import prove_possession
 from consensus.primitives.keys import PRIVATE_KEY_SIZE_BYTES, PrivateKey
 from consensus.records.purposes import PURPOSES
 from contracts.execution.genesis import complete_genesis
 from contracts.execution.registry import contract_entries
+from contracts.vm import LANGUAGE_VERSION
 from network.authority import Authority, create_authority, encode_private_key, issue_node_certificate, write_secret
 from node.config import CONFIG_FILE, NodeConfig, config_to_toml
 from node.journal import Journal
 
 HOST = "127.0.0.1"
 PORTS_PER_NODE = 10
-POSSESSION_TAG = "blockrobot/producer-possession"
 _ORGANISATION_NAMES = ("hospital", "university")
 
 
@@ -51,11 +52,6 @@ def _new_key() -> PrivateKey:
 def organisation_name(number: int) -> str:
     """Return the name of the organisation with this number, from 0 on."""
     return _ORGANISATION_NAMES[number] if number < len(_ORGANISATION_NAMES) else f"organisation-{number + 1}"
-
-
-def prove_possession(key: PrivateKey, node: str) -> bytes:
-    """Return a producer's 64-byte proof that it holds its key, for the genesis file."""
-    return key.sign_compact(POSSESSION_TAG, node.encode())
 
 
 def store_uri_of(store: str, network: str, node: str) -> str:
@@ -114,6 +110,7 @@ def create_network(
             contracts=contract_entries(),
             purposes=tuple(PURPOSES),
             state_root=b"",
+            contract_language=LANGUAGE_VERSION,
         )
     )
     text = genesis_to_json(genesis)

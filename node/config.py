@@ -12,6 +12,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
+from consensus.possession import require_possession
 from consensus.primitives.keys import PrivateKey
 
 CONFIG_FILE = "node.toml"
@@ -179,13 +180,17 @@ def config_to_toml(config: NodeConfig) -> str:
 
 
 def load_genesis(config: NodeConfig) -> Genesis:
-    """Read the genesis file and check that it names this node. Raises GENESIS_INVALID or CONFIGURATION_INVALID."""
+    """Read the genesis file; check that it names this node and that each producer proves to hold its key.
+
+    Raises GENESIS_INVALID or CONFIGURATION_INVALID.
+    """
     try:
         genesis = genesis_from_json(config.genesis_path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise _invalid(f"the genesis file {config.genesis_path.name} is missing.") from None
     if config.name not in {node.name for node in genesis.nodes}:
         raise _invalid(f"the genesis file names no node {config.name!r}.")
+    require_possession(genesis)
     return genesis
 
 

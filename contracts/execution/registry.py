@@ -14,7 +14,7 @@ from types import MappingProxyType
 from consensus.errors import BlockRobotError
 from consensus.genesis import ContractEntry, Genesis
 from consensus.primitives.hashing import tagged_hash
-from contracts.vm import CompiledContract, compile_contract
+from contracts.vm import LANGUAGE_VERSION, CompiledContract, compile_contract
 
 SOURCE_TAG = "blockrobot/contract-source"
 PRIVACY_CONTRACTS = ("access", "audit", "erasure", "identity", "records")
@@ -47,7 +47,17 @@ def contract_entries() -> tuple[ContractEntry, ...]:
 
 
 def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
-    """Return the contracts of a chain. Raises GENESIS_INVALID if its sources are not the ones that ship here."""
+    """Return the contracts of a chain.
+
+    Raises GENESIS_INVALID if its sources are not the ones that ship here, or its contract language is of another
+    version than the one spoken here.
+    """
+    if genesis.contract_language != LANGUAGE_VERSION:
+        raise BlockRobotError(
+            "GENESIS_INVALID",
+            f"The genesis file is for version {genesis.contract_language} of the contract language, "
+            f"and this version of BlockRobot speaks version {LANGUAGE_VERSION}.",
+        )
     if genesis.contracts != contract_entries():
         raise BlockRobotError(
             "GENESIS_INVALID", "The genesis file names contracts that this version of BlockRobot does not ship."

@@ -14,9 +14,10 @@ from contracts.vm.abi import Abi, Entry
 from contracts.vm.compiled import CompiledContract, compile_contract
 from contracts.vm.faults import VM_CODES, ContractSourceError, Diagnostic, InternalFault
 from contracts.vm.invoke import Outcome, invoke
-from contracts.vm.meter import CallContext, HostInterface
+from contracts.vm.meter import LANGUAGE_VERSION, CallContext, HostInterface
 
 __all__ = [
+    "LANGUAGE_VERSION",
     "VM_CODES",
     "Abi",
     "CallContext",

@@ -15,6 +15,9 @@ from contracts.vm.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WR
 if TYPE_CHECKING:
     from contracts.vm.compiled import CompiledContract
 
+LANGUAGE_VERSION = 1
+"""The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
+
 MEMORY_MAX_BYTES = 8 * 1024 * 1024
 DEPTH_MAX_FRAMES = 2000
 WRITES_MAX_COUNT = 256

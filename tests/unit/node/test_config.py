@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.genesis import genesis_from_json, genesis_to_json
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from node.config import config_to_toml, load_config, load_key
+from network.layout import create_network
+from node.config import config_to_toml, load_config, load_genesis, load_key
 
 GOOD = """
 [node]
@@ -80,3 +83,15 @@ def test_a_wrong_key_is_refused_without_a_word_of_it(tmp_path: Path) -> None:
     path.write_bytes(b"short")
     with pytest.raises(BlockRobotError):
         load_key(path, mine.public_key, "producer")
+
+
+def test_a_node_does_not_start_with_a_producer_that_never_proved_its_key(tmp_path: Path) -> None:
+    create_network(tmp_path, nodes=2, organisations=1, base_port=20_000)
+    config = load_config(tmp_path / "nodes" / "node-1")
+    genesis = load_genesis(config)
+    first, second = genesis.nodes
+    false = msgspec.structs.replace(second, producer_possession=first.producer_possession)
+    config.genesis_path.write_text(genesis_to_json(msgspec.structs.replace(genesis, nodes=(first, false))))
+    assert genesis_from_json(config.genesis_path.read_text()).nodes[1] == false
+    with pytest.raises(BlockRobotError, match=r"GENESIS_INVALID.*'node-2'"):
+        load_genesis(config)

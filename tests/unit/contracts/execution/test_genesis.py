@@ -18,6 +18,7 @@ from contracts.execution.registry import (
     require_contracts,
 )
 from contracts.state.trie import compute_root
+from contracts.vm import LANGUAGE_VERSION
 from tests.unit.contracts.privacy.hospital import build_genesis, key_of
 
 
@@ -50,6 +51,14 @@ def test_another_root_in_the_file_is_refused_on_start() -> None:
     genesis = msgspec.structs.replace(build_genesis(), state_root=bytes(32))
     with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
         open_genesis(genesis)
+
+
+def test_a_chain_of_another_contract_language_is_refused_on_start() -> None:
+    """With other prices of gas the node would come to other results, and halt in the middle of the chain."""
+    genesis = msgspec.structs.replace(build_genesis(), contract_language=LANGUAGE_VERSION + 1)
+    for start in (require_contracts, open_genesis):
+        with pytest.raises(BlockRobotError, match=r"GENESIS_INVALID.*language"):
+            start(genesis)
 
 
 def test_other_contracts_in_the_file_are_refused() -> None:
