@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import secrets
+import warnings
 from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 from urllib.parse import urlsplit, urlunsplit
@@ -14,6 +16,7 @@ from node.offchain.mongo_store import MongoStore
 from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import CustodyStore
 from tests.offchain import secantus
+from tests.offchain.house import House
 
 
 @pytest.fixture(scope="session")
@@ -24,7 +27,19 @@ def mongo_uri() -> Iterator[str]:
 
 
 @pytest.fixture
-def mongo_database(mongo_uri: str) -> Iterator[str]:
+def driver_sockets() -> Iterator[None]:
+    """Collect what the driver leaves behind: closed while it connects a monitor, it forgets to close that socket.
+
+    Otherwise the warning of it would fail whatever test runs when Python finds it.
+    """
+    yield
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ResourceWarning)
+        gc.collect()
+
+
+@pytest.fixture
+def mongo_database(mongo_uri: str, driver_sockets: None) -> Iterator[str]:
     """The URI of a fresh database, dropped afterwards."""
     name = f"blockrobot_test_{secrets.token_hex(6)}"
     yield urlunsplit(urlsplit(mongo_uri)._replace(path=f"/{name}"))
@@ -46,3 +61,14 @@ async def store(make_store: Callable[[], CustodyStore]) -> AsyncIterator[Custody
     """One open store of each kind."""
     async with make_store() as opened:
         yield opened
+
+
+@pytest.fixture
+def house(make_store: Callable[[], CustodyStore], tmp_path: Path) -> House:
+    return House(make_store, tmp_path / "erase-keys")
+
+
+@pytest.fixture
+async def opened(house: House) -> AsyncIterator[House]:
+    async with house.open():
+        yield house

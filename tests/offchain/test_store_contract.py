@@ -300,7 +300,9 @@ async def test_a_closed_store_says_that_it_is_unavailable(make_store: Callable[[
     assert refusal.value.entry.retryable
 
 
-async def test_a_server_that_does_not_answer_is_unavailable(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_server_that_does_not_answer_is_unavailable(
+    monkeypatch: pytest.MonkeyPatch, driver_sockets: None
+) -> None:
     monkeypatch.setattr("node.offchain.mongo_store.SERVER_SELECTION_MAX_MS", 200)
     with pytest.raises(BlockRobotError) as refusal:
         async with MongoStore("mongodb://reader:hidden-word@127.0.0.1:1/x"):

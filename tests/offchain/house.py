@@ -1,0 +1,76 @@
+"""A custodian with its store and its erase keys, as tests open, crash and open it again."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.records.clips import ClipDownload, check_clip_download
+from consensus.records.envelopes import open_data_key, open_frame
+from node.offchain.custodian import Custodian
+from node.offchain.erase_keys import EraseKeys
+from node.offchain.store import CustodyStore
+from tests.offchain.small_chain import (
+    ALICE,
+    CUSTODIAN,
+    RecordedClip,
+    SmallChain,
+    recorded,
+)
+
+ACCESS_ID, ERASURE_ID = b"\xa1" * 32, b"\xe1" * 32
+
+
+class House:
+    """A custodian with its store and its erase keys, which can be closed and opened again."""
+
+    def __init__(self, make_store: Callable[[], CustodyStore], directory: Path) -> None:
+        self.make_store = make_store
+        self.directory = directory
+        self.chain = SmallChain()
+        self.store: CustodyStore
+        self.keys: EraseKeys
+        self.custodian: Custodian
+
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[Custodian]:
+        with EraseKeys(self.directory) as self.keys:
+            async with self.make_store() as self.store:
+                clock = lambda: self.chain.time_ms  # noqa: E731
+                self.custodian = Custodian(self.store, self.keys, member=CUSTODIAN, clock_ms=clock)
+                await self.custodian.start()
+                yield self.custodian
+
+    async def follow(self, *events: tuple, at_ms: int | None = None) -> None:
+        await self.custodian.on_finalized_block(self.chain.block(*events, at_ms=at_ms))
+
+    async def keep(self, clip: RecordedClip, owner: bytes = ALICE) -> None:
+        """Upload a clip and let its record become final."""
+        await self.custodian.stage(clip.upload)
+        await self.follow(recorded(clip, owner))
+
+    async def owed(self) -> list[tuple[str, list]]:
+        return [(f"{row.contract}.{row.entry}", decode_value(row.arguments)) for row in await self.custodian.owed(100)]
+
+
+async def refused(code: str, action) -> None:
+    with pytest.raises(BlockRobotError) as refusal:
+        await action
+    assert refusal.value.code == code
+
+
+def read_all(clip: RecordedClip, download: ClipDownload) -> list[bytes | None]:
+    """Open every frame as the owner's wallet does; None for an erased one."""
+    data = recorded(clip)[2]
+    assert check_clip_download(download, data["commitment_root"], data["ciphertext_root"]) == []
+    return [
+        None
+        if frame.erased
+        else open_frame(open_data_key(bytes(clip.sealing), frame.sealed_key), clip.record_id, index, frame.ciphertext)
+        for index, frame in enumerate(download.frames)
+    ]

@@ -1,0 +1,97 @@
+"""Clips between custodians: one that missed an upload fetches it, and believes nothing but the chain's roots."""
+
+from __future__ import annotations
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload, FrameDownload
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.small_chain import (
+    ALICE,
+    RecordedClip,
+    access,
+    erasure,
+    record_clip,
+    recorded,
+)
+
+
+class Peer:
+    """Another custodian, for a fetch: sends what it is given."""
+
+    name = "other"
+
+    def __init__(self, *clips: ClipDownload) -> None:
+        self.clips = {clip.record_id: clip for clip in clips}
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        return self.clips.get(record_id)
+
+
+class DeafPeer:
+    name = "deaf"
+
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        raise BlockRobotError("NODE_UNREACHABLE")
+
+
+def held_by_peer(clip: RecordedClip, *, erased: tuple[int, ...] = ()) -> ClipDownload:
+    frames = [
+        FrameDownload(index, True, b"", b"") if index in erased else FrameDownload(index, False, text, key)
+        for index, (text, key) in enumerate(zip(clip.upload.ciphertexts, clip.upload.sealed_keys, strict=True))
+    ]
+    return ClipDownload(clip.record_id, clip.upload.txid, frames, clip.upload.commitment_leaves, clip.leaves)
+
+
+async def test_a_missed_upload_is_fetched_from_another_custodian(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip), access(ACCESS_ID, clip))
+    assert await opened.custodian.fetch_missing([DeafPeer(), Peer(), Peer(held_by_peer(clip))]) == 1
+    assert read_all(clip, await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)) == list(clip.plaintexts)
+    assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 0
+    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+    assert read_all(clip, await opened.custodian.export(clip.record_id)) == list(clip.plaintexts)
+
+
+async def test_a_false_clip_from_a_peer_is_not_installed(opened: House) -> None:
+    clip, other = record_clip(), record_clip()
+    await opened.follow(recorded(clip))
+    good = held_by_peer(clip)
+    damaged = msgspec.structs.replace(good.frames[1], ciphertext=good.frames[1].ciphertext[:-1] + b"\x00")
+    false = [
+        (msgspec.structs.replace(held_by_peer(other), record_id=clip.record_id), "PROOF_INVALID"),
+        (msgspec.structs.replace(good, frames=[good.frames[0], damaged, good.frames[2]]), "UPLOAD_HASH_MISMATCH"),
+        (msgspec.structs.replace(good, frames=good.frames[:2]), "UPLOAD_INVALID"),
+    ]
+    for download, code in false:
+        await refused(code, opened.custodian.install(download))
+        assert await opened.custodian.fetch_missing([Peer(download)]) == 0
+    assert opened.keys.held_count == 0
+    assert len(await opened.custodian.missing(10)) == 1
+
+
+async def test_frames_erased_while_a_clip_was_missing_do_not_come_back_with_it(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    await opened.follow(erasure(ERASURE_ID, clip, frames=(1,)))
+    assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 1
+    assert read_all(clip, await opened.custodian.export(clip.record_id))[1] is None
+    assert opened.keys.held_count == 2
+
+
+async def test_frames_that_the_peer_has_erased_already_are_installed_as_erased(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    assert await opened.custodian.install(held_by_peer(clip, erased=(0,)))
+    assert read_all(clip, await opened.custodian.export(clip.record_id)) == [None, *clip.plaintexts[1:]]
+
+
+async def test_a_record_erased_while_its_clip_was_missing_stays_away(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    await opened.follow(erasure(ERASURE_ID, clip))
+    assert await opened.custodian.missing(10) == []
+    assert await opened.custodian.install(held_by_peer(clip)) is False
+    await refused("CLIP_ERASED", opened.custodian.stage(clip.upload))
+    assert [call for call, _ in await opened.owed()] == ["erasure.receipt"]
