@@ -28,6 +28,7 @@ from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore,
 CLOCK_SLACK_MS = 60_000
 LAPSED_AT_ONCE_COUNT = 64
 FETCH_AT_ONCE_COUNT = 32
+SETTLED_AT_START_COUNT = 10_000
 
 log = structlog.get_logger(__name__)
 
@@ -77,6 +78,9 @@ class Custodian:
         orphans = await asyncio.to_thread(self._keys.reconcile, in_use)
         if orphans:
             log.info("custody_orphan_keys_destroyed", count=orphans)
+        async with self._writing:
+            for facts in await self._store.missing(SETTLED_AT_START_COUNT):
+                await self._settle_missing(facts)
 
     # Uploads
 
@@ -98,6 +102,10 @@ class Custodian:
             ciphertext_leaves=tuple(leaves),
         )
         if await self._is_known(clip):
+            async with self._writing:
+                facts = await self._store.missing_clip(clip.record_id)
+                if facts is not None:
+                    await self._settle_missing(facts)
             return
         await self._check_in_time(clip)
         pairs = list(enumerate(zip(upload.ciphertexts, upload.sealed_keys, strict=True)))
@@ -143,6 +151,8 @@ class Custodian:
                 raise
             if known:
                 await self._eraser.destroy_unused(slots)
+                if facts is not None:
+                    await self._settle_missing(facts)
                 return False
             # From here on a failure leaves the slots alone: the store may hold the rows although it did not answer.
             if facts is None:
@@ -164,7 +174,17 @@ class Custodian:
             height=facts.height,
         )
         await self._store.stage(confirmed, kept)
-        grants = [grant for grant in await self._store.grants_of_owner(facts.owner) if grant_covers(grant, confirmed)]
+        await self._settle_missing(facts)
+
+    async def _settle_missing(self, facts: RecordFacts) -> None:
+        """Owe the releases of a clip that is here now, and call it missing no more. Nothing happens while it is away.
+
+        Done again when the store failed, or the node stopped, between the clip's rows and these.
+        """
+        clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
+        if clip is None or clip.status != "confirmed":
+            return
+        grants = [grant for grant in await self._store.grants_of_owner(facts.owner) if grant_covers(grant, clip)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
         await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
 
