@@ -32,6 +32,7 @@ from clients.robot.sealing import ClipContent, seal_clip
 from clients.robot.spool import Spool, SpooledClip
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
+from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from consensus.records.roster import RosterRow
 
@@ -151,9 +152,8 @@ class Pipeline:
         chain = self._visits.chain_for(clip.alias, self._people[clip.alias], now)
         empty = random.SystemRandom().choice(self._camera.empty_frames)
         renditions = tuple(self._rendition(frame, empty) for frame in clip.frames) or (self._notice(empty, now),)
-        content = ClipContent(
-            renditions=renditions, withheld=clip.withheld, sensor=self._camera.sensor, decided_at_ms=now
-        )
+        sensor = self._camera.sensor if clip.frames else NOTICE_SENSOR
+        content = ClipContent(renditions=renditions, withheld=clip.withheld, sensor=sensor, decided_at_ms=now)
         spooled = seal_clip(content, chain, now_ms=now)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
         self._statistics.clip_sealed(spooled.upload.record_id, frames)

@@ -72,6 +72,7 @@ class _Run:
         self._options = options
         self._progress = progress
         self._identity = load_identity(folder)
+        self._client = client
         self._chain_id = client.genesis.chain_id
         self._network = RobotNetwork(client, self._identity)
         self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
@@ -79,6 +80,7 @@ class _Run:
 
     async def work(self, source: BagSource) -> RunStatistics:
         """Work through a recording and return the figures once all its records are final."""
+        await self._roster.confirm(self._client, self._identity.identity)
         empty = source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
         hider = Hider(learn_background(empty))
@@ -116,6 +118,11 @@ class _Run:
             self._tell(statistics, last=True)
         return statistics
 
+    @property
+    def roster_rows(self) -> int:
+        """How many people of the roster the chain has confirmed."""
+        return len(self._roster)
+
     async def _tell_regularly(self, statistics: RunStatistics) -> None:
         while True:
             self._tell(statistics, last=False)
@@ -142,8 +149,10 @@ async def replay_recording(
     cv2.setNumThreads(1)
     source = BagSource(recording)
     async with NetworkClient(genesis) as client:
-        statistics = await _Run(folder, client, options, progress).work(source)
+        run = _Run(folder, client, options, progress)
+        statistics = await run.work(source)
     return {
+        "roster_rows": run.roster_rows,
         "frames": statistics.frames_json(),
         "latency_ms": statistics.latency_json(),
         "records": statistics.records_final,

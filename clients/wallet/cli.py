@@ -26,6 +26,7 @@ from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from consensus.records.metadata import NOTICE_SENSOR
 
 T = TypeVar("T")
 
@@ -159,6 +160,11 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: 
         console.print(f"You are registered, and consent to: {', '.join(purposes)}.")
 
 
+def _picture_count(entry: RecordEntry) -> int:
+    """Return how many pictures a record has: a notice of withheld frames alone has none."""
+    return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
+
+
 def _entry_json(entry: RecordEntry) -> dict[str, Any]:
     meta = entry.metadata
     return {
@@ -168,7 +174,7 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
         "sensor": meta.sensor,
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
-        "frames": meta.frame_count,
+        "frames": _picture_count(entry),
         "erased_frames": list(entry.state["erased_frames"]),
         "index_in_visit": meta.index_in_visit,
         "expires_at_ms": entry.state["expires_at_ms"],
@@ -200,12 +206,14 @@ def records(ctx: click.Context, as_json: bool) -> None:
     if not reports:
         console.print("Nothing was recorded of you.")
     for number, report in enumerate(reports, 1):
-        frames = sum(entry.metadata.frame_count for entry in report.records)
+        frames = sum(_picture_count(entry) for entry in report.records)
         state = "ended" if report.closed else "still open"
         console.print(f"Visit {number} at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
         for entry in report.records:
             meta = entry.metadata
-            span = f"{_moment(meta.started_at_ms)}, {meta.frame_count} pictures ({meta.sensor})"
+            span = f"{_moment(meta.started_at_ms)}, {_picture_count(entry)} pictures ({meta.sensor})"
+            withheld = sum(count for _, count in meta.withheld)
+            span += f", {withheld} withheld before" if withheld else ""
             erased = f", {len(entry.state['erased_frames'])} of them erased" if entry.state["erased_frames"] else ""
             console.print(f"  {entry.record_id.hex()}  {span}{erased}")
         if report.erased_ids:
@@ -256,9 +264,13 @@ def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) ->
     if as_json:
         print_json({"ok": True, "records": [_view_json(view) for view in views], "out": str(out) if out else None})
         return
+    if not views:
+        console.print("There is nothing left to show.")
+        return
     for view in views:
+        pictures = sum(frame.status != "notice" for frame in view.frames)
         whole = sum(frame.status == "ok" for frame in view.frames)
-        line = f"{view.entry.record_id.hex()}: {whole} of {len(view.frames)} pictures are as the robot took them"
+        line = f"{view.entry.record_id.hex()}: {whole} of {pictures} pictures are as the robot took them"
         if view.corrupted:
             line += f"; [red]changed since: {', '.join(map(str, view.corrupted))}[/red]"
         console.print(line + ".")
@@ -351,7 +363,8 @@ def erase(
         )
 
     async def action(opened: Wallet) -> list[ErasureReport]:
-        entries = await _chosen(opened, () if everything else record_ids)
+        chosen = await _chosen(opened, () if everything else record_ids)
+        entries = [entry for entry in chosen if entry.state["status"] == "active"]
         erasing = Erasing(opened)
         reports: list[ErasureReport] = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
@@ -376,6 +389,8 @@ def erase(
         ]
         print_json({"ok": True, "erasures": rows})
         return
+    if not reports:
+        console.print("There is nothing left to erase.")
     for report in reports:
         console.print(
             f"Erasure {report.erasure_id.hex()[:16]}: {report.status}, "

@@ -6,6 +6,7 @@ others still open. If one custodian's copy is damaged, the next custodian is ask
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass
 
 from clients.sdk.connections import NodeAddress
@@ -19,6 +20,12 @@ from consensus.records.renditions import Rendition, decode_rendition
 STATUS_OK = "ok"
 STATUS_CORRUPTED = "corrupted"
 STATUS_ERASED = "erased"
+STATUS_NOTICE = "notice"
+"""A frame without a picture: it only carries the count of what was withheld."""
+
+FOLLOW_MAX_MS = 15_000
+_FOLLOW_PAUSE_S = 0.25
+_NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +59,10 @@ class RecordView:
 class Viewing:
     """Access to the records of one visit, under one access transaction."""
 
-    def __init__(self, wallet: Wallet) -> None:
+    def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS) -> None:
+        """`follow_max_ms` is how long a custodian may lag behind what the wallet has proven final."""
         self._wallet = wallet
+        self._follow_max_ms = follow_max_ms
 
     async def request_access(self, entries: list[RecordEntry], purpose: str) -> bytes:
         """Put an access request of the owner key on the chain and wait until it is final. Returns the access id."""
@@ -83,11 +92,23 @@ class Viewing:
         return RecordView(entry=entry, frames=ordered, custodians=tuple(used))
 
     async def _view_at(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> list[FrameView]:
-        key = self._wallet.owner_key(entry.visit)
-        clip = await self._wallet.network.custody.download_clip(custodian, entry.record_id, access_id, key)
+        clip = await self._download(custodian, entry, access_id)
         state = entry.state
         damaged = set(check_clip_download(clip, state["commitment_root"], state["ciphertext_root"]))
         return [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
+
+    async def _download(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> ClipDownload:
+        """Fetch a clip from one custodian, giving one that follows the chain late some time to see the final request."""
+        key = self._wallet.owner_key(entry.visit)
+        loop = asyncio.get_running_loop()
+        deadline = loop.time() + self._follow_max_ms / 1000
+        while True:
+            try:
+                return await self._wallet.network.custody.download_clip(custodian, entry.record_id, access_id, key)
+            except BlockRobotError as error:
+                if error.code not in _NOT_YET or loop.time() >= deadline:
+                    raise
+            await asyncio.sleep(_FOLLOW_PAUSE_S)
 
     def _open(self, entry: RecordEntry, clip: ClipDownload, index: int, *, damaged: bool) -> FrameView:
         frame = clip.frames[index]
@@ -105,7 +126,8 @@ class Viewing:
             rendition = decode_rendition(plaintext)
         except BlockRobotError:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
-        return FrameView(index=index, status=STATUS_OK, rendition=rendition)
+        status = STATUS_OK if rendition.box_width else STATUS_NOTICE
+        return FrameView(index=index, status=status, rendition=rendition)
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""

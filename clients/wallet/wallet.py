@@ -81,11 +81,15 @@ class Wallet:
         return owner_key(visit, self.keys, self.genesis.chain_id)
 
     async def register(self, code: str, purposes: list[str]) -> Registration:
-        """Register with the code on the card, consenting to the purposes.
+        """Register with the code on the card, consenting to the purposes. Doing it again with the same code is harmless.
 
         Raises VOUCHER_INVALID for a damaged code, NOT_PERMITTED with the contract's code if the chain refuses.
         """
         card = decode_card_code(code)
+        known = await self._own_registration()
+        if known is not None and known["handle"] == card.handle:
+            self._remember_registration(known)
+            return Registration(txid=b"", member=self.keys.identity.public_key)
         keys = self.keys
         member = NewMember(
             identity=keys.identity,
@@ -94,10 +98,26 @@ class Wallet:
             sealing=keys.sealing_public,
         )
         registration = await register_member(self.network, card, member, purposes)
-        content = self.store.content
-        content.handle, content.role = card.handle, card.role
-        self.store.save()
+        self._remember_registration({"handle": card.handle, "role": card.role})
         return registration
+
+    async def _own_registration(self) -> dict[str, Any] | None:
+        """Return what the chain holds of this wallet's member key, proven, or None if it is no active member."""
+        try:
+            found = await self.network.state_value(
+                "identity", b"member/" + self.keys.identity.public_key, self.keys.identity
+            )
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED":
+                raise
+            return None
+        member: dict[str, Any] | None = found if found is not None and found["status"] == "active" else None
+        return member
+
+    def _remember_registration(self, member: dict[str, Any]) -> None:
+        content = self.store.content
+        content.handle, content.role = member["handle"], member["role"]
+        self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
         """Return proved values of any number of flat keys, in the session of one key; None for what is absent."""
@@ -114,14 +134,18 @@ class Wallet:
         """
         return (await self.network.call(self.owner_key(visit), contract, entry, arguments)).txid
 
-    def require_registered(self) -> None:
-        """Raise NOT_REGISTERED unless this wallet has been registered."""
-        if not self.store.content.handle:
+    async def require_registered(self) -> None:
+        """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's."""
+        if self.store.content.handle:
+            return
+        member = await self._own_registration()
+        if member is None:
             raise BlockRobotError("NOT_REGISTERED")
+        self._remember_registration(member)
 
     async def scan(self) -> list[KnownVisit]:
         """Read the announcements that are new since last time and return all visits that are this person's."""
-        self.require_registered()
+        await self.require_registered()
         content = self.store.content
         while True:
             page = await self.network.announcements(content.scanned_count, self.keys.identity)

@@ -18,6 +18,8 @@ SENSOR_MAX_CHARS = 64
 REASON_MAX_CHARS = 32
 REASONS_MAX_COUNT = 8
 NO_PREVIOUS = bytes(HASH_SIZE_BYTES)
+NOTICE_SENSOR = "notice"
+"""The sensor of a record without a picture, which only tells of frames that were withheld."""
 
 
 class RecordMetadata(Wire, frozen=True):

@@ -119,6 +119,15 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
         click.echo(f"{name} {line}")
 
 
+def _state_of(row: NodeStatusReport) -> str:
+    """Say in a word how a node is: one that runs but gives no answer may be starting or stuck."""
+    if not row.running:
+        return "stopped"
+    if row.status is None:
+        return "silent"
+    return "ready" if row.status.get("ready") else "waiting"
+
+
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
     """Print the state of every node."""
     if as_json:
@@ -130,7 +139,7 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         table.add_column(column, justify="left" if column in {"node", "state", "leads"} else "right")
     for row in reports:
         seen = row.status or {}
-        state = "ready" if seen.get("ready") else "starting" if row.running else "stopped"
+        state = _state_of(row)
         values = [seen.get(key) for key in ("height", "finalized_height", "round", "leader")]
         peers = len(seen["peers"]) if "peers" in seen else None
         custody = seen.get("custody_checkpoint")

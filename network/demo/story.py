@@ -193,7 +193,7 @@ class Demo:
         self.checks.add(
             "the robot has its sealed roster",
             ok=made["member"] == registered["member"] and answer["rows"] == len(PATIENTS),
-            detail=f"{answer['rows']} people, each with a proof against a finalized header",
+            detail=f"{answer['rows']} people; only this robot can open it",
         )
 
     async def record(self) -> None:
@@ -236,6 +236,12 @@ class Demo:
 
     def _check_frames(self) -> None:
         frames = self.state.summary["frames"]
+        rows = self.state.summary["roster_rows"]
+        self.checks.add(
+            "the robot proves its roster against the chain",
+            ok=rows == len(PATIENTS),
+            detail=f"{rows} people, each row equal to what a finalized header proves",
+        )
         self.checks.add(
             "every frame of the camera arrived",
             ok=frames["published"] == self.scenario.frame_count,
@@ -279,8 +285,8 @@ class Demo:
             self.state.pictures[patient] = sorted(out.glob("*/*[0-9].png"))
             self.checks.add(
                 f"{patient} opens and verifies them",
-                ok=bool(statuses) and set(statuses) == {"ok"},
-                detail=f"{len(statuses)} pictures, against a header proven final from the genesis file",
+                ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
+                detail=f"{statuses.count('ok')} pictures, against a header proven final from the genesis file",
             )
             own = sorted(out.glob("*/*.depth.png"))
             worst, judged = await asyncio.to_thread(worst_foreign_share, self.scenario, own, patient)

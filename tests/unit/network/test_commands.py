@@ -151,9 +151,9 @@ def test_a_wrong_passphrase_exits_with_refused(wallet: Path, home: Path) -> None
     assert (result.exit_code, problem_of(result)["code"]) == (4, "WALLET_PASSPHRASE_WRONG")
 
 
-def test_an_unregistered_wallet_is_told_what_to_do(wallet: Path) -> None:
+def test_a_wallet_without_a_registration_asks_the_chain_before_it_says_so(wallet: Path) -> None:
     result = run("wallet", "records", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (1, "NOT_REGISTERED")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "NODE_UNREACHABLE")
 
 
 def test_without_a_genesis_file_nothing_is_trusted(wallet: Path, network: Path) -> None:

@@ -60,6 +60,7 @@ class FakeCustody:
     clips: dict[str, dict[bytes, ClipDownload]]
     refusals: dict[str, str] = field(default_factory=dict)
     asked: list[tuple[str, bytes]] = field(default_factory=list)
+    late_answers: int = 0
 
     @property
     def custodians(self) -> tuple[NodeAddress, ...]:
@@ -71,6 +72,9 @@ class FakeCustody:
         self.asked.append((node.name, key.public_key))
         if node.name in self.refusals:
             raise BlockRobotError(self.refusals[node.name])
+        if self.late_answers:
+            self.late_answers -= 1
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
         return self.clips[node.name][record_id]
 
 
@@ -101,6 +105,10 @@ class FakeNetwork:
         self.asked.extend((flat.decode("latin-1"), key.public_key) for flat in keys)
         assert len(keys) <= 128
         return ProvedState(height=9, timestamp_ms=NOW_MS, values={flat: self.state.get(flat) for flat in keys})
+
+    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+        flat = contract.encode() + b"\x00" + state_key
+        return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
         self.asked.append((view, key.public_key))

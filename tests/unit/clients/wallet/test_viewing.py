@@ -8,6 +8,7 @@ from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import World
+from tests.virtual_time import run_virtual
 
 
 async def one_record(world: World, frames: int = 3) -> RecordEntry:
@@ -17,7 +18,7 @@ async def one_record(world: World, frames: int = 3) -> RecordEntry:
 
 
 async def look(world: World, entry: RecordEntry) -> RecordView:
-    viewing = Viewing(world.wallet)
+    viewing = Viewing(world.wallet, follow_max_ms=0)
     return await viewing.view(entry, await viewing.request_access([entry], "own-access"))
 
 
@@ -30,6 +31,17 @@ async def test_a_whole_record_opens_and_is_verified(world: World) -> None:
     assert statuses(view) == ["ok", "ok", "ok"]
     assert [frame.rendition.sequence for frame in view.frames if frame.rendition] == [0, 1, 2]
     assert (view.verdict, view.custodians) == ("verified", ("node-1",))
+
+
+def test_a_custodian_that_follows_late_is_given_time(world: World) -> None:
+    async def story() -> RecordView:
+        entry = await one_record(world)
+        world.network.custody.late_answers = 3
+        viewing = Viewing(world.wallet)
+        return await viewing.view(entry, await viewing.request_access([entry], "own-access"))
+
+    view = run_virtual(story())
+    assert (statuses(view), view.custodians) == (["ok", "ok", "ok"], ("node-1",))
 
 
 async def test_access_is_asked_for_on_the_chain_by_the_owner_key_with_a_purpose(world: World) -> None:

@@ -58,6 +58,14 @@ async def test_an_unregistered_wallet_is_told_to_register(world: World) -> None:
     assert caught.value.code == "NOT_REGISTERED"
 
 
+async def test_a_restored_wallet_finds_its_registration_on_the_chain(world: World) -> None:
+    world.store.content.handle = b""
+    member = b"identity\x00member/" + world.wallet.keys.identity.public_key
+    world.network.state[member] = {"handle": b"h" * 32, "role": "subject", "status": "active"}
+    assert await world.wallet.records() == []
+    assert (world.store.content.handle, world.store.content.role) == (b"h" * 32, "subject")
+
+
 async def test_records_come_in_the_order_in_which_they_were_taken(world: World) -> None:
     visit = world.open_visit()
     ids = [world.record(visit).upload.record_id for _ in range(5)]
