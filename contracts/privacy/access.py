@@ -1,7 +1,7 @@
 """Access: an owner asks, custodians release or refuse, the owner judges. Must never let a release stand without a request.
 
 access/id -> {owner, records, purpose, time, released, refused}, the id being the request's txid and an empty list of
-records the whole visit; verdict/record id -> {verdict, frames, time}.
+records the whole visit; verdict/record id -> {verdict, frames, time}; release/id+hash of custodian and records -> True.
 """
 
 KEY_BYTES = 33
@@ -43,13 +43,22 @@ def require_access(access_id: bytes) -> dict:
 
 @export
 def released(access_id: bytes, record_ids: list):
-    """Say which records (1 to 64) were handed out. Who may call: a custodian."""
+    """Say which records (1 to 64) were handed out. Who may call: a custodian, once for the same records.
+
+    A custodian that was restarted may not know what it sent already: the audit must not show two releases then.
+    """
     entry = require_access(access_id)
     require(len(record_ids) > 0, "RECORDS_MISSING", "No record is named.")
     call("records", "require_records", entry["owner"], record_ids, True)
     if len(entry["records"]) > 0:
         for record_id in record_ids:
             require(record_id in entry["records"], "RECORD_NOT_REQUESTED", "The request does not name this record.")
+    told = ctx.caller
+    for record_id in record_ids:
+        told += record_id
+    told = b"release/" + access_id + sha256(told)
+    require(not state.has(told), "RELEASE_EXISTS", "The custodian has said so already.")
+    state.put(told, True)
     entry["released"][ctx.caller] = entry["released"].get(ctx.caller, 0) + len(record_ids)
     state.put(b"access/" + access_id, entry)
     subject = b""
@@ -62,9 +71,10 @@ def released(access_id: bytes, record_ids: list):
 
 @export
 def refused(access_id: bytes, code: str):
-    """Say that a request was refused, and why (a code). Who may call: a custodian."""
+    """Say that a request was refused, and why (a code). Who may call: a custodian, once."""
     entry = require_access(access_id)
     require(0 < len(code) and len(code) <= CODE_MAX_CHARS, "CODE_WRONG", "A code has 1 to 64 characters.")
+    require(ctx.caller not in entry["refused"], "REFUSAL_EXISTS", "The custodian has refused already.")
     entry["refused"][ctx.caller] = code
     state.put(b"access/" + access_id, entry)
     data = {"access_id": access_id, "custodian": ctx.caller, "code": code}

@@ -179,9 +179,10 @@ async def test_what_is_owed_is_signed_by_the_custodian_and_submitted_again_only_
     assert rig.pool.wires[0] != rig.pool.wires[1]
 
 
-async def test_what_the_chain_knows_already_is_dismissed_at_once(rig: Rig) -> None:
+@pytest.mark.parametrize("code", ["RECEIPT_EXISTS", "RELEASE_EXISTS", "REFUSAL_EXISTS"])
+async def test_what_the_chain_knows_already_is_dismissed_at_once(rig: Rig, code: str) -> None:
     await rig.custody._submit_due()
-    await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, "RECEIPT_EXISTS")])
+    await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, code)])
     assert rig.custodian.dismissed == [ROW]
 
 

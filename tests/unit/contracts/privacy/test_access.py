@@ -49,6 +49,22 @@ def test_no_record_named_means_the_whole_visit(hospital: Hospital, visit: Visit)
     assert receipt.code == "NOT_THE_OWNER"
 
 
+def test_a_custodian_that_says_the_same_again_is_not_heard_twice(hospital: Hospital, visit: Visit) -> None:
+    """Restarted, it may not know what it sent already: the audit still shows one release, and one refusal."""
+    asked = hospital.must(visit.key, "access", "request", [], "own-access")
+    first, second = hospital.custodians[:2]
+    for custodian in (first, second):
+        hospital.must(custodian, "access", "released", asked.txid, visit.records)
+        again = hospital.send(custodian, "access", "released", asked.txid, visit.records)
+        assert again.code == "RELEASE_EXISTS"
+    hospital.must(second, "access", "refused", asked.txid, "CLIP_ERASED")
+    assert hospital.send(second, "access", "refused", asked.txid, "CLIP_ERASED").code == "REFUSAL_EXISTS"
+    state = hospital.view("access", "get", asked.txid)
+    assert state["released"] == {first.public_key: 3, second.public_key: 3}
+    kinds = [event["kind"] for event in hospital.view("audit", "events", visit.owner, 0, 100)]
+    assert (kinds.count("access_released"), kinds.count("access_refused")) == (2, 1)
+
+
 def test_a_custodian_refuses_with_a_reason(hospital: Hospital, visit: Visit) -> None:
     asked = hospital.must(visit.key, "access", "request", [], "own-access")
     refused = hospital.must(hospital.custodians[1], "access", "refused", asked.txid, "CLIP_ERASED")
