@@ -93,6 +93,9 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
             serverSelectionTimeoutMS=SERVER_SELECTION_MAX_MS,
             connectTimeoutMS=SERVER_SELECTION_MAX_MS,
             socketTimeoutMS=SOCKET_MAX_MS,
+            # Streamed monitoring measures round trips over one more connection, which the driver's `close` loses, open,
+            # if it is just being made. A write that meets a new primary makes the driver look again at once anyway.
+            serverMonitoringMode="poll",
         )
         database = client.get_default_database(
             read_preference=ReadPreference.PRIMARY,
