@@ -2,14 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.wallet import Wallet
 from consensus.primitives.encoding import u32
+from consensus.primitives.keys import PrivateKey
 
+RECORDED_KIND = "recorded"
 _PAGE_COUNT = 100
+
+
+class VisitReader(Protocol):
+    """What an audit needs of a wallet."""
+
+    def owner_key(self, visit: KnownVisit) -> PrivateKey:
+        """Derive the private key of one visit."""
+        ...
+
+    async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
+        """Return proved values of flat keys, in the session of one key; None for what is absent."""
+        ...
+
+    async def scan(self) -> list[KnownVisit]:
+        """Return all visits that are this person's."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +43,7 @@ class AuditEntry:
     data: dict[str, Any]
 
 
-async def audit_visit(wallet: Wallet, visit: KnownVisit) -> list[AuditEntry]:
+async def audit_visit(wallet: VisitReader, visit: KnownVisit) -> list[AuditEntry]:
     """Return all events of a visit in order. The count and each entry are proven, so none can be left out."""
     key = wallet.owner_key(visit)
     count_key = b"audit\x00count/" + visit.owner
@@ -51,7 +69,7 @@ async def audit_visit(wallet: Wallet, visit: KnownVisit) -> list[AuditEntry]:
     return entries
 
 
-async def audit_all(wallet: Wallet) -> list[AuditEntry]:
+async def audit_all(wallet: VisitReader) -> list[AuditEntry]:
     """Return the events of all visits, in the order of the chain."""
     entries = []
     for visit in await wallet.scan():

@@ -12,6 +12,7 @@ from typing import Any
 
 from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
+from clients.wallet.auditing import RECORDED_KIND, audit_visit
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.visits import find_own_visits, owner_key
@@ -19,11 +20,9 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
-from consensus.records.envelopes import RECORD_ID_BYTES, open_metadata
+from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
 from consensus.records.vouchers import decode_card_code
-
-VISIT_RECORDS_MAX_COUNT = 2_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +49,6 @@ class VisitReport:
     erased_ids: tuple[bytes, ...]
     closed: bool
     missing_count: int
-
-
-def _plausible_ids(answer: Any) -> list[bytes]:
-    """Return the record ids in a node's unproven list, each once: a repeated one must not hide one that is missing."""
-    listed = answer if isinstance(answer, list) else []
-    ids = [item for item in listed if isinstance(item, bytes) and len(item) == RECORD_ID_BYTES]
-    return list(dict.fromkeys(ids))[:VISIT_RECORDS_MAX_COUNT]
 
 
 class Wallet:
@@ -159,17 +151,18 @@ class Wallet:
     async def visit_report(self, visit: KnownVisit) -> VisitReport:
         """List a visit's records, each proven, opened and chained; say how many are missing.
 
-        The node's list is only a hint: every record is proven by itself, the chain of hashes shows a gap, and the
-        visit's closing shows a missing tail.
+        The list comes from the audit trail, whose every entry and whose length are proven, so a node can leave none out,
+        not even the last ones of an open visit. What the robot itself held back shows as a gap in its chain of hashes, or
+        as a missing tail by the visit's closing.
         """
         key = self.owner_key(visit)
-        ids = _plausible_ids(await self.network.query("records", "of_visit", [visit.owner], key))
-        state_keys = [b"records\x00record/" + record_id for record_id in ids]
         visit_key = b"records\x00visit/" + visit.owner
-        values = await self.values([visit_key, *state_keys], key)
-        visit_state = values[visit_key]
+        visit_state = (await self.values([visit_key], key))[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
+        ids = [entry.record_id for entry in await audit_visit(self, visit) if entry.kind == RECORDED_KIND]
+        state_keys = [b"records\x00record/" + record_id for record_id in ids]
+        values = await self.values(state_keys, key)
         entries, erased = [], []
         for record_id, state_key in zip(ids, state_keys, strict=True):
             state = values[state_key]

@@ -91,7 +91,7 @@ class FakeNetwork:
     def __init__(self) -> None:
         self.state: dict[bytes, Any] = {}
         self.announced: list[Announcement] = []
-        self.listed: dict[bytes, list[Any]] = {}
+        self.trails: dict[bytes, list[dict[str, Any]]] = {}
         self.custody = FakeCustody({"node-1": {}, "node-2": {}})
         self.calls: list[tuple[bytes, str, str, list[Any]]] = []
         self.asked: list[tuple[str, bytes]] = []
@@ -111,8 +111,7 @@ class FakeNetwork:
         return (await self.state_values([flat], key)).values[flat]
 
     async def query(self, contract: str, view: str, arguments: list[Any], key: PrivateKey) -> Any:
-        self.asked.append((view, key.public_key))
-        return self.listed[arguments[0]]
+        raise AssertionError(f"the wallet asked for {contract}.{view}, which no node can prove")
 
     async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
         self.asked.append(("announcements", key.public_key))
@@ -156,7 +155,7 @@ class World:
             Announcement(number, visit.owner, visit.ephemeral, visit.view_tag, NOW_MS - NOW_MS % 300_000, ROBOT)
         )
         self.network.state[b"records\x00visit/" + visit.owner] = {"status": "open", "record_count": 0}
-        self.network.listed[visit.owner] = []
+        self.network.trails[visit.owner] = []
         return VisitChain(
             owner=visit.owner,
             ephemeral=visit.ephemeral,
@@ -180,7 +179,7 @@ class World:
             "expires_at_ms": clip.expires_at_ms,
             "erased_frames": [],
         }
-        self.network.listed[visit.owner].append(upload.record_id)
+        self.append_audit(visit.owner, "recorded", upload.record_id)
         pairs = zip(upload.ciphertexts, upload.sealed_keys, strict=True)
         download = ClipDownload(
             record_id=upload.record_id,
@@ -207,15 +206,31 @@ class World:
         }
 
     def write_audit(self, visit: VisitChain, kinds: list[str], height: int = 1) -> None:
-        self.network.state[b"audit\x00count/" + visit.owner] = len(kinds)
-        for index, kind in enumerate(kinds):
-            self.network.state[b"audit\x00entry/" + visit.owner + u32(index)] = {
-                "record_id": b"",
+        for kind in kinds:
+            self.append_audit(visit.owner, kind, height=height)
+
+    def append_audit(self, owner: bytes, kind: str, record_id: bytes = b"", *, height: int = 1) -> None:
+        trail = self.network.trails[owner]
+        index = len(trail)
+        trail.append(
+            {
+                "record_id": record_id,
                 "kind": kind,
                 "time": NOW_MS + index,
                 "height": height + 2 * index,
                 "data": {},
             }
+        )
+        self.network.state[b"audit\x00count/" + owner] = len(trail)
+        self.network.state[b"audit\x00entry/" + owner + u32(index)] = trail[-1]
+
+    def withhold(self, owner: bytes, record_id: bytes) -> None:
+        """Let the robot never have brought this record to the chain."""
+        del self.network.state[b"records\x00record/" + record_id]
+        kept = [entry for entry in self.network.trails[owner] if entry["record_id"] != record_id]
+        self.network.trails[owner] = []
+        for entry in kept:
+            self.append_audit(owner, entry["kind"], entry["record_id"])
 
 
 @pytest.fixture
