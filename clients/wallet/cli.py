@@ -189,6 +189,7 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
         "closed": report.closed,
         "missing_records": report.missing_count,
         "erased_records": [record_id.hex() for record_id in report.erased_ids],
+        "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
         "records": [_entry_json(entry) for entry in report.records],
     }
 
@@ -218,6 +219,9 @@ def records(ctx: click.Context, as_json: bool) -> None:
             console.print(f"  {entry.record_id.hex()}  {span}{erased}")
         if report.erased_ids:
             console.print(f"  {len(report.erased_ids)} records of this visit are erased.")
+        if report.unreadable_ids:
+            count = len(report.unreadable_ids)
+            console.print(f"  [red]{count} records cannot be opened with your keys. Ask the hospital why.[/red]")
         if report.missing_count:
             console.print(f"  [red]{report.missing_count} records are missing. Ask the hospital why.[/red]")
 

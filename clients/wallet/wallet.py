@@ -42,13 +42,17 @@ class RecordEntry:
 
 @dataclass(frozen=True, slots=True)
 class VisitReport:
-    """A visit as the wallet knows it: its records in order, and whether any is missing."""
+    """A visit as the wallet knows it: its records in order, and whether any is missing.
+
+    `unreadable_ids` are records whose metadata a robot sealed wrongly: they cannot be opened, and do not hide the others.
+    """
 
     visit: KnownVisit
     records: tuple[RecordEntry, ...]
     erased_ids: tuple[bytes, ...]
     closed: bool
     missing_count: int
+    unreadable_ids: tuple[bytes, ...] = ()
 
 
 class Wallet:
@@ -163,7 +167,7 @@ class Wallet:
         ids = [entry.record_id for entry in await audit_visit(self, visit) if entry.kind == RECORDED_KIND]
         state_keys = [b"records\x00record/" + record_id for record_id in ids]
         values = await self.values(state_keys, key)
-        entries, erased = [], []
+        entries, erased, unreadable = [], [], []
         for record_id, state_key in zip(ids, state_keys, strict=True):
             state = values[state_key]
             if state is None or state["owner"] != visit.owner:
@@ -171,7 +175,11 @@ class Wallet:
             if not state["sealed_metadata"]:
                 erased.append(record_id)
                 continue
-            metadata = decode(open_metadata(self.keys.sealing, state["sealed_metadata"]), RecordMetadata)
+            try:
+                metadata = decode(open_metadata(self.keys.sealing, state["sealed_metadata"]), RecordMetadata)
+            except BlockRobotError:
+                unreadable.append(record_id)
+                continue
             entries.append(RecordEntry(record_id=record_id, visit=visit, state=state, metadata=metadata))
         entries.sort(key=lambda entry: entry.metadata.index_in_visit)
         closed = visit_state["status"] == "closed"
@@ -184,7 +192,8 @@ class Wallet:
             records=tuple(entries),
             erased_ids=tuple(erased),
             closed=closed,
-            missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased)),
+            missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
+            unreadable_ids=tuple(unreadable),
         )
 
     async def records(self) -> list[VisitReport]:

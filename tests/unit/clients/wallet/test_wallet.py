@@ -142,6 +142,16 @@ async def test_erased_records_are_named_and_not_called_missing(world: World) -> 
     assert (len(report.records), report.missing_count) == (2, 0)
 
 
+async def test_a_record_that_a_robot_sealed_wrongly_hides_no_other(world: World) -> None:
+    visit = world.open_visit()
+    ids = [world.record(visit).upload.record_id for _ in range(3)]
+    world.close_visit(visit)
+    world.network.state[b"records\x00record/" + ids[1]]["sealed_metadata"] = bytes(560)
+    (report,) = await world.wallet.records()
+    assert [entry.record_id for entry in report.records] == [ids[0], ids[2]]
+    assert (report.unreadable_ids, report.missing_count) == ((ids[1],), 0)
+
+
 async def test_a_visit_that_is_proven_absent_is_no_visit(world: World) -> None:
     visit = world.open_visit()
     del world.network.state[b"records\x00visit/" + visit.owner]
