@@ -61,6 +61,10 @@ def choose_port() -> int:
     return port
 
 
+def _log_of(storage: Path) -> str:
+    return (storage / "server.log").read_text(errors="replace")[-2000:]
+
+
 def start(storage: Path, port: int) -> subprocess.Popen[bytes]:
     """Start the server on loopback over a directory and return once it answers. Raises RuntimeError if it does not."""
     log = (storage / "server.log").open("ab")
@@ -77,7 +81,7 @@ def start(storage: Path, port: int) -> subprocess.Popen[bytes]:
                 continue
             return child
     stop(child)
-    raise RuntimeError(f"The test server did not start: {(storage / 'server.log').read_text(errors='replace')[-2000:]}")
+    raise RuntimeError(f"The test server did not start: {_log_of(storage)}")
 
 
 def stop(child: subprocess.Popen[bytes]) -> None:
@@ -104,7 +108,10 @@ def running() -> Iterator[str]:
         try:
             yield uri_of(port)
         finally:
+            ended = child.poll()
             stop(child)
+        if ended is not None:
+            raise RuntimeError(f"The test server ended by itself with {ended}: {_log_of(Path(storage))}")
 
 
 @contextmanager
