@@ -110,8 +110,12 @@ class Delivery:
         await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"))
 
     async def close_visit(self, owner: bytes, record_count: int) -> None:
-        """Say on the chain how many records the visit has, so that a missing tail is noticed."""
-        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED"))
+        """Say on the chain how many records the visit has, so that a missing tail is noticed.
+
+        A visit that the chain does not know was never announced: the robot was killed before its first clip was kept.
+        """
+        accepted = ("OK", "VISIT_CLOSED", "VISIT_UNKNOWN")
+        await self._final("records", "close_visit", [owner, record_count], accepted=accepted)
 
     async def drain(self) -> None:
         """Wait until every started clip is final. Raises what stopped one for good."""

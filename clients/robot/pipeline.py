@@ -26,6 +26,7 @@ from clients.robot.event_log import (
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
+from clients.robot.open_visits import OpenVisits
 from clients.robot.pairing import Decision
 from clients.robot.rosters import RosterBook
 from clients.robot.sealing import ClipContent, seal_clip
@@ -60,6 +61,7 @@ class Pipeline:
         hider: Hider,
         roster: RosterBook,
         visits: VisitBook,
+        open_visits: OpenVisits,
         spool: Spool,
         delivery: Delivery,
         statistics: RunStatistics,
@@ -72,6 +74,7 @@ class Pipeline:
         self._hider = hider
         self._roster = roster
         self._visits = visits
+        self._open_visits = open_visits
         self._spool = spool
         self._delivery = delivery
         self._statistics = statistics
@@ -83,7 +86,10 @@ class Pipeline:
         self._people: dict[str, RosterRow] = {}
 
     async def run(self, events: AsyncIterator[Event]) -> None:
-        """Work through a stream to its end and return when every record is final and every visit closed."""
+        """Work through a stream to its end and return when every record is final and every visit closed.
+
+        That includes what a robot that was killed left behind: its clips are delivered, then its visits closed.
+        """
         for name in self._spool.names():
             self._delivery.start(name)
         async for event in events:
@@ -99,8 +105,9 @@ class Pipeline:
         self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
         self._seal(self._batcher.flush())
         await self._delivery.drain()
-        for chain in self._visits.end_all():
-            await self._delivery.close_visit(chain.owner, chain.record_count)
+        for owner, record_count in self._open_visits.counts.items():
+            await self._delivery.close_visit(owner, record_count)
+            self._open_visits.forget(owner)
 
     async def _hold_back(self) -> None:
         while len(self._spool.names()) > WAITING_CLIPS_MAX_COUNT:
@@ -155,6 +162,7 @@ class Pipeline:
         sensor = self._camera.sensor if clip.frames else NOTICE_SENSOR
         content = ClipContent(renditions=renditions, withheld=clip.withheld, sensor=sensor, decided_at_ms=now)
         spooled = seal_clip(content, chain, now_ms=now)
+        self._open_visits.note(chain.owner, chain.record_count)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
         self._statistics.clip_sealed(spooled.upload.record_id, frames)
         return spooled

@@ -21,6 +21,7 @@ from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
 from clients.robot.identity import load_identity
 from clients.robot.network import RobotNetwork
+from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import load_roster
 from clients.robot.source import BagSource
@@ -99,6 +100,7 @@ class _Run:
                 hider=hider,
                 roster=self._roster,
                 visits=VisitBook(self._chain_id, self._identity.identity.public_key, self._options.purpose),
+                open_visits=OpenVisits(self._folder / "open-visits", self._identity.spool),
                 spool=self._spool,
                 delivery=delivery,
                 statistics=statistics,

@@ -7,22 +7,14 @@ moment finds each clip there once or not at all, and delivers it again; delivery
 
 from __future__ import annotations
 
-import os
-import secrets
 from pathlib import Path
 
-from nacl.bindings import (
-    crypto_aead_xchacha20poly1305_ietf_decrypt,
-    crypto_aead_xchacha20poly1305_ietf_encrypt,
-)
-from nacl.exceptions import CryptoError
-
+from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.records.clips import ClipUpload
 
 SPOOL_MAX_BYTES = 1024 * 1024 * 1024
-_NONCE_BYTES = 24
 _SUFFIX = ".clip"
 
 
@@ -56,7 +48,7 @@ class Spool:
         self._key = key
         self._max_bytes = max_bytes
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        for leftover in folder.glob(".tmp-*"):
+        for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
             leftover.unlink()
         waiting = (path for path in folder.glob(f"*{_SUFFIX}") if path.stem.isdecimal())
         self._sizes = {path.name: path.stat().st_size for path in waiting}
@@ -73,22 +65,11 @@ class Spool:
 
     def put(self, clip: SpooledClip) -> str:
         """Store a clip durably and return its name. Raises SPOOL_FULL; nothing is half-written then."""
-        nonce = secrets.token_bytes(_NONCE_BYTES)
         name = f"{self._next:012d}{_SUFFIX}"
-        sealed = nonce + crypto_aead_xchacha20poly1305_ietf_encrypt(encode(clip), name.encode(), nonce, self._key)
+        sealed = seal_content(name, self._key, encode(clip))
         if self.size_bytes + len(sealed) > self._max_bytes:
             raise BlockRobotError("SPOOL_FULL", f"The spool holds {self.size_bytes} bytes already.")
-        temporary = self._folder / f".tmp-{name}"
-        try:
-            with temporary.open("wb") as file:
-                file.write(sealed)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(self._folder / name)
-        except OSError as error:
-            temporary.unlink(missing_ok=True)
-            raise BlockRobotError("SPOOL_FULL", f"The clip could not be written: {error.strerror}.") from None
-        self._sync_folder()
+        write_durably(self._folder / name, sealed)
         self._sizes[name] = len(sealed)
         self._next += 1
         return name
@@ -96,24 +77,11 @@ class Spool:
     def get(self, name: str) -> SpooledClip:
         """Read a clip. Raises SPOOL_DAMAGED if it was changed or is another's."""
         try:
-            data = (self._folder / name).read_bytes()
-            plain = crypto_aead_xchacha20poly1305_ietf_decrypt(
-                data[_NONCE_BYTES:], name.encode(), data[:_NONCE_BYTES], self._key
-            )
-            return decode(plain, SpooledClip)
-        except OSError as error:
-            raise BlockRobotError("SPOOL_DAMAGED", f"The spooled clip {name} is gone: {error.strerror}.") from None
-        except (CryptoError, ValueError, TypeError, BlockRobotError):
+            return decode(read_sealed(self._folder / name, self._key), SpooledClip)
+        except (ValueError, TypeError):
             raise BlockRobotError("SPOOL_DAMAGED", f"The spooled clip {name} was changed on disk.") from None
 
     def remove(self, name: str) -> None:
         """Forget a delivered clip."""
         (self._folder / name).unlink(missing_ok=True)
         self._sizes.pop(name, None)
-
-    def _sync_folder(self) -> None:
-        descriptor = os.open(self._folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

@@ -32,15 +32,12 @@ class VisitBook:
         self._robot = robot
         self._purpose = purpose
         self._open: dict[str, _Open] = {}
-        self._ended: list[VisitChain] = []
 
     def chain_for(self, alias: str, row: RosterRow, now_ms: int) -> VisitChain:
         """Return the chain of the person's open visit, opening one if there is none."""
         known = self._open.get(alias)
         if known is not None and now_ms - known.opened_at_ms < _VISIT_ROLL_MS:
             return known.chain
-        if known is not None:
-            self._ended.append(known.chain)
         keys = open_visit_keys(secrets.token_bytes(32), row.view, row.spend, chain_id=self._chain_id, robot=self._robot)
         chain = VisitChain(
             owner=keys.owner,
@@ -52,9 +49,3 @@ class VisitBook:
         )
         self._open[alias] = _Open(chain=chain, opened_at_ms=now_ms)
         return chain
-
-    def end_all(self) -> list[VisitChain]:
-        """Return every visit that is to be closed, and forget them."""
-        ended = [*self._ended, *(known.chain for known in self._open.values())]
-        self._ended, self._open = [], {}
-        return ended

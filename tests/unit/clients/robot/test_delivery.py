@@ -311,3 +311,15 @@ def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path
 
     run_virtual(main())
     assert run.network.closed == {run.done[0].clip.owner: 2}
+
+
+def test_a_visit_that_was_never_announced_needs_no_closing(tmp_path: Path) -> None:
+    """The robot was killed between noting its count and keeping its first clip."""
+    run = Run(tmp_path, clips=0)
+
+    async def main() -> None:
+        run.network.verdict = "VISIT_UNKNOWN"
+        await run.delivery().close_visit(b"\x02" * 33, 1)
+
+    run_virtual(main())
+    assert run.network.times("close_visit") != []

@@ -15,6 +15,7 @@ from clients.robot.event_log import EventLog, read_events
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
+from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import RosterBook
 from clients.robot.source import BagSource
@@ -58,6 +59,7 @@ class Robot:
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
         self.spool = Spool(folder / "spool", KEY)
+        self.open_visits = OpenVisits(folder / "open-visits", KEY)
         self.source = BagSource(recording)
         self.known = known
         self.clip_ms = clip_ms
@@ -78,6 +80,7 @@ class Robot:
                 hider=Hider(learn_background(empty)),
                 roster=RosterBook(self.known),
                 visits=VisitBook(CHAIN, ROBOT.public_key, "demo"),
+                open_visits=self.open_visits,
                 spool=self.spool,
                 delivery=delivery,
                 statistics=self.statistics,
@@ -183,3 +186,26 @@ def test_clips_that_waited_from_the_run_before_are_delivered_first(tmp_path: Pat
     assert second.spool.names() == []
     assert len(second.network.records) >= waiting + 1
     assert second.statistics.frames_json()["lost"] == 0
+
+
+def test_a_visit_that_a_killed_robot_left_open_is_closed_by_the_next_run_with_its_count(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Otherwise its owner could never know whether its last records are missing."""
+    first = Robot(tmp_path, small_bag, roster())
+
+    async def killed_here(*_arguments: object) -> None:
+        raise ChildProcessError("killed")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Delivery, "close_visit", killed_here)
+        with pytest.raises(ChildProcessError):
+            run_virtual(first.run())
+    assert first.network.closed == {}
+    counts = {owner: list(first.network.records.values()).count(owner) for owner in first.network.visits}
+    second = Robot(tmp_path, small_bag, roster(purposes=("research",)))
+    second.network = first.network
+    run_virtual(second.run())
+    assert counts
+    assert second.network.closed == counts
+    assert OpenVisits(tmp_path / "open-visits", KEY).counts == {}

@@ -63,17 +63,6 @@ def test_the_chain_of_a_new_visit_begins_at_its_beginning() -> None:
     assert (second.record_count, second.previous_hash) == (0, bytes(32))
 
 
-def test_every_visit_is_closed_once_the_rolled_ones_too() -> None:
-    visits, ann, bob = book(), Person(), Person()
-    opened = [
-        visits.chain_for("ann", ann.row, START_MS),
-        visits.chain_for("bob", bob.row, START_MS),
-        visits.chain_for("ann", ann.row, START_MS + VISIT_MAX_MS),
-    ]
-    assert {chain.owner for chain in visits.end_all()} == {chain.owner for chain in opened}
-    assert visits.end_all() == []
-
-
 def test_two_visits_of_one_person_have_nothing_in_common_on_the_chain() -> None:
     visits, ann = book(), Person()
     first = visits.chain_for("ann", ann.row, START_MS)

@@ -1,0 +1,65 @@
+"""The visits that are still to be closed on the chain, kept over a kill. Must never tell whose a visit is.
+
+Owner keys and counts alone, encrypted under the robot's spool key. A count is noted before its clip is spooled: a clip
+that was lost between the two counts as missing, and the owner is told so.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire, decode, encode
+
+
+class VisitCount(Wire, frozen=True):
+    """One visit: its owner key (33 bytes) and how many records it has."""
+
+    owner: bytes
+    record_count: int
+
+
+class VisitCounts(Wire, frozen=True):
+    """The file's content."""
+
+    visits: tuple[VisitCount, ...]
+
+
+class OpenVisits:
+    """The counts of open visits in one file; what an earlier life of the robot left open is there on opening."""
+
+    def __init__(self, path: Path, key: bytes) -> None:
+        """Read the file, if there is one. Raises SPOOL_DAMAGED."""
+        self._path = path
+        self._key = key
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        path.with_name(TEMPORARY_PREFIX + path.name).unlink(missing_ok=True)
+        self._counts = {visit.owner: visit.record_count for visit in self._read()}
+
+    def _read(self) -> tuple[VisitCount, ...]:
+        if not self._path.exists():
+            return ()
+        try:
+            return decode(read_sealed(self._path, self._key), VisitCounts).visits
+        except BlockRobotError:
+            raise BlockRobotError("SPOOL_DAMAGED", f"The list of open visits {self._path.name} was changed.") from None
+
+    @property
+    def counts(self) -> dict[bytes, int]:
+        """How many records each visit has that is not closed yet, by owner key, oldest visit first."""
+        return dict(self._counts)
+
+    def note(self, owner: bytes, record_count: int) -> None:
+        """Remember durably that a visit has so many records. Raises SPOOL_FULL."""
+        self._counts[owner] = record_count
+        self._write()
+
+    def forget(self, owner: bytes) -> None:
+        """The visit is closed on the chain. Raises SPOOL_FULL."""
+        self._counts.pop(owner, None)
+        self._write()
+
+    def _write(self) -> None:
+        visits = tuple(VisitCount(owner=owner, record_count=count) for owner, count in self._counts.items())
+        write_durably(self._path, seal_content(self._path.name, self._key, encode(VisitCounts(visits=visits))))

@@ -1,0 +1,60 @@
+"""Small encrypted files of the robot, each written whole or not at all. Must never leave a half-written one behind.
+
+Temporary file, sync, rename, sync of the folder. What is sealed is bound to the file's name, so that one file cannot be
+put in the place of another.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from pathlib import Path
+
+from nacl.bindings import (
+    crypto_aead_xchacha20poly1305_ietf_decrypt,
+    crypto_aead_xchacha20poly1305_ietf_encrypt,
+)
+from nacl.exceptions import CryptoError
+
+from consensus.errors import BlockRobotError
+
+TEMPORARY_PREFIX = ".tmp-"
+_NONCE_BYTES = 24
+
+
+def seal_content(name: str, key: bytes, content: bytes) -> bytes:
+    """Return the bytes of the file of this name that holds `content`, under a key of 32 bytes."""
+    nonce = secrets.token_bytes(_NONCE_BYTES)
+    return nonce + crypto_aead_xchacha20poly1305_ietf_encrypt(content, name.encode(), nonce, key)
+
+
+def read_sealed(path: Path, key: bytes) -> bytes:
+    """Return the content of a sealed file. Raises SPOOL_DAMAGED if it is gone, was changed or is another's."""
+    try:
+        data = path.read_bytes()
+        return crypto_aead_xchacha20poly1305_ietf_decrypt(
+            data[_NONCE_BYTES:], path.name.encode(), data[:_NONCE_BYTES], key
+        )
+    except OSError as error:
+        raise BlockRobotError("SPOOL_DAMAGED", f"The sealed file {path.name} is gone: {error.strerror}.") from None
+    except (CryptoError, ValueError, TypeError):
+        raise BlockRobotError("SPOOL_DAMAGED", f"The sealed file {path.name} was changed on disk.") from None
+
+
+def write_durably(path: Path, data: bytes) -> None:
+    """Put bytes in a file's place in one step; on return they are on the medium. Raises SPOOL_FULL."""
+    temporary = path.with_name(TEMPORARY_PREFIX + path.name)
+    try:
+        with temporary.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise BlockRobotError("SPOOL_FULL", f"The sealed file could not be written: {error.strerror}.") from None
+    descriptor = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
