@@ -25,6 +25,10 @@ SUBMIT_DELAY_MAX_MS = 500
 DELIVERIES_AT_ONCE_MAX_COUNT = 8
 RETRY_FIRST_MS = 200
 RETRY_MAX_MS = 5_000
+OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
+"""The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
+
+_OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
 
 _log = structlog.get_logger("delivery")
 
@@ -86,6 +90,7 @@ class Delivery:
         self._announcements: dict[bytes, asyncio.Task[None]] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self.failure: BaseException | None = None
+        self.overdue_count = 0
 
     def start(self, name: str) -> None:
         """Begin to deliver a clip of the spool."""
@@ -163,11 +168,39 @@ class Delivery:
                 wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
                 continue
             if confirmation.code not in accepted:
-                raise BlockRobotError("NOT_PERMITTED", f"The chain refused {contract}.{entry}: {confirmation.code}.")
+                detail = f"The chain refused {contract}.{entry}: {confirmation.code}."
+                raise BlockRobotError("NOT_PERMITTED", detail, contract_code=confirmation.code)
             return transaction.txid, submitted
 
     async def _deliver(self, name: str) -> None:
         clip = self._spool.get(name)
+        try:
+            txid, submitted = await self._record(clip)
+        except BlockRobotError as error:
+            if error.code == "CLIP_ERASED":
+                # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
+                self._spool.remove(name)
+            elif self._is_overdue(clip, error):
+                # No chain will ever take it, and its pictures must not outlive their owner's say: she sees a gap.
+                _log.error("clip_overdue", bucket_ms=clip.bucket_ms)
+                self._spool.remove(name)
+                self.overdue_count += 1
+            else:
+                raise
+            return
+        self._spool.remove(name)
+        self._on_delivered(
+            Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
+        )
+
+    def _is_overdue(self, clip: SpooledClip, error: BlockRobotError) -> bool:
+        """Tell whether the chain refused a clip because it is too old, and not because the robot's clock is ahead."""
+        now_ms = self._network.now_ms()
+        is_old = min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
+        return is_old and error.context.get("contract_code") in _OVERDUE_CODES
+
+    async def _record(self, clip: SpooledClip) -> tuple[bytes, int]:
+        """Announce the visit, then upload and record the clip. Returns (txid, when it was submitted)."""
         await asyncio.shield(self.announce(clip))
         if self._delay_max_ms:
             await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
@@ -181,17 +214,6 @@ class Delivery:
             clip.expires_at_ms,
         ]
         async with self._slots:
-            try:
-                txid, submitted = await self._final(
-                    "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
-                )
-            except BlockRobotError as error:
-                if error.code != "CLIP_ERASED":
-                    raise
-                # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
-                self._spool.remove(name)
-                return
-        self._spool.remove(name)
-        self._on_delivered(
-            Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
-        )
+            return await self._final(
+                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
+            )

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from clients.robot.delivery import (
@@ -323,3 +324,24 @@ def test_a_visit_that_was_never_announced_needs_no_closing(tmp_path: Path) -> No
 
     run_virtual(main())
     assert run.network.times("close_visit") != []
+
+
+@pytest.mark.parametrize("code", ["BUCKET_WRONG", "EXPIRY_WRONG"])
+def test_a_clip_that_waited_too_long_for_any_chain_is_let_go_and_counted(tmp_path: Path, code: str) -> None:
+    """A robot that was switched off for days must be able to work again; the owner sees the gap."""
+    run = Run(tmp_path, clips=2)
+    run.network.verdict = code
+
+    assert run_virtual(run.deliver_all()).overdue_count == 2
+    assert (run.spool.names(), run.done) == ([], [])
+
+
+def test_a_fresh_clip_that_the_chain_calls_too_old_or_ahead_is_kept(tmp_path: Path) -> None:
+    """Then a clock is wrong, which a person can put right."""
+    run = Run(tmp_path)
+    run.spool.remove(run.names[0])
+    fresh = {"bucket_ms": 1_800_000_900_000, "visit_bucket_ms": 1_800_000_900_000, "expires_at_ms": 1_900_000_000_000}
+    run.names = [run.spool.put(msgspec.structs.replace(clip(), **fresh))]
+    run.network.verdict = "BUCKET_WRONG"
+    assert refused(run.deliver_all()).code == "NOT_PERMITTED"
+    assert run.spool.names() == run.names
