@@ -32,6 +32,7 @@ from node.execution import ExecutedBlock, Executor
 from node.finality import FinalityFeed, LedgerWriter
 from node.interface import FinalizedLedger, Pool, WallClock
 from node.journal import Journal
+from node.journal_age import require_newest_journal
 from node.machine import ViewRunner, genesis_block
 from node.mempool import Mempool
 from node.metrics import NodeMetrics
@@ -138,6 +139,10 @@ class Node:
             round_zero_id=genesis.block_id,
             journal=[entry.record for entry in journal.entries],
         )
+        with ledger.snapshot() as snapshot:
+            if snapshot.finality:
+                proof = decode(snapshot.finality, FinalityProof)
+                require_newest_journal(proof, self.core.index, self.core.last_voted_round)
         machine = ContractMachine(genesis.chain_id, require_contracts(genesis))
         cache = TransactionCache()
         self._executor = Executor(genesis=genesis, ledger=ledger, machine=machine, cache=cache, key=self._key)
