@@ -9,15 +9,6 @@ import pytest
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, data_of
 
 
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    """A visit of anna's with three records."""
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    for _ in range(3):
-        hospital.record(visit)
-    return visit
-
-
 def test_an_owner_asks_and_custodians_release(hospital: Hospital, visit: Visit) -> None:
     asked = hospital.must(visit.key, "access", "request", visit.records[:2], "own-access")
     assert data_of(asked, "requested") == {

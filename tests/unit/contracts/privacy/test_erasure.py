@@ -9,15 +9,6 @@ import pytest
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, data_of
 
 
-@pytest.fixture
-def visit(hospital: Hospital) -> Visit:
-    """A visit of anna's with three records."""
-    visit = hospital.open_visit(hospital.enrol("anna"))
-    for _ in range(3):
-        hospital.record(visit)
-    return visit
-
-
 def test_a_record_is_erased_when_every_custodian_has_confirmed(hospital: Hospital, visit: Visit) -> None:
     record_id = visit.records[0]
     asked = hospital.must(visit.key, "erasure", "request", [record_id], [])
