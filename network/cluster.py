@@ -168,12 +168,12 @@ class Cluster:
     async def _answers_ready(self, session: aiohttp.ClientSession, name: str) -> bool:
         """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
         status = await _fetch_status(session, self.configs[name])
-        return (
-            status is not None
-            and bool(status.get("ready"))
-            and status.get("name") == name
-            and status.get("chain_id") == self.genesis.chain_id.hex()
-        )
+        return self._is_own(name, status) and status is not None and bool(status.get("ready"))
+
+    def _is_own(self, name: str, status: dict[str, Any] | None) -> bool:
+        """Tell whether an answer is this node's on this chain, and not that of some other network on its port."""
+        chain_id = self.genesis.chain_id.hex()
+        return status is not None and (status.get("name"), status.get("chain_id")) == (name, chain_id)
 
     def last_words(self, name: str) -> str:
         """Return the last line that a node printed outside its log."""
@@ -186,7 +186,9 @@ class Cluster:
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
             answers = await asyncio.gather(*(_fetch_status(session, config) for config in self.configs.values()))
         return [
-            NodeStatusReport(name=name, running=self.is_running(name), status=answer)
+            NodeStatusReport(
+                name=name, running=self.is_running(name), status=answer if self._is_own(name, answer) else None
+            )
             for name, answer in zip(self.names, answers, strict=True)
         ]
 

@@ -31,6 +31,8 @@ def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path |
 
     Example: blockrobot robot new; blockrobot robot register BR1-...; blockrobot robot replay recording.mcap
     """
+    if not name.replace("-", "").replace("_", "").isalnum():
+        raise click.UsageError("A robot's name has letters, digits, - and _ only.")
     folder = (robot_dir or home_folder() / "robots") / name
     ctx.obj = (folder, genesis or home_folder() / "network" / "genesis.json")
 

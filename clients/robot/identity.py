@@ -53,13 +53,13 @@ class RobotIdentity:
 
 
 def create_identity(folder: Path) -> RobotIdentity:
-    """Draw a robot's keys and write them, mode 0600. Raises DATA_DIRECTORY_INVALID rather than overwrite."""
+    """Draw a robot's keys and write them, mode 0600. Raises ROBOT_EXISTS rather than overwrite."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     keys = _KeyFile(1, *(secrets.token_bytes(_KEY_BYTES) for _ in range(5)))
     try:
         descriptor = os.open(folder / _FILE, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a robot in {folder} already.") from None
+        raise BlockRobotError("ROBOT_EXISTS", f"There is a robot in {folder} already.") from None
     with os.fdopen(descriptor, "wb") as file:
         file.write(msgspec.msgpack.encode(keys))
         file.flush()
@@ -68,11 +68,11 @@ def create_identity(folder: Path) -> RobotIdentity:
 
 
 def load_identity(folder: Path) -> RobotIdentity:
-    """Read a robot's keys. Raises DATA_DIRECTORY_INVALID."""
+    """Read a robot's keys. Raises ROBOT_NOT_FOUND, or DATA_DIRECTORY_INVALID for a damaged file."""
     try:
         return _identity(msgspec.msgpack.decode((folder / _FILE).read_bytes(), type=_KeyFile))
     except FileNotFoundError:
-        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no robot in {folder}.") from None
+        raise BlockRobotError("ROBOT_NOT_FOUND", f"There is no robot in {folder}.") from None
     except (msgspec.MsgspecError, BlockRobotError):
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"The key file in {folder} is damaged.") from None
 

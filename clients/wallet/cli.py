@@ -269,7 +269,7 @@ def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) ->
         print_json({"ok": True, "records": [_view_json(view) for view in views], "out": str(out) if out else None})
         return
     if not views:
-        console.print("There is nothing left to show.")
+        console.print("There is nothing to show.")
         return
     for view in views:
         pictures = sum(frame.status != "notice" for frame in view.frames)
@@ -335,6 +335,8 @@ def audit(ctx: click.Context, as_json: bool) -> None:
         ]
         print_json({"ok": True, "entries": rows})
         return
+    if not entries:
+        console.print("Nothing has happened yet.")
     for entry in entries:
         subject = f"record {entry.record_id.hex()}" if entry.record_id else f"visit {entry.owner.hex()[:12]}"
         console.print(f"{_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}")

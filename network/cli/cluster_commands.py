@@ -49,7 +49,8 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     if ephemeral and (place / "genesis.json").exists():
         Cluster(place).stop_all()
         shutil.rmtree(place)
-    if not (place / "genesis.json").exists():
+    is_new = not (place / "genesis.json").exists()
+    if is_new:
         # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
         name = f"blockrobot-{secrets.token_hex(4)}"
         create_network(place, nodes=nodes, base_port=base_port, store=store, network=name)
@@ -60,6 +61,9 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
             asyncio.run(cluster.wait_ready())
     except BlockRobotError:
         cluster.stop_all()
+        if is_new:
+            # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.
+            shutil.rmtree(place)
         raise
     report(asyncio.run(cluster.status()), place, as_json=as_json)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import shutil
+import signal
 import sys
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def _clear(out: Path) -> None:
     """Make `out` an empty folder, but never delete a folder that no demonstration made."""
     if out.exists() and any(out.iterdir()):
         if not (out / _MARKER).exists():
-            raise BlockRobotError("REQUEST_INVALID", f"{out} is not empty and not of an earlier demonstration.")
+            raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is not empty and not of an earlier demonstration.")
         if (out / "network" / "genesis.json").exists():
             Cluster(out / "network").stop_all()
         shutil.rmtree(out)
@@ -71,6 +72,8 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
     story = Demo(options, checks, tell)
     if not as_json and console.is_terminal:
         status.start()
+    # A demonstration that is told to end takes its nodes along, as it does on Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         asyncio.run(_whole(story))
     finally:

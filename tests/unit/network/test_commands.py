@@ -216,7 +216,7 @@ def test_a_robot_gets_its_keys_once(home: Path) -> None:
     first = json.loads(run("robot", "new", "--json").stdout)
     assert len(bytes.fromhex(first["member"])) == 33
     result = run("robot", "new", "--json")
-    assert (result.exit_code, problem_of(result)["code"]) == (1, "DATA_DIRECTORY_INVALID")
+    assert (result.exit_code, problem_of(result)["code"]) == (1, "ROBOT_EXISTS")
 
 
 def test_the_reference_pages_tell_when_they_are_stale(home: Path) -> None:

@@ -35,7 +35,7 @@ def test_a_robot_is_never_overwritten(tmp_path: Path) -> None:
     made = create_identity(tmp_path)
     with pytest.raises(BlockRobotError) as caught:
         create_identity(tmp_path)
-    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+    assert code_of(caught) == "ROBOT_EXISTS"
     assert load_identity(tmp_path).spool == made.spool
 
 
@@ -67,7 +67,7 @@ def test_no_secret_shows_when_a_robot_is_printed(tmp_path: Path) -> None:
 def test_a_missing_or_damaged_key_file_is_named(tmp_path: Path, content: bytes) -> None:
     with pytest.raises(BlockRobotError) as caught:
         load_identity(tmp_path)
-    assert code_of(caught) == "DATA_DIRECTORY_INVALID"
+    assert code_of(caught) == "ROBOT_NOT_FOUND"
     (tmp_path / "robot.keys").write_bytes(content)
     with pytest.raises(BlockRobotError) as caught:
         load_identity(tmp_path)
