@@ -32,7 +32,10 @@ class Position(Wire, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class FinalizedBlock:
-    """One block to be stored, with all that it changes. `transactions` are (txid, valid_until_ms) in block order."""
+    """One block to be stored, with all that it changes. `transactions` are (txid, valid_until_ms) in block order.
+
+    A boundary brings the proof of the epoch that it begins; the k-th such proof of a ledger is that of epoch k.
+    """
 
     height: int
     block_id: bytes
@@ -44,6 +47,7 @@ class FinalizedBlock:
     state_writes: Mapping[bytes, bytes | None] = field(default_factory=dict)
     page_writes: Mapping[bytes, bytes | None] = field(default_factory=dict)
     events: Sequence[bytes] = ()
+    epoch_proof_bytes: bytes = b""
 
     @property
     def position(self) -> Position:
@@ -132,6 +136,10 @@ class LedgerSnapshot(Protocol):
 
     def receipts(self, height: int) -> bytes | None:
         """Return the receipts of the block of this height, or None."""
+        ...
+
+    def epoch_proof(self, number: int) -> bytes | None:
+        """Return the proof that began epoch `number` (1 or above), as its boundary brought it, or None."""
         ...
 
     def locate(self, txid: bytes) -> TransactionLocation | None:

@@ -15,7 +15,7 @@ import lmdb
 
 from node.storage.ledger_store import EventCursor, RecentTransaction, TransactionLocation
 
-FORMAT_NAME = b"blockrobot-ledger/1"
+FORMAT_NAME = b"blockrobot-ledger/2"
 META_FORMAT = b"format"
 META_POSITION = b"position"
 META_FINALITY = b"finality"
@@ -40,11 +40,23 @@ class Tables:
     transactions: Any
     recent: Any
     events: Any
+    epochs: Any
 
     @classmethod
     def open(cls, environment: lmdb.Environment, transaction: lmdb.Transaction[bytes], *, create: bool) -> Tables:
         """Open all tables inside a transaction. Raises lmdb.Error if one is not there and `create` is False."""
-        names = ("meta", "state", "pages", "blocks", "heights", "receipts", "transactions", "recent", "events")
+        names = (
+            "meta",
+            "state",
+            "pages",
+            "blocks",
+            "heights",
+            "receipts",
+            "transactions",
+            "recent",
+            "events",
+            "epochs",
+        )
         return cls(*(environment.open_db(name.encode(), txn=transaction, create=create) for name in names))
 
 

@@ -134,6 +134,10 @@ class LmdbSnapshot:
         """Return the receipts of the block of this height, or None."""
         return None if height < 0 else self._get(self._tables.receipts, layout.height_key(height))
 
+    def epoch_proof(self, number: int) -> bytes | None:
+        """Return the proof that began epoch `number` (1 or above), or None."""
+        return None if number < 1 else self._get(self._tables.epochs, layout.height_key(number))
+
     def locate(self, txid: bytes) -> TransactionLocation | None:
         """Return where a finalized transaction stands, or None."""
         row = self._get(self._tables.transactions, txid)

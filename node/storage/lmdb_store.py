@@ -271,6 +271,9 @@ class LmdbStore:
         transaction.put(key, block.block_bytes, db=tables.blocks, append=True)
         transaction.put(key, block.receipts_bytes, db=tables.receipts, append=True)
         transaction.put(block.block_id, key, db=tables.heights)
+        if block.epoch_proof_bytes:
+            number = transaction.stat(tables.epochs)["entries"] + 1
+            transaction.put(layout.height_key(number), block.epoch_proof_bytes, db=tables.epochs, append=True)
         for flat_key, value in sorted(block.state_writes.items()):
             if value is None:
                 transaction.delete(flat_key, db=tables.state)
@@ -337,7 +340,7 @@ def _check_content(environment: lmdb.Environment, tables: layout.Tables, directo
             position = read_position(transaction, tables)
             for table in (tables.pages, tables.blocks, tables.heights, tables.receipts, tables.transactions):
                 _count_rows(transaction, table)
-            for table in (tables.recent, tables.events):
+            for table in (tables.recent, tables.events, tables.epochs):
                 _count_rows(transaction, table)
             with transaction.cursor(db=tables.state) as cursor:
                 root = compute_root(cursor.iternext())

@@ -36,13 +36,14 @@ class _Tables:
         self.blocks: list[FinalizedBlock] = []
         self.heights: dict[bytes, int] = {}
         self.locations: dict[bytes, TransactionLocation] = {}
+        self.epoch_proofs: list[bytes] = []
         self.readers = 0
 
     def copy(self) -> _Tables:
         other = _Tables()
         other.position, other.finality, other.state = self.position, self.finality, self.state.copy()
         other.blocks, other.heights = self.blocks.copy(), self.heights.copy()
-        other.locations = self.locations.copy()
+        other.locations, other.epoch_proofs = self.locations.copy(), self.epoch_proofs.copy()
         return other
 
     def append(self, block: FinalizedBlock) -> None:
@@ -50,6 +51,8 @@ class _Tables:
         self.state.absorb(block.state_writes, block.page_writes, block.state_root)
         self.blocks.append(_without_writes(block))
         self.heights[block.block_id] = block.height
+        if block.epoch_proof_bytes:
+            self.epoch_proofs.append(block.epoch_proof_bytes)
         for index, (txid, _) in enumerate(block.transactions):
             self.locations[txid] = TransactionLocation(block.height, index)
 
@@ -121,6 +124,11 @@ class MemorySnapshot:
         """Return the receipts of the block of this height, or None."""
         found = self._stored(height)
         return None if found is None else found.receipts_bytes
+
+    def epoch_proof(self, number: int) -> bytes | None:
+        """Return the proof that began epoch `number` (1 or above), or None."""
+        proofs = self._open.epoch_proofs
+        return proofs[number - 1] if 1 <= number <= len(proofs) else None
 
     def locate(self, txid: bytes) -> TransactionLocation | None:
         """Return where a finalized transaction stands, or None."""

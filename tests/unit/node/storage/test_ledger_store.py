@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 
@@ -110,6 +111,19 @@ async def test_blocks_can_be_executed_on_a_snapshot(store, chain):
         overlay = Overlay.apply(view, {b"records\x00new": b"n"})
         assert overlay.get(b"records\x00new") == b"n"
         verify_proof(overlay.state_root, b"records\x00new", b"n", overlay.prove(b"records\x00new"))
+
+
+async def test_a_boundary_brings_the_proof_of_the_epoch_that_it_begins(store, chain):
+    await store.commit([chain.block(), replace(chain.block(), epoch_proof_bytes=b"proof of epoch 1")], b"")
+    await store.commit([chain.block()], b"")
+    with store.snapshot() as before:
+        await store.commit([replace(chain.block(), epoch_proof_bytes=b"proof of epoch 2"), chain.block()], b"")
+        assert before.epoch_proof(1) == b"proof of epoch 1"
+        assert before.epoch_proof(2) is None
+    with store.snapshot() as view:
+        assert [view.epoch_proof(number) for number in (-1, 0, 3)] == [None, None, None]
+        assert view.epoch_proof(1) == b"proof of epoch 1"
+        assert view.epoch_proof(2) == b"proof of epoch 2"
 
 
 async def test_blocks_that_do_not_follow_are_refused_and_leave_no_trace(store, chain):
