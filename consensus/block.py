@@ -10,8 +10,9 @@ from __future__ import annotations
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import merkle_root
+from consensus.settings import Epoch
 
-HEADER_VERSION = 1
+HEADER_VERSION = 2
 GENESIS_ROUND = 0
 NO_BLOCK = bytes(32)
 
@@ -54,7 +55,11 @@ class TimeoutCertificate(Wire, frozen=True):
 
 
 class Header(Wire, frozen=True):
-    """A block's header. Its id is the SHA-256 of its canonical bytes. Roots are those after this block."""
+    """A block's header. Its id is the SHA-256 of its canonical bytes. Roots are those after this block.
+
+    `next_schedule_hash` makes it a boundary: it names the next epoch (`compute_epoch_hash`). `is_closing` marks an
+    empty block after a boundary, still of the old epoch, which only helps the boundary to become final.
+    """
 
     version: int
     chain_id: bytes
@@ -71,6 +76,7 @@ class Header(Wire, frozen=True):
     state_root: bytes
     next_schedule_hash: bytes | None
     gas_used: int
+    is_closing: bool = False
 
 
 class Block(Wire, frozen=True):
@@ -118,11 +124,23 @@ class Receipts(Wire, frozen=True):
 
 
 class FinalityProof(Wire, frozen=True):
-    """A header, its child of the next round, and the certificate of the child: by the two-chain rule it is final."""
+    """A header, its child of the next round, and the certificate of the child: by the two-chain rule it is final.
+
+    `through` holds the headers between `header` and the certified pair, oldest first: the pair is the last of
+    (header, *through) and the child. It is empty but for boundaries whose own child was of a later round.
+    """
 
     header_bytes: bytes
     child_header_bytes: bytes
     child_qc: QuorumCertificate
+    through: tuple[bytes, ...] = ()
+
+
+class EpochProof(Wire, frozen=True):
+    """Proves that `epoch` follows the boundary block that `finality` shows to be final."""
+
+    finality: FinalityProof
+    epoch: Epoch
 
 
 def compute_header_id(header: Header) -> bytes:
@@ -138,6 +156,12 @@ def compute_transactions_root(txids: list[bytes]) -> bytes:
 def compute_receipts_root(receipts: tuple[Receipt, ...]) -> bytes:
     """Return the Merkle root over the receipts' canonical bytes, in block order."""
     return merkle_root([tagged_hash("blockrobot/receipt-leaf", encode(receipt)) for receipt in receipts])
+
+
+def certificate_of(proof: FinalityProof) -> QuorumCertificate:
+    """Return the certificate of the proof's header: its child carries it. Raises ENCODING_* if there is no child."""
+    child = proof.through[0] if proof.through else proof.child_header_bytes
+    return decode(child, Header).qc
 
 
 def genesis_certificate(genesis_id: bytes, epoch: int = 0) -> QuorumCertificate:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from consensus.block import HEADER_VERSION, Block, Header, compute_transactions_root
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT
-from consensus.messages import PROPOSAL_TAG
+from consensus.messages import PROPOSAL_TAG, proposal_parts
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
 from consensus.schedule import Schedule, verify_qc, verify_tc
@@ -66,10 +66,8 @@ def check_block(
     """Check a block's form, body, signature and certificates. Raises BLOCK_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
     check_header_form(header, chain_id, schedule)
     producer_key = schedule.producers[header.producer]
-    _require(
-        check(producer_key, PROPOSAL_TAG, block.signature, sha256(block.header_bytes)),
-        "The block is not signed by its producer.",
-    )
+    parts = proposal_parts(chain_id, header.epoch, header.round, sha256(block.header_bytes))
+    _require(check(producer_key, PROPOSAL_TAG, block.signature, *parts), "The block is not signed by its producer.")
     check_body(block, header)
     verify_qc(header.qc, schedule, chain_id, round_zero_id, check)
     if header.tc is not None:

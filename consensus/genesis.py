@@ -18,21 +18,21 @@ from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
 from consensus.primitives.keys import is_public_key
 from consensus.primitives.merkle import merkle_root
 from consensus.schedule import Schedule
+from consensus.settings import ChainSettings, Epoch, check_settings, parse_production
+
+__all__ = [
+    "GENESIS_VERSION",
+    "ChainSettings",
+    "ContractEntry",
+    "Genesis",
+    "NodeEntry",
+    "Organisation",
+    "genesis_from_json",
+    "genesis_to_json",
+    "parse_production",
+]
 
 GENESIS_VERSION = 1
-INTERVAL_MAX_MS = 3_600_000
-
-
-class ChainSettings(Wire, frozen=True):
-    """Settings that all nodes share. `production` is `on-demand`, `interval:MS` or `manual`."""
-
-    base_timeout_ms: int = 500
-    timeout_cap_ms: int = 8_000
-    heartbeat_ms: int = 30_000
-    min_block_interval_ms: int = 5
-    max_clock_drift_ms: int = 5_000
-    blocks_per_turn: int = 1
-    production: str = "on-demand"
 
 
 class Organisation(Wire, frozen=True):
@@ -88,10 +88,15 @@ class Genesis(Wire, frozen=True):
         return tagged_hash("blockrobot/chain", encode(msgspec.structs.replace(self, state_root=b"")))
 
     @property
-    def schedule(self) -> Schedule:
-        """The schedule of epoch 0: the nodes with a producer key, in file order."""
+    def epoch(self) -> Epoch:
+        """Epoch 0: the nodes with a producer key, in file order, and the file's settings."""
         producers = tuple(node.producer_key for node in self.nodes if node.producer_key)
-        return Schedule(epoch=0, producers=producers, blocks_per_turn=self.settings.blocks_per_turn)
+        return Epoch(number=0, producers=producers, leaderless=(), settings=self.settings)
+
+    @property
+    def schedule(self) -> Schedule:
+        """The schedule of epoch 0."""
+        return Schedule.of(self.epoch)
 
     @property
     def custodians(self) -> tuple[NodeEntry, ...]:
@@ -131,27 +136,6 @@ class Genesis(Wire, frozen=True):
     def block_id(self) -> bytes:
         """The id of the genesis block."""
         return compute_header_id(self.block().header)
-
-
-def parse_production(production: str) -> int | None:
-    """Return the interval in ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
-    if production == "on-demand":
-        return 0
-    if production == "manual":
-        return None
-    kind, _, number = production.partition(":")
-    if kind == "interval" and number.isascii() and number.isdigit() and len(number) <= 7:
-        interval_ms = int(number)
-        if 0 < interval_ms <= INTERVAL_MAX_MS:
-            return interval_ms
-    raise BlockRobotError("GENESIS_INVALID", f"The production setting {production!r} is none.")
-
-
-def _check_settings(settings: ChainSettings) -> None:
-    parse_production(settings.production)
-    positive = (settings.base_timeout_ms, settings.heartbeat_ms, settings.max_clock_drift_ms, settings.blocks_per_turn)
-    if min(positive) < 1 or settings.min_block_interval_ms < 0 or settings.timeout_cap_ms < settings.base_timeout_ms:
-        raise BlockRobotError("GENESIS_INVALID", "A setting of the chain is out of its range.")
 
 
 def _check_nodes(genesis: Genesis) -> None:
@@ -211,6 +195,6 @@ def genesis_from_json(text: str) -> Genesis:
         raise BlockRobotError(
             "GENESIS_INVALID", f"The genesis file has version {genesis.version}, not {GENESIS_VERSION}."
         )
-    _check_settings(genesis.settings)
+    check_settings(genesis.settings)
     _check_nodes(genesis)
     return genesis

@@ -5,9 +5,9 @@ from __future__ import annotations
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.blocktree import BlockNode
 from consensus.effects import BuildBlock
-from consensus.genesis import ChainSettings
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.pacemaker import Pacemaker
+from consensus.settings import ChainSettings
 
 
 class Leading:

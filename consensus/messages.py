@@ -92,11 +92,18 @@ def is_valid_timeout_signature(timeout: Timeout, chain_id: bytes, public_key: by
     return verify(public_key, TIMEOUT_TAG, timeout.signature, *parts)
 
 
-def sign_block(key: PrivateKey, block_id: bytes) -> bytes:
+def proposal_parts(chain_id: bytes, epoch: int, round_number: int, block_id: bytes) -> tuple[bytes, ...]:
+    """Return the parts that a leader signs under PROPOSAL_TAG."""
+    return (chain_id, u32(epoch), u64(round_number), block_id)
+
+
+def sign_block(key: PrivateKey, chain_id: bytes, epoch: int, round_number: int, block_id: bytes) -> bytes:
     """Return the producer's 64-byte signature of its proposal."""
-    return key.sign_compact(PROPOSAL_TAG, block_id)
+    return key.sign_compact(PROPOSAL_TAG, *proposal_parts(chain_id, epoch, round_number, block_id))
 
 
-def is_valid_block_signature(block_id: bytes, signature: bytes, public_key: bytes) -> bool:
-    """Tell whether `public_key` proposed the block."""
-    return verify(public_key, PROPOSAL_TAG, signature, block_id)
+def is_valid_block_signature(
+    chain_id: bytes, epoch: int, round_number: int, block_id: bytes, signature: bytes, public_key: bytes
+) -> bool:
+    """Tell whether `public_key` proposed the block of this id in this round."""
+    return verify(public_key, PROPOSAL_TAG, signature, *proposal_parts(chain_id, epoch, round_number, block_id))

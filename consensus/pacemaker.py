@@ -15,8 +15,8 @@ from consensus.effects import (
     Effect,
     SetTimer,
 )
-from consensus.genesis import ChainSettings, parse_production
 from consensus.schedule import Schedule
+from consensus.settings import ChainSettings, parse_production
 
 SILENT_LEADER_DIVISOR = 4
 _EXPONENT_MAX = 20

@@ -9,23 +9,39 @@ from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.errors import BlockRobotError
 from consensus.limits import PRODUCERS_MAX_COUNT
 from consensus.messages import TIMEOUT_TAG, VOTE_TAG, timeout_parts, vote_parts
-from consensus.primitives.encoding import u32
-from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import verify
+from consensus.settings import Epoch, compute_epoch_hash
 from consensus.signature_cache import SignatureCheck
+
+__all__ = ["Epoch", "Schedule", "compute_epoch_hash", "verify_qc", "verify_tc"]
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """The producers of one epoch in the order of their turns (33-byte public keys)."""
+    """The producers of one epoch in the order of their turns (33-byte public keys).
+
+    `leaderless` holds the indexes of those that vote but lead nothing; if it names them all, all lead.
+    """
 
     epoch: int
     producers: tuple[bytes, ...]
     blocks_per_turn: int = 1
+    leaderless: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.producers) <= PRODUCERS_MAX_COUNT or len(set(self.producers)) != len(self.producers):
+        count = len(self.producers)
+        if not 1 <= count <= PRODUCERS_MAX_COUNT or len(set(self.producers)) != count:
             raise BlockRobotError("GENESIS_INVALID", f"A schedule has 1 to {PRODUCERS_MAX_COUNT} different producers.")
+        if self.blocks_per_turn < 1 or self.epoch < 0:
+            raise BlockRobotError("GENESIS_INVALID", "A schedule's epoch or number of blocks per turn is impossible.")
+        is_sorted = all(first < second for first, second in itertools.pairwise(self.leaderless))
+        if not is_sorted or any(not 0 <= index < count for index in self.leaderless):
+            raise BlockRobotError("GENESIS_INVALID", "The leaderless seats are not sorted indexes of producers.")
+
+    @classmethod
+    def of(cls, epoch: Epoch) -> Schedule:
+        """Return the schedule of an epoch. Raises GENESIS_INVALID if there is none."""
+        return cls(epoch.number, epoch.producers, epoch.settings.blocks_per_turn, epoch.leaderless)
 
     @property
     def quorum(self) -> int:
@@ -39,16 +55,17 @@ class Schedule:
         return (len(self.producers) - 1) // 3
 
     def leader(self, round_number: int) -> int:
-        """Return the index of the leader of a round: round robin, `blocks_per_turn` rounds each."""
-        return (round_number // self.blocks_per_turn) % len(self.producers)
+        """Return the index of the leader of a round: round robin over the seats that lead, `blocks_per_turn` each."""
+        turn = round_number // self.blocks_per_turn
+        count = len(self.producers)
+        if not self.leaderless or len(self.leaderless) == count:
+            return turn % count
+        leaders = [index for index in range(count) if index not in self.leaderless]
+        return leaders[turn % len(leaders)]
 
     def index_of(self, public_key: bytes) -> int | None:
         """Return the producer's index, or None for a key that is not in the schedule."""
         return self.producers.index(public_key) if public_key in self.producers else None
-
-    def hash(self) -> bytes:
-        """Return the 32-byte hash that a boundary block's header names."""
-        return tagged_hash("blockrobot/schedule", u32(self.epoch), u32(self.blocks_per_turn), *self.producers)
 
 
 def _require_indexes(indexes: list[int], schedule: Schedule) -> None:

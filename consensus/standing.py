@@ -12,13 +12,13 @@ from consensus.blocktree import BlockNode, BlockTree, make_node
 from consensus.collectors import TimeoutCollector, VoteCollector
 from consensus.effects import Effect
 from consensus.fetching import Fetcher
-from consensus.genesis import ChainSettings
 from consensus.genuineness import Genuineness
 from consensus.journal_records import JournalState, read_journal
 from consensus.leading import Leading
 from consensus.pacemaker import Pacemaker
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.settings import ChainSettings
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.voter import Voter
 

@@ -10,13 +10,13 @@ from consensus.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.block_rules import is_safe_to_extend
 from consensus.blocktree import BlockNode
 from consensus.effects import Broadcast, Effect, Persist
-from consensus.genesis import ChainSettings
 from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
 from consensus.journalling import Journalist
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.settings import ChainSettings
 
 
 class Voter:

@@ -301,7 +301,7 @@ class Executor:
         block_id = sha256(header_bytes)
         block = Block(
             header_bytes=header_bytes,
-            signature=sign_block(self._key, block_id),
+            signature=sign_block(self._key, self._chain_id, header.epoch, header.round, block_id),
             transactions=tuple(transaction.wire for transaction in chosen),
         )
         return self._keep(block, block_id, header, chosen, parent, result), faulty

@@ -83,4 +83,5 @@ def build_block(order: BuildBlock, parent: Header, transactions: tuple[bytes, ..
         gas_used=0,
     )
     data = encode(header)
-    return Block(header_bytes=data, signature=sign_block(key, sha256(data)), transactions=transactions)
+    signature = sign_block(key, CHAIN_ID, order.epoch, order.round, sha256(data))
+    return Block(header_bytes=data, signature=signature, transactions=transactions)

@@ -94,7 +94,8 @@ class Peers:
         }
         fields.update(changes)
         data = encode(Header(**fields))  # type: ignore[arg-type]
-        signature = sign_block(self.keys[self.schedule.leader(round_number)], sha256(data))
+        key = self.keys[self.schedule.leader(round_number)]
+        signature = sign_block(key, CHAIN_ID, self.schedule.epoch, round_number, sha256(data))
         return Block(header_bytes=data, signature=signature, transactions=transactions)
 
     def chain(self, *rounds: int, transactions: tuple[bytes, ...] = ()) -> list[Block]:

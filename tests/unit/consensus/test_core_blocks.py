@@ -22,7 +22,7 @@ def proposed(node, block):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"version": 2},
+        {"version": 1},
         {"chain_id": sha256(b"another chain")},
         {"epoch": 1},
         {"producer": 2},

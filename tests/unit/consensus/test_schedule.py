@@ -10,6 +10,7 @@ import pytest
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.errors import BlockRobotError
 from consensus.schedule import Schedule, verify_qc, verify_tc
+from consensus.settings import ChainSettings, Epoch, compute_epoch_hash
 from tests.sim.named_chain import CHAIN_ID, make_keys
 from tests.unit.consensus.one_core import GENESIS, Peers
 
@@ -57,16 +58,42 @@ def test_a_schedule_has_one_to_21_different_producers():
     assert Schedule(0, keys[:21]).quorum == 15
 
 
-def test_the_hash_names_epoch_order_and_turns():
+def test_leaderless_seats_lead_nothing_but_count_in_the_quorum():
+    schedule = Schedule(0, PEERS.schedule.producers, leaderless=(1, 2))
+    assert [schedule.leader(number) for number in range(4)] == [0, 3, 0, 3]
+    assert schedule.quorum == 3
+
+
+def test_if_no_seat_may_lead_all_do():
+    schedule = Schedule(0, PEERS.schedule.producers, leaderless=(0, 1, 2, 3))
+    assert [schedule.leader(number) for number in range(4)] == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize("leaderless", [(2, 1), (1, 1), (4,), (-1,)])
+def test_leaderless_seats_are_sorted_indexes(leaderless):
+    with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+        Schedule(0, PEERS.schedule.producers, leaderless=leaderless)
+
+
+@pytest.mark.parametrize(("epoch", "turns"), [(-1, 1), (0, 0)])
+def test_a_schedule_has_a_number_and_turns(epoch, turns):
+    with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+        Schedule(epoch, PEERS.schedule.producers, turns)
+
+
+def test_the_hash_names_all_that_an_epoch_decides():
     producers = PEERS.schedule.producers
-    hashes = {
-        Schedule(0, producers).hash(),
-        Schedule(1, producers).hash(),
-        Schedule(0, producers[::-1]).hash(),
-        Schedule(0, producers, 2).hash(),
-        Schedule(0, producers[:3]).hash(),
-    }
-    assert len(hashes) == 5
+    first = Epoch(number=1, producers=producers, leaderless=(), settings=ChainSettings())
+    epochs = [
+        first,
+        msgspec.structs.replace(first, number=2),
+        msgspec.structs.replace(first, producers=producers[::-1]),
+        msgspec.structs.replace(first, producers=producers[:3]),
+        msgspec.structs.replace(first, leaderless=(0,)),
+        msgspec.structs.replace(first, settings=ChainSettings(blocks_per_turn=2)),
+    ]
+    assert len({compute_epoch_hash(epoch) for epoch in epochs}) == len(epochs)
+    assert Schedule.of(epochs[4]) == Schedule(1, producers, 1, (0,))
 
 
 def test_every_quorum_makes_a_certificate():

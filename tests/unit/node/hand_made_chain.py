@@ -66,7 +66,7 @@ def make_chain(genesis: Genesis, length: int) -> list[Block]:
             0,
         )
         data = encode(header)
-        blocks.append(Block(data, sign_block(KEYS[producer], sha256(data)), ()))
+        blocks.append(Block(data, sign_block(KEYS[producer], genesis.chain_id, 0, height, sha256(data)), ()))
         qc = certify(genesis, blocks[-1])
     return blocks
 

@@ -76,7 +76,7 @@ async def test_a_gap_in_the_run_is_noticed() -> None:
 async def test_a_block_that_was_changed_on_the_way_is_noticed() -> None:
     header = msgspec.structs.replace(CHAIN[3].header, gas_used=5)
     data = encode(header)
-    changed = Block(data, sign_block(KEYS[header.producer], sha256(data)), ())
+    changed = Block(data, sign_block(KEYS[header.producer], header.chain_id, 0, header.round, sha256(data)), ())
     assert await _refusal([*CHAIN[1:3], changed, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
 
 

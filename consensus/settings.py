@@ -1,0 +1,65 @@
+"""What an epoch decides: its producers and the chain's settings. Must never hold a choice of one node.
+
+The genesis file decides epoch 0; each later epoch is decided by a boundary block, whose header names it by its hash.
+"""
+
+from __future__ import annotations
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import Wire, encode
+from consensus.primitives.hashing import tagged_hash
+
+EPOCH_TAG = "blockrobot/schedule"
+INTERVAL_MAX_MS = 3_600_000
+
+
+class ChainSettings(Wire, frozen=True):
+    """Settings that all nodes share. `production` is `on-demand`, `interval:MS` or `manual`."""
+
+    base_timeout_ms: int = 500
+    timeout_cap_ms: int = 8_000
+    heartbeat_ms: int = 30_000
+    min_block_interval_ms: int = 5
+    max_clock_drift_ms: int = 5_000
+    blocks_per_turn: int = 1
+    production: str = "on-demand"
+
+
+class Epoch(Wire, frozen=True):
+    """All that is needed to check the blocks of an epoch.
+
+    `producers` holds 33-byte keys in the order of their turns; `leaderless` the sorted indexes of those that keep seat
+    and vote but lead nothing.
+    """
+
+    number: int
+    producers: tuple[bytes, ...]
+    leaderless: tuple[int, ...]
+    settings: ChainSettings
+
+
+def compute_epoch_hash(epoch: Epoch) -> bytes:
+    """Return the 32-byte hash by which the header of a boundary block names the epoch that follows it."""
+    return tagged_hash(EPOCH_TAG, encode(epoch))
+
+
+def parse_production(production: str) -> int | None:
+    """Return the interval in ms of `interval:MS`, 0 for `on-demand`, None for `manual`. Raises GENESIS_INVALID."""
+    if production == "on-demand":
+        return 0
+    if production == "manual":
+        return None
+    kind, _, number = production.partition(":")
+    if kind == "interval" and number.isascii() and number.isdigit() and len(number) <= 7:
+        interval_ms = int(number)
+        if 0 < interval_ms <= INTERVAL_MAX_MS:
+            return interval_ms
+    raise BlockRobotError("GENESIS_INVALID", f"The production setting {production!r} is none.")
+
+
+def check_settings(settings: ChainSettings) -> None:
+    """Check the ranges of all settings. Raises GENESIS_INVALID."""
+    parse_production(settings.production)
+    positive = (settings.base_timeout_ms, settings.heartbeat_ms, settings.max_clock_drift_ms, settings.blocks_per_turn)
+    if min(positive) < 1 or settings.min_block_interval_ms < 0 or settings.timeout_cap_ms < settings.base_timeout_ms:
+        raise BlockRobotError("GENESIS_INVALID", "A setting of the chain is out of its range.")
