@@ -106,6 +106,7 @@ class Custody:
         pool: TransactionPool,
         peers: PeerRequests,
         clock: Callable[[], int],
+        randomness: Callable[[int], bytes] = secrets.token_bytes,
     ) -> None:
         self._genesis = genesis
         self._custodian = custodian
@@ -115,6 +116,7 @@ class Custody:
         self._pool = pool
         self._peers = peers
         self._clock = clock
+        self._randomness = randomness
         self._others = frozenset(node.name for node in genesis.custodians) - {name}
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
@@ -274,7 +276,7 @@ class Custody:
             entry=row.entry,
             arguments=decode_value(row.arguments),
             valid_until_ms=valid_until_ms,
-            salt=secrets.token_bytes(SALT_SIZE_BYTES),
+            salt=self._randomness(SALT_SIZE_BYTES),
         )
 
     # Clips between custodians

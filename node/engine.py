@@ -111,7 +111,9 @@ class Engine:
         journal: VotingJournal,
         sink: FinalizedSink,
         clock: Callable[[], int],
+        stopwatch: Callable[[], float] = time.perf_counter,
     ) -> None:
+        """`clock` says ms since 1970; `stopwatch` seconds that grow also while a callback runs."""
         self.core = core
         self.fault = ""
         self._executor = executor
@@ -119,6 +121,7 @@ class Engine:
         self._journal = journal
         self._sink = sink
         self._clock = clock
+        self._stopwatch = stopwatch
         self._outbox: Outbox | None = None
         self._loop = asyncio.get_running_loop()
         self._events: deque[Event | Callable[[], None]] = deque()
@@ -173,13 +176,13 @@ class Engine:
         if self._draining or self._waiting is not None or self._stopped:
             return
         self._draining = True
-        deadline = time.monotonic() + DRAIN_MAX_MS / 1000
+        deadline = self._stopwatch() + DRAIN_MAX_MS / 1000
         try:
             while self._waiting is None and not self.fault:
                 if self._effects:
                     self._carry_out(self._effects.popleft())
                 elif self._events:
-                    if time.monotonic() > deadline:
+                    if self._stopwatch() > deadline:
                         self._loop.call_soon(self._drain)
                         break
                     self._take(self._events.popleft())
@@ -242,12 +245,12 @@ class Engine:
 
     def _sync_journal(self) -> None:
         """A node that cannot write drops all that it wanted to say and says nothing more."""
-        started = time.perf_counter()
+        started = self._stopwatch()
         try:
             self._journal.sync()
         except BlockRobotError as error:
             self.fail(error.detail)
-        taken_ms = (time.perf_counter() - started) * 1000
+        taken_ms = (self._stopwatch() - started) * 1000
         self._sync_ms += (taken_ms - self._sync_ms) / SYNC_AVERAGED_COUNT
 
     # Executing

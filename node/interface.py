@@ -13,7 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from consensus.transaction import Transaction, decode_transaction
-from node.api.services import PoolStatus, SubmitResult, TransactionPlace
+from node.api.services import Clock, PoolStatus, SubmitResult, TransactionPlace
 from node.engine import Engine
 from node.finality import FinalityFeed
 from node.gossip import Gossip
@@ -105,9 +105,7 @@ class FinalizedLedger:
 class Pool:
     """`TransactionPool` over the node's mempool: admits, passes on, wakes the engine."""
 
-    def __init__(
-        self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: WallClock
-    ) -> None:
+    def __init__(self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: Clock) -> None:
         self._mempool = mempool
         self._engine = engine
         self._gossip = gossip

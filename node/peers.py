@@ -29,7 +29,6 @@ from consensus.primitives.encoding import decode, encode
 from node.engine import Engine
 from node.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
 from node.mempool import Mempool
-from node.p2p.network import PeerNetwork
 from node.p2p.wire import BlockBatch, BranchRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
 from node.storage.ledger_store import LedgerStore
 from node.sync import Synchroniser
@@ -48,6 +47,35 @@ _KINDS: dict[type[Message], FrameKind] = {
 }
 
 log = structlog.get_logger(__name__)
+
+
+class Network(Protocol):
+    """The links to all peers."""
+
+    @property
+    def connected(self) -> list[str]:
+        """The names of the connected peers, sorted."""
+        ...
+
+    async def start(self) -> None:
+        """Let peers come, and go to them. Raises PORT_IN_USE."""
+        ...
+
+    async def stop(self) -> None:
+        """Let go of all links."""
+        ...
+
+    def broadcast(self, kind: FrameKind, payload: bytes) -> None:
+        """Send one payload to all connected peers."""
+        ...
+
+    def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        """Send to one peer; tell whether it is connected."""
+        ...
+
+    async def request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
+        """Ask one peer and return its answer. Raises PEER_UNAVAILABLE."""
+        ...
 
 
 class ClipSource(Protocol):
@@ -77,7 +105,7 @@ class Peers:
         self.gossip = Gossip(self._send_batch)
         self.clips: ClipSource | None = None
 
-    def connect(self, network: PeerNetwork, engine: Engine, sync: Synchroniser) -> None:
+    def connect(self, network: Network, engine: Engine, sync: Synchroniser) -> None:
         """Tie the parts together; called once, before anything starts."""
         self._network, self._engine, self._sync = network, engine, sync
 

@@ -18,7 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.light_client import verify_finality
 from consensus.primitives.encoding import decode, encode
-from consensus.signature_cache import SignatureCache
+from consensus.signature_cache import SignatureCache, SignatureCheck
 from node.engine import Engine
 from node.execution import ExecutedBlock, Executor
 from node.finality import FinalityFeed, LedgerWriter
@@ -91,6 +91,7 @@ class Synchroniser:
         writer: LedgerWriter,
         feed: FinalityFeed,
         requester: Requester,
+        check: SignatureCheck | None = None,
     ) -> None:
         self._genesis = genesis
         self._ledger = ledger
@@ -100,7 +101,7 @@ class Synchroniser:
         self._feed = feed
         self._requester = requester
         self._heights: dict[str, int] = {}
-        self._check = SignatureCache()
+        self._check = SignatureCache() if check is None else check
         self._task: asyncio.Task[None] | None = None
         self.blocks_installed_count = 0
 

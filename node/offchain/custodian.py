@@ -20,7 +20,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
 from node.offchain.block_effects import EffectsOfBlock, build_release, matches_roots
-from node.offchain.erase_keys import EraseKeys, unwrap_key, wrap_key
+from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, Grant, OutboxRow, RecordFacts
@@ -62,7 +62,7 @@ class Custodian:
     """
 
     def __init__(
-        self, store: CustodyStore, erase_keys: EraseKeys, *, member: bytes, clock_ms: Callable[[], int]
+        self, store: CustodyStore, erase_keys: ErasableKeys, *, member: bytes, clock_ms: Callable[[], int]
     ) -> None:
         self._store = store
         self._keys = erase_keys

@@ -17,7 +17,7 @@ import threading
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -34,6 +34,30 @@ _HEADER = struct.Struct(">8sHHQ16s")
 _PAGE_BYTES = PAGE_SLOTS_COUNT * (1 + ERASE_KEY_BYTES)
 _FREE, _HELD, _DESTROYED = 0, 1, 2
 _ZEROS = bytes(ERASE_KEY_BYTES)
+
+
+class ErasableKeys(Protocol):
+    """Where a custodian's erase keys are: what `Custodian` needs of `EraseKeys`. Raises ERASE_KEYS_DAMAGED."""
+
+    def allocate(self, count: int) -> list[tuple[int, bytes]]:
+        """Return `count` new slots with random keys, which are safe already."""
+        ...
+
+    def read(self, slot: int) -> bytes | None:
+        """Return the key in a slot, or None if it holds none."""
+        ...
+
+    def destroy(self, slots: Sequence[int]) -> None:
+        """Destroy keys for good; slots that hold none are left as they are."""
+        ...
+
+    def release(self, slots: Sequence[int]) -> None:
+        """Let destroyed slots be given out again."""
+        ...
+
+    def reconcile(self, in_use: Iterable[int]) -> int:
+        """Destroy and free the slots that nothing refers to; return how many."""
+        ...
 
 
 def wrap_key(erase_key: bytes, record_id: bytes, index: int, sealed_key: bytes) -> bytes:

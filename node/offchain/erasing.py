@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import tagged_hash
-from node.offchain.erase_keys import EraseKeys
+from node.offchain.erase_keys import ErasableKeys
 from node.offchain.store import ClipRow, CustodyStore, ErasurePart, ErasurePlan, FramePlace, OutboxRow
 
 RECEIPT_KIND = "erasure.receipt"
@@ -55,7 +55,7 @@ def _parts(record_ids: Sequence[bytes], places: Sequence[FramePlace], frames: Se
 class Eraser:
     """Plans erasures and carries them out, over a store and the erase keys that belong to it."""
 
-    def __init__(self, store: CustodyStore, erase_keys: EraseKeys) -> None:
+    def __init__(self, store: CustodyStore, erase_keys: ErasableKeys) -> None:
         self._store = store
         self._keys = erase_keys
 

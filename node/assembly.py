@@ -1,0 +1,332 @@
+"""The parts of one node, put together from what surrounds them. Must never open a file, a socket or a page of HTTP.
+
+`Surroundings` holds all that reaches outside: the ledger, the voting journal, clocks, randomness, the links to peers and
+the custodian's store. `node/service.py` fills it with real ones, the simulator with its own; the parts are the same.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections.abc import Callable, Mapping
+from contextlib import AsyncExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.metadata import version
+from typing import Any, Protocol
+
+import structlog
+
+from consensus.block import Block, FinalityProof, Header, QuorumCertificate, genesis_certificate
+from consensus.core import Core
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode
+from consensus.primitives.keys import PrivateKey
+from consensus.signature_cache import SignatureCache, SignatureCheck
+from consensus.transaction import Transaction
+from contracts.execution.machine import ContractMachine
+from contracts.execution.registry import require_contracts
+from contracts.execution.standing import require_standing
+from node.api.services import Clock
+from node.custody import Custody
+from node.engine import Engine, Outbox, VotingJournal
+from node.execution import ExecutedBlock, Executor, Machine
+from node.finality import FinalityFeed, LedgerWriter
+from node.interface import FinalizedLedger, Pool
+from node.journal import JournalEntry
+from node.journal_age import require_newest_journal
+from node.machine import genesis_block
+from node.mempool import Mempool
+from node.metrics import NodeMetrics
+from node.offchain.custodian import Custodian
+from node.offchain.erase_keys import ErasableKeys
+from node.offchain.store import CustodyStore
+from node.p2p.network import PeerHandler
+from node.peers import Network, Peers
+from node.storage.ledger_store import LedgerStore, Position
+from node.sync import Synchroniser
+from node.transaction_cache import TransactionCache
+
+HOUSEKEEPING_INTERVAL_MS = 1_000
+
+log = structlog.get_logger(__name__)
+
+
+class OpenJournal(VotingJournal, Protocol):
+    """The voting journal as it was found."""
+
+    @property
+    def entries(self) -> tuple[JournalEntry, ...]:
+        """What it held when it was opened, in order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class CustodyPlace:
+    """What makes a node a custodian: its key, its store and its erase keys, both open."""
+
+    key: PrivateKey
+    store: CustodyStore
+    erase_keys: ErasableKeys
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """All that a node's parts touch outside of themselves.
+
+    `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
+    `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
+    one process, and `wrap_outbox` may put something between the engine and the peers.
+    """
+
+    genesis: Genesis
+    name: str
+    ledger: LedgerStore
+    journal: OpenJournal
+    clock: Clock
+    open_network: Callable[[PeerHandler], Network]
+    key: PrivateKey | None
+    custody: CustodyPlace | None = None
+    stopwatch: Callable[[], float] = time.perf_counter
+    randomness: Callable[[int], bytes] = secrets.token_bytes
+    machine: Machine | None = None
+    check: SignatureCheck = field(default_factory=SignatureCache)
+    transactions: TransactionCache = field(default_factory=TransactionCache)
+    wrap_outbox: Callable[[Outbox], Outbox] | None = None
+
+
+async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
+    """Store the genesis block if the ledger is new. Raises DATA_DIRECTORY_INVALID, STORAGE_*, GENESIS_INVALID."""
+    if ledger.position is None:
+        await ledger.commit([genesis_block(genesis)], b"")
+    with ledger.snapshot() as snapshot:
+        if snapshot.block_height(genesis.block_id) != 0:
+            raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
+
+
+def read_head(ledger: LedgerStore, genesis: Genesis) -> tuple[Block, QuorumCertificate]:
+    """Return the newest stored block and the certificate for it."""
+    with ledger.snapshot() as snapshot:
+        position = snapshot.position
+        data = None if position is None else snapshot.block(position.height)
+        if position is None or data is None:
+            raise BlockRobotError("STORAGE_DAMAGED", "The ledger does not hold its newest block.")
+        if position.height == 0:
+            return decode(data, Block), genesis_certificate(genesis.block_id)
+        proof = decode(snapshot.finality, FinalityProof)
+    return decode(data, Block), decode(proof.child_header_bytes, Header).qc
+
+
+def make_core(surroundings: Surroundings) -> Core:
+    """Return the core as ledger and journal left it. Raises JOURNAL_OUTDATED if the journal is older than the ledger."""
+    genesis, ledger = surroundings.genesis, surroundings.ledger
+    head, head_qc = read_head(ledger, genesis)
+    core = Core(
+        genesis.settings,
+        genesis.chain_id,
+        genesis.schedule,
+        surroundings.key,
+        finalized=head,
+        finalized_qc=head_qc,
+        round_zero_id=genesis.block_id,
+        journal=[entry.record for entry in surroundings.journal.entries],
+        check=surroundings.check,
+    )
+    with ledger.snapshot() as snapshot:
+        if snapshot.finality:
+            proof = decode(snapshot.finality, FinalityProof)
+            require_newest_journal(proof, core.index, core.last_voted_round)
+    return core
+
+
+class Assembly:
+    """One node's parts. Made on the event loop, started once, stopped once; it is the node's `NodeStatus` too."""
+
+    def __init__(self, surroundings: Surroundings) -> None:
+        """Make all parts; nothing is said to anybody yet. Raises JOURNAL_OUTDATED, STORAGE_*, GENESIS_INVALID."""
+        self.surroundings = around = surroundings
+        self.genesis = genesis = around.genesis
+        self._entry = genesis.node(around.name)
+        self._stack = AsyncExitStack()
+        self._started_at = around.stopwatch()
+        self.core = make_core(around)
+        machine = around.machine or ContractMachine(genesis.chain_id, require_contracts(genesis))
+        self.executor = Executor(
+            genesis=genesis, ledger=around.ledger, machine=machine, cache=around.transactions, key=around.key
+        )
+        try:
+            self._make_parts()
+        except BaseException:
+            self.executor.close()
+            raise
+
+    def _make_parts(self) -> None:
+        around, genesis, now_ms = self.surroundings, self.genesis, self.surroundings.clock.now_ms
+        self.mempool = Mempool(
+            chain_id=genesis.chain_id,
+            cache=around.transactions,
+            has_standing=self._has_standing,
+            is_spent=self._is_spent,
+        )
+        self.feed = FinalityFeed(self.core.finalized.height)
+        self.writer = LedgerWriter(around.ledger)
+        self.engine = Engine(
+            core=self.core,
+            executor=self.executor,
+            mempool=self.mempool,
+            journal=around.journal,
+            sink=self.writer,
+            clock=now_ms,
+            stopwatch=around.stopwatch,
+        )
+        self.peers = Peers(genesis=genesis, name=around.name, mempool=self.mempool, ledger=around.ledger, clock=now_ms)
+        self.network = around.open_network(self.peers)
+        self.sync = Synchroniser(
+            genesis=genesis,
+            ledger=around.ledger,
+            engine=self.engine,
+            executor=self.executor,
+            writer=self.writer,
+            feed=self.feed,
+            requester=self.network,
+            check=around.check,
+        )
+        self.peers.connect(self.network, self.engine, self.sync)
+        self.pool = Pool(
+            mempool=self.mempool, engine=self.engine, gossip=self.peers.gossip, feed=self.feed, clock=around.clock
+        )
+        self.finalized = FinalizedLedger(around.ledger, self.feed)
+        self._metrics = NodeMetrics(self._gauges(), now_ms)
+        self.custody = self._make_custody()
+
+    def _make_custody(self) -> Custody | None:
+        around, place = self.surroundings, self.surroundings.custody
+        if place is None:
+            return None
+        now_ms = around.clock.now_ms
+        custody = Custody(
+            genesis=self.genesis,
+            name=around.name,
+            custodian=Custodian(place.store, place.erase_keys, member=place.key.public_key, clock_ms=now_ms),
+            key=place.key,
+            ledger=around.ledger,
+            feed=self.feed,
+            pool=self.pool,
+            peers=self.network,
+            clock=now_ms,
+            randomness=around.randomness,
+        )
+        self.peers.clips = custody
+        return custody
+
+    async def start(self) -> None:
+        """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
+        stack = self._stack
+        self.writer.add_listener(self.engine.note_stored)
+        self.writer.add_listener(self.feed.publish)
+        self.writer.add_listener(self._metrics.note_finalized)
+        self.writer.add_listener(self._after_stored)
+        self.writer.start(on_failure=self.engine.fail, between_events=self.engine.call_between_events)
+        for stop in (self.writer.stop, self.engine.stop, self.sync.stop, self.peers.stop):
+            stack.push_async_callback(stop)
+        await self.network.start()
+        stack.push_async_callback(self.network.stop)
+        wrap = self.surroundings.wrap_outbox
+        self.engine.start(self.peers if wrap is None else wrap(self.peers))
+        housekeeping = asyncio.get_running_loop().create_task(self._keep_house(), name="housekeeping")
+        stack.push_async_callback(_cancel, housekeeping)
+        if self.custody is not None:
+            await self.custody.start()
+            stack.push_async_callback(self.custody.stop)
+
+    async def stop(self) -> None:
+        """Stop in the reverse order of the start. What surrounds the parts stays open."""
+        await self._stack.aclose()
+        self.executor.close()
+
+    # What the parts ask of the whole
+
+    def _has_standing(self, transaction: Transaction) -> bool:
+        reader = self.executor.reader
+        position = reader.position
+        if position is None:
+            return False
+        require_standing(reader, transaction, position.timestamp_ms)
+        return True
+
+    def _is_spent(self, txid: bytes) -> bool:
+        return self.engine.is_on_branch(txid) or self.executor.reader.locate(txid) is not None
+
+    def _after_stored(self, _blocks: list[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
+        self.peers.retry_unsettled()
+
+    async def _keep_house(self) -> None:
+        """Once a second: drop what expired, tell peers the height, look again whether there is work."""
+        announced = -1
+        while True:
+            await asyncio.sleep(HOUSEKEEPING_INTERVAL_MS / 1000)
+            self.pool.purge_expired()
+            self.peers.retry_unsettled()
+            self.engine.note_work()
+            if self.feed.height != announced:
+                announced = self.feed.height
+                self.peers.announce_height(announced)
+
+    # NodeStatus
+
+    def is_ready(self) -> bool:
+        """Tell whether the node is in touch with a quorum, is not far behind, and can write."""
+        in_touch = 1 + len(self.network.connected)
+        return in_touch >= self.genesis.schedule.quorum and self.engine.is_signing and not self.sync.is_running
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return how the node is doing, ready for JSON."""
+        core = self.core
+        position = self.executor.reader.position
+        return {
+            "name": self.surroundings.name,
+            "organisation": self._entry.organisation,
+            "chain_id": self.genesis.chain_id.hex(),
+            "ready": self.is_ready(),
+            "height": core.finalized.height + len(core.certified_branch()),
+            "finalized_height": self.feed.height,
+            "state_root": position.state_root.hex() if position else None,
+            "round": core.round,
+            "epoch": core.epoch,
+            "leader": self._leader_name(),
+            "peers": self.network.connected,
+            "mempool": len(self.mempool),
+            "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
+            "fault": core.halted or self.engine.fault,
+            "version": version("blockrobot"),
+            "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
+        }
+
+    def _leader_name(self) -> str:
+        key = self.genesis.schedule.producers[self.core.leader]
+        return next(node.name for node in self.genesis.nodes if node.producer_key == key)
+
+    def metrics(self) -> bytes:
+        """Return the metrics in the Prometheus text format."""
+        return self._metrics.render()
+
+    def _gauges(self) -> dict[str, tuple[str, Any]]:
+        return {
+            "blockrobot_finalized_height": ("Height of the newest stored block.", lambda: self.feed.height),
+            "blockrobot_round": ("The round that the node is in.", lambda: self.core.round),
+            "blockrobot_peers_connected": ("Connected peers.", lambda: len(self.network.connected)),
+            "blockrobot_mempool_transactions": ("Waiting transactions.", partial(len, self.mempool)),
+            "blockrobot_mempool_size_bytes": ("Bytes of waiting transactions.", lambda: self.mempool.size_bytes),
+            "blockrobot_rounds_timed_out": (
+                "Rounds that this node gave up since its start.",
+                lambda: self.engine.rounds_timed_out_count,
+            ),
+            "blockrobot_signing": ("1 while the node takes part.", lambda: float(self.engine.is_signing)),
+        }
+
+
+async def _cancel(task: asyncio.Task[None]) -> None:
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
