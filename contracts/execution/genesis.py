@@ -34,6 +34,17 @@ def _identity_arguments(genesis: Genesis) -> list[Any]:
     return [organisations, custodians, list(genesis.purposes)]
 
 
+def _membership_arguments(genesis: Genesis) -> list[Any]:
+    organisations = [[org.name, org.ca_certificate] for org in genesis.organisations]
+    return [organisations, [list(msgspec.structs.astuple(node)) for node in genesis.nodes]]
+
+
+def _producers_arguments(genesis: Genesis) -> list[Any]:
+    producers = [[node.producer_key, node.name, node.organisation] for node in genesis.nodes if node.producer_key]
+    organisations = [org.name for org in genesis.organisations]
+    return [producers, organisations, msgspec.structs.asdict(genesis.settings)]
+
+
 def build_genesis_state(genesis: Genesis) -> GenesisState:
     """Run the contracts' genesis entries. `genesis.state_root` is not looked at.
 
@@ -45,19 +56,25 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
     context = CallContext(
         caller=bytes(33), height=0, time_ms=genesis.created_at_ms, txid=bytes(32), chain_id=genesis.chain_id
     )
-    outcome = invoke(
-        contracts,
-        "identity",
-        _GENESIS_ENTRY,
-        _identity_arguments(genesis),
-        host=host,
-        context=context,
-        gas_limit=GENESIS_GAS_MAX,
-        mode="genesis",
-    )
-    if not outcome.ok:
-        raise BlockRobotError("GENESIS_INVALID", f"The contracts refuse the genesis file: {outcome.message}")
-    host.keep()
+    first = {
+        "identity": _identity_arguments(genesis),
+        "membership": _membership_arguments(genesis),
+        "producers": _producers_arguments(genesis),
+    }
+    for name, arguments in first.items():
+        outcome = invoke(
+            contracts,
+            name,
+            _GENESIS_ENTRY,
+            arguments,
+            host=host,
+            context=context,
+            gas_limit=GENESIS_GAS_MAX,
+            mode="genesis",
+        )
+        if not outcome.ok:
+            raise BlockRobotError("GENESIS_INVALID", f"The contracts refuse the genesis file: {outcome.message}")
+        host.keep()
     update = apply_batch(state, state.state_root, host.writes)
     return GenesisState(
         writes={key: value for key, value in host.writes.items() if value is not None},

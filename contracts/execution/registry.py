@@ -18,13 +18,16 @@ from contracts.vm import LANGUAGE_VERSION, CompiledContract, compile_contract
 
 SOURCE_TAG = "blockrobot/contract-source"
 PRIVACY_CONTRACTS = ("access", "audit", "erasure", "identity", "records")
+SYSTEM_CONTRACTS = ("membership", "producers", "settings")
+SHIPPED_CONTRACTS = PRIVACY_CONTRACTS + SYSTEM_CONTRACTS
 
 
 def read_source(name: str) -> str:
     """Return the source text of a shipped contract. Raises TRANSACTION_CONTRACT_UNKNOWN."""
-    if name not in PRIVACY_CONTRACTS:
+    if name not in SHIPPED_CONTRACTS:
         raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"No contract {name!r} ships with BlockRobot.")
-    text = resources.files("contracts").joinpath("privacy", f"{name}.py").read_text(encoding="utf-8")
+    folder = "privacy" if name in PRIVACY_CONTRACTS else "system"
+    text = resources.files("contracts").joinpath(folder, f"{name}.py").read_text(encoding="utf-8")
     return text.replace("\r\n", "\n")
 
 
@@ -36,13 +39,13 @@ def compute_source_hash(source: str) -> bytes:
 @cache
 def load_contracts() -> Mapping[str, CompiledContract]:
     """Return all shipped contracts, compiled once per process, by name."""
-    return MappingProxyType({name: compile_contract(read_source(name), name) for name in PRIVACY_CONTRACTS})
+    return MappingProxyType({name: compile_contract(read_source(name), name) for name in SHIPPED_CONTRACTS})
 
 
 def contract_entries() -> tuple[ContractEntry, ...]:
     """Return what a genesis file lists for the shipped contracts."""
     return tuple(
-        ContractEntry(name=name, source_hash=compute_source_hash(read_source(name))) for name in PRIVACY_CONTRACTS
+        ContractEntry(name=name, source_hash=compute_source_hash(read_source(name))) for name in SHIPPED_CONTRACTS
     )
 
 

@@ -10,7 +10,7 @@ from consensus.genesis import ContractEntry, genesis_from_json, genesis_to_json
 from consensus.primitives.encoding import decode_value
 from contracts.execution.genesis import build_genesis_state, complete_genesis, open_genesis
 from contracts.execution.registry import (
-    PRIVACY_CONTRACTS,
+    SHIPPED_CONTRACTS,
     compute_source_hash,
     contract_entries,
     load_contracts,
@@ -76,8 +76,8 @@ def test_one_key_in_another_role_is_another_state() -> None:
 
 
 def test_the_contracts_ship_as_data_and_compile() -> None:
-    assert tuple(sorted(load_contracts())) == PRIVACY_CONTRACTS
-    assert [entry.name for entry in contract_entries()] == list(PRIVACY_CONTRACTS)
+    assert tuple(load_contracts()) == SHIPPED_CONTRACTS
+    assert [entry.name for entry in contract_entries()] == list(SHIPPED_CONTRACTS)
     assert compute_source_hash(read_source("audit")) != compute_source_hash(read_source("audit") + "\n")
     with pytest.raises(BlockRobotError, match="TRANSACTION_CONTRACT_UNKNOWN"):
         read_source("../execution/registry")

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from consensus.primitives.keys import PrivateKey
+from contracts.execution.registry import PRIVACY_CONTRACTS
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
 
 
@@ -111,6 +112,6 @@ def test_every_exported_entry_is_under_a_rule(hospital: Hospital) -> None:
         (name, entry.name)
         for name, contract in hospital.contracts.items()
         for entry in contract.abi.entries
-        if entry.kind != "view"
+        if name in PRIVACY_CONTRACTS and entry.kind != "view"
     }
     assert exported == ruled
