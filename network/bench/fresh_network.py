@@ -92,6 +92,12 @@ class FreshNetwork:
         assert self._genesis is not None
         return self._genesis
 
+    @property
+    def cluster(self) -> Cluster:
+        """The network's processes."""
+        assert self._cluster is not None
+        return self._cluster
+
     async def __aenter__(self) -> FreshNetwork:
         try:
             place = self._folder / "network"

@@ -54,6 +54,21 @@ def latency(count: int, nodes: int, as_json: bool) -> None:
 
 
 @bench.command()
+@click.option("--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="How often each fault.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
+@json_option
+@plain_errors
+def faults(repeats: int, nodes: int, as_json: bool) -> None:
+    """Measure how long nothing becomes final when the leader is killed, and how soon it is back.
+
+    Example: blockrobot bench faults --repeats 5 --json
+    """
+    from network.bench.faults import run_faults_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
+
+    _finish(asyncio.run(run_faults_benchmark(repeats=repeats, nodes=nodes)), as_json=as_json)
+
+
+@bench.command()
 @click.option("--seconds", default=3.0, show_default=True, type=click.FloatRange(0.1, 120.0), help="CPU time to spend.")
 @json_option
 @plain_errors

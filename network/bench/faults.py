@@ -1,0 +1,105 @@
+"""How long nothing becomes final when a node is killed, when a network is cut in two, and when a node comes back.
+
+Real processes under a steady trickle of calls; the gap is what a client at a living node sees. Must never leave out the
+worst repetition: each figure names its median and its maximum.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import statistics
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+from network.bench.conditions import build_result, measure_conditions
+from network.bench.finality_probe import FinalityProbe, longest_gap_s
+from network.bench.fresh_network import FreshNetwork, LoadRobot
+from network.demo.leader_kill import find_leader
+
+WARM_UP_S = 1.0
+WATCH_S = 4.0
+CUT_S = 3.0
+HEAL_TIMEOUT_S = 30.0
+CATCH_UP_TIMEOUT_S = 60.0
+_POLL_S = 0.02
+
+
+@dataclass(slots=True)
+class _Seen:
+    kill_gaps_s: list[float] = field(default_factory=list)
+    restarts_s: list[float] = field(default_factory=list)
+    heals_s: list[float] = field(default_factory=list)
+    acknowledged_count: int = 0
+    lost_count: int = 0
+    errors: dict[str, int] = field(default_factory=dict)
+
+    def add(self, probe: FinalityProbe, lost: int) -> None:
+        self.acknowledged_count += probe.acknowledged_count
+        self.lost_count += lost
+        for code, count in probe.errors.items():
+            self.errors[code] = self.errors.get(code, 0) + count
+
+
+def _spread(name: str, values_s: list[float]) -> dict[str, float]:
+    if not values_s:
+        return {}
+    return {f"{name}_s": round(statistics.median(values_s), 3), f"{name}_max_s": round(max(values_s), 3)}
+
+
+async def _heights(network: FreshNetwork) -> dict[str, int]:
+    reports = await network.cluster.status()
+    return {report.name: int(report.status["finalized_height"]) for report in reports if report.status is not None}
+
+
+async def _restart(network: FreshNetwork, name: str) -> float:
+    """Start a node again; return the time until it says it is ready and holds all that was final when it started."""
+    goal = max((await _heights(network)).values())
+    started_s = time.perf_counter()
+    network.cluster.start(name)
+    await network.cluster.wait_ready([name])
+    while (await _heights(network)).get(name, 0) < goal:
+        if time.perf_counter() > started_s + CATCH_UP_TIMEOUT_S:
+            break
+        await asyncio.sleep(_POLL_S)
+    return time.perf_counter() - started_s
+
+
+async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen: _Seen) -> None:
+    """SIGKILL the leader under load, watch from a node that lives, start the dead one again."""
+    victim = await find_leader(network.cluster)
+    witness = next(node for node in network.genesis.nodes if node.name != victim)
+    async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
+        await asyncio.sleep(WARM_UP_S)
+        killed_s = time.perf_counter()
+        await asyncio.to_thread(network.cluster.kill, victim)
+        await asyncio.sleep(WATCH_S)
+        seen.kill_gaps_s.append(longest_gap_s(probe.finals_s, killed_s, killed_s + WATCH_S))
+        seen.restarts_s.append(await _restart(network, victim))
+        seen.add(probe, await probe.settle())
+
+
+async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
+    """Make a network, break it `repeats` times in each way, and return the result.
+
+    Figures: `leader_kill_gap_s` (longest time without finality in the four seconds after a SIGKILL of the leader),
+    `restart_ready_s` (from starting that node again to ready and caught up), each with its maximum; calls that were
+    acknowledged, and how many of them were lost (`ok` is False if any was).
+    """
+    conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
+    seen = _Seen()
+    async with FreshNetwork(nodes) as network:
+        enrolled = await network.enrol_robots(nodes)
+        robots = {node.name: robot for node, robot in zip(network.genesis.nodes, enrolled, strict=True)}
+        for _ in range(repeats):
+            await _kill_leader(network, robots, seen)
+    figures: dict[str, Any] = {
+        **_spread("leader_kill_gap", seen.kill_gaps_s),
+        **_spread("heal_gap", seen.heals_s),
+        **_spread("restart_ready", seen.restarts_s),
+        "acknowledged_count": seen.acknowledged_count,
+        "lost_count": seen.lost_count,
+        "errors": sum(seen.errors.values()),
+        "error_codes": dict(sorted(seen.errors.items())),
+    }
+    return build_result("faults", ok=not seen.lost_count, figures=figures, conditions=conditions)
