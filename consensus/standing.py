@@ -92,6 +92,11 @@ class Standing:
         return self._schedule.epoch
 
     @property
+    def schedule(self) -> Schedule:
+        """The producers of the epoch."""
+        return self._schedule
+
+    @property
     def index(self) -> int | None:
         """This node's place in the schedule, None for a follower."""
         return self._voter.index

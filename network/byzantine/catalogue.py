@@ -1,0 +1,57 @@
+"""All behaviours by name, and how one is put around an outbox. Must never let a wrong name pass for an honest node."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from random import Random
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from network.byzantine.behaviour import Accomplices, Behaviour, Liar, OwnNode
+from network.byzantine.certificates import ForgedCertificates, StaleCertificates
+from network.byzantine.garbage import Garbage
+from network.byzantine.proposals import Equivocate, PartialProposals, TimeLimit, WithholdBlocks, WrongRoots
+from network.byzantine.votes import DoubleVote, WithholdVotes
+from node.engine import Outbox
+
+_CLASSES: tuple[type[Behaviour], ...] = (
+    Equivocate,
+    DoubleVote,
+    WithholdVotes,
+    WithholdBlocks,
+    PartialProposals,
+    StaleCertificates,
+    ForgedCertificates,
+    WrongRoots,
+    TimeLimit,
+    Garbage,
+)
+BEHAVIOURS: dict[str, type[Behaviour]] = {behaviour.name: behaviour for behaviour in _CLASSES}
+
+
+def check_behaviour(name: str) -> tuple[type[Behaviour], ...]:
+    """Return the classes that a name stands for, several joined with `+`. Raises FAULT_UNKNOWN."""
+    parts = name.split("+")
+    unknown = [part for part in parts if part not in BEHAVIOURS]
+    if unknown or len(set(parts)) != len(parts):
+        raise BlockRobotError("FAULT_UNKNOWN", f"There is no behaviour {name!r}; there are {', '.join(BEHAVIOURS)}.")
+    return tuple(BEHAVIOURS[part] for part in parts)
+
+
+def make_behaviour(
+    name: str, *, inner: Outbox, own: OwnNode, key: PrivateKey, chance: Random, accomplices: Accomplices | None = None
+) -> Behaviour:
+    """Put a behaviour (several joined with `+`: the first speaks first) around an outbox. Raises FAULT_UNKNOWN."""
+    liar = Liar(own, key, chance, Accomplices() if accomplices is None else accomplices)
+    *rest, last = check_behaviour(name)
+    outbox = last(inner, liar)
+    for behaviour in reversed(rest):
+        outbox = behaviour(outbox, liar)
+    return outbox
+
+
+def byzantine_clock(name: str, clock_ms: Callable[[], int], max_clock_drift_ms: int) -> Callable[[], int]:
+    """Return the clock that a node of this behaviour runs on: as far ahead as blocks may be, or the given one."""
+    if not any(behaviour.bends_clock for behaviour in check_behaviour(name)):
+        return clock_ms
+    return lambda: clock_ms() + max_clock_drift_ms

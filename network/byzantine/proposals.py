@@ -1,0 +1,154 @@
+"""Lies about blocks: two in a round, none, for some only, with wrong roots, from the future. Must never go unsigned."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from consensus.block import Block, compute_receipts_root, compute_transactions_root
+from consensus.effects import Message
+from consensus.messages import Proposal, Vote
+from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from node.engine import Outbox
+
+_ROOT_BYTES = 32
+
+
+class Equivocate(Behaviour):
+    """Two genuine blocks in each of its rounds, each shown, with a vote for it, to one half of the others."""
+
+    name: ClassVar[str] = "equivocate"
+
+    def __init__(self, inner: Outbox, liar: Liar) -> None:
+        super().__init__(inner, liar)
+        self._twins: Remembered[bytes, tuple[Block, list[int], list[int]] | None] = Remembered()
+
+    def broadcast(self, message: Message) -> None:
+        """Tell one half of each block, the other half of its twin."""
+        if isinstance(message, Proposal) and self.is_own(message.block):
+            twins = self._twins_of(message.block)
+            if twins is not None:
+                self._split(message, Proposal(block=twins[0]), twins[1], twins[2])
+                return
+        elif isinstance(message, Vote):
+            twins = self._twins.get(message.block_id)
+            if twins is not None:
+                self._split(message, self.vote_for(message, twins[0].block_id), twins[1], twins[2])
+                return
+        super().broadcast(message)
+
+    def _split(self, first: Message, second: Message, first_half: list[int], second_half: list[int]) -> None:
+        for index in first_half:
+            self.send_to(index, first)
+        for index in second_half:
+            self.send_to(index, second)
+
+    def _twins_of(self, block: Block) -> tuple[Block, list[int], list[int]] | None:
+        block_id = block.block_id
+        if block_id in self._twins:
+            return self._twins[block_id]
+        twin = self._twin(block)
+        if twin is None:
+            return self._twins.keep(block_id, None)
+        header = block.header
+        for known in (block_id, twin.block_id):
+            self._accomplices.tell(header.epoch, header.round, known)
+        return self._twins.keep(block_id, (twin, *self.halves()))
+
+    def _twin(self, block: Block) -> Block | None:
+        """Return another block of the same round that everybody finds right: an empty one, a moment later."""
+        header = block.header
+        parent = self._own.header(header.parent_id)
+        if parent is None:
+            return None
+        return self.rewrite(
+            block,
+            transactions=(),
+            timestamp_ms=header.timestamp_ms + 1,
+            transactions_root=compute_transactions_root([]),
+            receipts_root=compute_receipts_root(()),
+            state_root=parent.state_root,
+            next_schedule_hash=None,
+            gas_used=0,
+        )
+
+
+class WithholdBlocks(Behaviour):
+    """Proposes to nobody: each of its rounds is lost, though it is alive and votes."""
+
+    name: ClassVar[str] = "withhold-blocks"
+
+    def broadcast(self, message: Message) -> None:
+        """Keep back one's own block."""
+        if not (isinstance(message, Proposal) and self.is_own(message.block)):
+            super().broadcast(message)
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Keep back one's own block from a single peer as well."""
+        if not (isinstance(message, Proposal) and self.is_own(message.block)):
+            super().send_to(index, message)
+
+
+class PartialProposals(Behaviour):
+    """Shows each block to some of the others only, drawn anew for each block; at least to one."""
+
+    name: ClassVar[str] = "partial-proposals"
+
+    def __init__(self, inner: Outbox, liar: Liar) -> None:
+        super().__init__(inner, liar)
+        self._shown: Remembered[bytes, list[int]] = Remembered()
+
+    def broadcast(self, message: Message) -> None:
+        """Send one's own block to those who were chosen."""
+        if not (isinstance(message, Proposal) and self.is_own(message.block)):
+            super().broadcast(message)
+            return
+        for index in self._chosen(message.block):
+            self.send_to(index, message)
+
+    def _chosen(self, block: Block) -> list[int]:
+        block_id = block.block_id
+        if block_id not in self._shown:
+            others = self.others()
+            count = self._chance.randint(1, max(1, len(others) - 1))
+            self._shown.keep(block_id, sorted(self._chance.sample(others, min(count, len(others)))))
+        return self._shown[block_id]
+
+
+class WrongRoots(Behaviour):
+    """Blocks whose header names another state, other receipts or another use of gas than their transactions give."""
+
+    name: ClassVar[str] = "wrong-roots"
+
+    def __init__(self, inner: Outbox, liar: Liar) -> None:
+        super().__init__(inner, liar)
+        self._wrong: Remembered[bytes, Block] = Remembered()
+
+    def broadcast(self, message: Message) -> None:
+        """Send a wrong block in the place of one's own."""
+        super().broadcast(self._bent(message))
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Send a wrong block in the place of one's own."""
+        super().send_to(index, self._bent(message))
+
+    def _bent(self, message: Message) -> Message:
+        if isinstance(message, Proposal) and self.is_own(message.block):
+            return Proposal(block=self._wrong_of(message.block))
+        if isinstance(message, Vote) and message.block_id in self._wrong:
+            return self.vote_for(message, self._wrong[message.block_id].block_id)
+        return message
+
+    def _wrong_of(self, block: Block) -> Block:
+        block_id = block.block_id
+        if block_id not in self._wrong:
+            field = self._chance.choice(("state_root", "receipts_root", "transactions_root", "gas_used"))
+            wrong: Any = 1 + block.header.gas_used if field == "gas_used" else self._chance.randbytes(_ROOT_BYTES)
+            self._wrong.keep(block_id, self.rewrite(block, **{field: wrong}))
+        return self._wrong[block_id]
+
+
+class TimeLimit(Behaviour):
+    """Stamps its blocks as far ahead as others accept; its clock does it (`byzantine_clock`), as stamps are executed."""
+
+    name: ClassVar[str] = "time-limit"
+    bends_clock: ClassVar[bool] = True

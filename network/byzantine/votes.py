@@ -1,0 +1,53 @@
+"""Lies about votes: two in one round, or none. Must never change the vote that the honest node below has journalled."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+from consensus.effects import Message
+from consensus.messages import Vote
+from network.byzantine.behaviour import Behaviour, Liar, Remembered
+from node.engine import Outbox
+
+
+class DoubleVote(Behaviour):
+    """Votes twice in each round, and tells everybody: for the block, and for an accomplice's block or a made-up one."""
+
+    name: ClassVar[str] = "double-vote"
+
+    def __init__(self, inner: Outbox, liar: Liar) -> None:
+        super().__init__(inner, liar)
+        self._others: Remembered[bytes, list[Vote]] = Remembered()
+
+    def broadcast(self, message: Message) -> None:
+        """Send each vote with its contradiction, in an order drawn by chance."""
+        if not isinstance(message, Vote):
+            super().broadcast(message)
+            return
+        votes: list[Vote] = [message, *self._contradictions(message)]
+        self._chance.shuffle(votes)
+        for vote in votes:
+            super().broadcast(vote)
+
+    def _contradictions(self, vote: Vote) -> list[Vote]:
+        rivals = self._accomplices.rivals(vote.epoch, vote.round, vote.block_id)
+        if rivals or vote.block_id not in self._others:
+            ids = rivals or [self.made_up_id()]
+            self._others.keep(vote.block_id, [self.vote_for(vote, block_id) for block_id in ids])
+        return self._others[vote.block_id]
+
+
+class WithholdVotes(Behaviour):
+    """Never votes where others can hear it."""
+
+    name: ClassVar[str] = "withhold-votes"
+
+    def broadcast(self, message: Message) -> None:
+        """Keep votes back."""
+        if not isinstance(message, Vote):
+            super().broadcast(message)
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Keep votes back from a single peer as well."""
+        if not isinstance(message, Vote):
+            super().send_to(index, message)
