@@ -78,6 +78,16 @@ class Header(Wire, frozen=True):
     gas_used: int
     is_closing: bool = False
 
+    @property
+    def is_boundary(self) -> bool:
+        """True if another epoch follows this block (R21)."""
+        return self.next_schedule_hash is not None
+
+    @property
+    def ends_epoch(self) -> bool:
+        """True if nothing but closing blocks may follow in this block's epoch (R21)."""
+        return self.is_boundary or self.is_closing
+
 
 class Block(Wire, frozen=True):
     """A proposal's content: the header's bytes, its producer's 64-byte signature, the transactions' wire bytes."""

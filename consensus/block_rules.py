@@ -6,7 +6,14 @@ signature without changing the id. A block that fails here was never that block,
 
 from __future__ import annotations
 
-from consensus.block import HEADER_VERSION, Block, Header, compute_transactions_root
+from consensus.block import (
+    GENESIS_ROUND,
+    HEADER_VERSION,
+    Block,
+    Header,
+    compute_receipts_root,
+    compute_transactions_root,
+)
 from consensus.errors import BlockRobotError
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES, BLOCK_TRANSACTIONS_MAX_COUNT
 from consensus.messages import PROPOSAL_TAG, proposal_parts
@@ -17,6 +24,8 @@ from consensus.signature_cache import SignatureCheck
 from consensus.transaction import TransactionWire, compute_txid
 
 _ROUND_MAX = 1 << 53
+_NO_TRANSACTIONS_ROOT = compute_transactions_root([])
+_NO_RECEIPTS_ROOT = compute_receipts_root(())
 
 
 def _require(condition: bool, detail: str) -> None:
@@ -49,7 +58,38 @@ def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> No
     _require(0 <= header.timestamp_ms < 1 << 53 and 0 <= header.gas_used <= BLOCK_GAS_MAX, "A number is too large.")
     roots = (header.parent_id, header.transactions_root, header.receipts_root, header.state_root)
     _require(all(len(root) == HASH_SIZE_BYTES for root in roots), "A root has a wrong size.")
-    _require(header.next_schedule_hash is None, "The block changes the schedule, which this epoch does not allow.")
+    _check_epoch_fields(header)
+
+
+def _check_epoch_fields(header: Header) -> None:
+    """R21: a boundary names the next epoch by a hash; a closing block holds nothing."""
+    if header.next_schedule_hash is not None:
+        _require(len(header.next_schedule_hash) == HASH_SIZE_BYTES, "The next epoch's hash has a wrong size.")
+        _require(not header.is_closing, "A closing block ends its epoch a second time.")
+    if header.is_closing:
+        is_empty = (
+            header.transactions_root == _NO_TRANSACTIONS_ROOT
+            and header.receipts_root == _NO_RECEIPTS_ROOT
+            and header.gas_used == 0
+        )
+        _require(is_empty, "A closing block is not empty.")
+
+
+def is_fit_for_parent(header: Header, parent: Header) -> bool:
+    """Tell whether a block may stand on its parent (R14, R21, R23), whose id its header names.
+
+    The parent is of the same epoch, or it is the boundary from which the block's epoch begins.
+    """
+    parent_round, is_closing = parent.round, parent.ends_epoch
+    if parent.epoch != header.epoch:
+        parent_round, is_closing = GENESIS_ROUND, False
+    return (
+        header.height == parent.height + 1
+        and header.qc.round == parent_round
+        and header.timestamp_ms > parent.timestamp_ms
+        and header.is_closing == is_closing
+        and (header.state_root == parent.state_root or not is_closing)
+    )
 
 
 def check_body(block: Block, header: Header) -> None:

@@ -8,7 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum, auto
 
-from consensus.block import Block, Header, QuorumCertificate
+from consensus.block import GENESIS_ROUND, Block, Header, QuorumCertificate
+from consensus.block_rules import is_fit_for_parent
 from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT, TREE_BLOCKS_MAX_COUNT
 
 
@@ -49,15 +50,21 @@ def make_node(block: Block, now_ms: int) -> BlockNode:
 
 
 class BlockTree:
-    """All that is known above the finalized head (`root`)."""
+    """All that is known above the finalized head (`root`), in the epoch of that head's certificate."""
 
     def __init__(self, finalized: Block, finalized_qc: QuorumCertificate) -> None:
+        self.epoch = finalized_qc.epoch
         self.root = make_node(finalized, 0)
         self.root.execution = Execution.VALID
         self.nodes: dict[bytes, BlockNode] = {self.root.block_id: self.root}
         self.orphans: dict[bytes, BlockNode] = {}
         self.certificates: dict[bytes, QuorumCertificate] = {finalized_qc.block_id: finalized_qc}
         self._first_of_round: dict[int, bytes] = {}
+
+    @property
+    def root_round(self) -> int:
+        """The round of the finalized head; 0 if it is of an earlier epoch (R23)."""
+        return self.root.header.round if self.root.header.epoch == self.epoch else GENESIS_ROUND
 
     def get(self, block_id: bytes) -> BlockNode | None:
         """Return the connected block of this id."""
@@ -67,7 +74,7 @@ class BlockTree:
         """Tell whether the block is new and has room: one uncertified block a round (R14), within the limits."""
         if block_id in self.nodes or block_id in self.orphans:
             return False
-        if header.round <= self.root.header.round or header.height <= self.root.header.height:
+        if header.round <= self.root_round or header.height <= self.root.header.height:
             return False
         if len(self.nodes) >= TREE_BLOCKS_MAX_COUNT:
             return False
@@ -95,7 +102,7 @@ class BlockTree:
             parent = self.nodes[node.header.parent_id]
             node.parent = parent
             parent.children.append(node)
-            if not _fits(node.header, parent.header) or parent.execution is Execution.REFUSED:
+            if not is_fit_for_parent(node.header, parent.header) or parent.execution is Execution.REFUSED:
                 node.execution = Execution.REFUSED
             self.nodes[node.block_id] = node
             connected.append(node)
@@ -107,7 +114,7 @@ class BlockTree:
 
     def certify(self, qc: QuorumCertificate) -> bool:
         """Remember a checked certificate; tell whether it is the first for its block."""
-        if qc.block_id in self.certificates or (qc.round <= self.root.header.round and qc.block_id not in self.nodes):
+        if qc.block_id in self.certificates or (qc.round <= self.root_round and qc.block_id not in self.nodes):
             return False
         if len(self.certificates) >= 2 * TREE_BLOCKS_MAX_COUNT:
             return False
@@ -141,7 +148,7 @@ class BlockTree:
     def contradicts_root(self, node: BlockNode) -> bool:
         """Tell whether a certified block of a later round leaves the chain below the root: no honest quorum does (R18)."""
         root, header = self.root, node.header
-        if node.block_id not in self.certificates or node.block_id in self.nodes or header.round <= root.header.round:
+        if node.block_id not in self.certificates or node.block_id in self.nodes or header.round <= self.root_round:
             return False
         is_sibling = header.height == root.header.height + 1 and header.parent_id != root.block_id
         return is_sibling or header.height <= root.header.height
@@ -190,21 +197,13 @@ class BlockTree:
         return connected
 
     def _prune(self) -> None:
-        low = self.root.header
+        low, height = self.root_round, self.root.header.height
         self.orphans = {
             block_id: node
             for block_id, node in self.orphans.items()
-            if node.header.round > low.round and node.header.height > low.height
+            if node.header.round > low and node.header.height > height
         }
         self.certificates = {
-            block_id: qc for block_id, qc in self.certificates.items() if qc.round > low.round or block_id in self.nodes
+            block_id: qc for block_id, qc in self.certificates.items() if qc.round > low or block_id in self.nodes
         }
-        self._first_of_round = {number: first for number, first in self._first_of_round.items() if number > low.round}
-
-
-def _fits(header: Header, parent: Header) -> bool:
-    return (
-        header.height == parent.height + 1
-        and header.qc.round == parent.round
-        and header.timestamp_ms > parent.timestamp_ms
-    )
+        self._first_of_round = {number: first for number, first in self._first_of_round.items() if number > low}

@@ -1,16 +1,17 @@
 """The consensus core: Jolteon as a state machine, `handle(event) -> [effects]`. Must never read a clock, draw a random
 number, do I/O, or sign anything that does not stand behind a `Persist` of the same bytes.
 
-The rules R1..R20 quoted here are those of `consensus/README.md`. The driver (a node, or the simulator) carries out the
+The rules R1... quoted here are those of `consensus/README.md`. The driver (a node, or the simulator) carries out the
 effects of all calls in one order.
 """
 
 from __future__ import annotations
 
 from consensus import effects, events
-from consensus.block import Block, FinalityProof, QuorumCertificate, TimeoutCertificate
+from consensus.block import Block, QuorumCertificate, TimeoutCertificate
 from consensus.block_rules import is_safe_to_extend
-from consensus.blocktree import BlockNode, Execution, TwoChain, make_node
+from consensus.blocktree import BlockNode, Execution, make_node
+from consensus.committing import Commit, choose_commit, have_contradiction
 from consensus.effects import Effect, Message
 from consensus.errors import BlockRobotError
 from consensus.events import Event
@@ -30,7 +31,7 @@ class Core(Standing):
     # Events
 
     def handle(self, event: Event) -> list[Effect]:
-        """Take one event; return what to do, in order. A halted core does nothing."""
+        """Take one event; return what to do, in order. A halted core does nothing, an ended one only answers (R22)."""
         if self.halted:
             return []
         self._now_ms = event.now_ms
@@ -69,14 +70,16 @@ class Core(Standing):
 
     def _settle(self) -> None:
         """Derive from the new state what else is to be done: commit, propose, wait, fetch."""
-        if self._dirty:
+        if self._dirty and not self.has_ended:
             self._commit()
-        if self.halted:
+        if self.has_ended:
+            self._effects += self._pacemaker.run(self.round, busy=False, timed_out=False, delay_ms=0)
+        if self.halted or self.has_ended:
             return
         self._lead()
         branch = self._certified_branch()
         delay_ms = self._pacemaker.round_delay_ms(
-            self.round, self._tree.root.header.round, 0 if branch is None else len(branch)
+            self.round, self._tree.root_round, 0 if branch is None else len(branch)
         )
         if self.index is not None:
             busy, timed_out = self.is_busy, self.has_timed_out
@@ -190,7 +193,7 @@ class Core(Standing):
         except BlockRobotError:
             return None
         self._check_fork(node)
-        is_old = node.header.round < self._tree.root.header.round
+        is_old = node.header.round < self._tree.root_round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
             return None
         if not self._genuine.of_block(block, node.header):
@@ -210,7 +213,7 @@ class Core(Standing):
 
     def _check_fork(self, node: BlockNode) -> None:
         """R18: a quorum that contradicts the finalized chain is a broken promise; go no further."""
-        if self._tree.contradicts_root(node):
+        if not self.has_ended and self._tree.contradicts_root(node):
             self._halt("A quorum certified a block that contradicts the finalized chain.")
 
     def _on_connected(self, connected: list[BlockNode]) -> None:
@@ -228,7 +231,7 @@ class Core(Standing):
             self._halt("A certified block cannot be executed here.")
 
     def _execute(self, node: BlockNode) -> None:
-        if node.execution is Execution.WAITING and not self.halted:
+        if node.execution is Execution.WAITING and not (self.halted or self.has_ended):
             node.execution = Execution.RUNNING
             self._effects.append(effects.ExecuteBlock(block=node.block))
 
@@ -316,25 +319,19 @@ class Core(Standing):
         """R8: finalize the highest block that has a certified child of the next round, with its ancestors."""
         chains = self._tree.two_chains()
         if chains:
-            newest = chains[-1]
-            ids = {node.block_id for node in self._tree.branch(newest.final.block_id) or []}
-            if any(chain.final.block_id not in ids for chain in chains):
+            if have_contradiction(self._tree, chains):
                 self._halt("Two contradicting blocks are final: more producers are faulty than the chain tolerates.")
                 return
-            self._finalize(newest)
+            self._finalize(choose_commit(self._tree, chains))
         self._branch = self._tree.branch(self.high_qc.block_id)
         self._dirty = False
 
-    def _finalize(self, chain: TwoChain) -> None:
-        proof = FinalityProof(
-            header_bytes=chain.final.block.header_bytes,
-            child_header_bytes=chain.child.block.header_bytes,
-            child_qc=chain.child_qc,
-        )
-        path = self._tree.advance_root(chain.final)
+    def _finalize(self, commit: Commit) -> None:
+        path = self._tree.advance_root(commit.head)
         self._voter.journalist.note_finalized(path)
-        self._effects.append(effects.CommitBlocks(blocks=tuple(node.block for node in path), proof=proof))
+        self._effects.append(effects.CommitBlocks(blocks=tuple(node.block for node in path), proof=commit.proof))
         self._effects += self._pacemaker.heartbeat()
+        self._note_end()
 
     def _on_finalized_elsewhere(self, head: Block, qc: QuorumCertificate) -> None:
         """R16: sync stored blocks durably; go on above them."""
@@ -348,7 +345,9 @@ class Core(Standing):
             else:
                 self._on_connected(self._tree.replace_root(head, self._now_ms))
             self._effects += self._pacemaker.heartbeat()
-        self._use_qc(qc)
+            self._note_end()
+        if qc.epoch == self.epoch:
+            self._use_qc(qc)
 
     def _halt(self, reason: str) -> None:
         if not self.halted:

@@ -53,7 +53,8 @@ class ExecuteBlock:
 class BuildBlock:
     """Take transactions (none if `empty`), execute, fill in and sign the header, answer with `BlockBuilt`.
 
-    The timestamp is max(parent's + 1, the node's clock).
+    The timestamp is max(parent's + 1, the node's clock). `closing` (always `empty` too) goes into the header as
+    `is_closing`: nothing is executed, the state root is the parent's.
     """
 
     epoch: int
@@ -65,6 +66,7 @@ class BuildBlock:
     tc: TimeoutCertificate | None
     producer: int
     empty: bool
+    closing: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +74,8 @@ class CommitBlocks:
     """These blocks are final, oldest first. `proof` is the two-chain proof of the last of them.
 
     The driver stores them durably; it may report later, in its own time, what the synced store holds
-    (`Core.forget_journalled`).
+    (`Core.forget_journalled`). If the last one is a boundary, this core has ended (`Core.has_ended`), and once the store
+    is synced the driver makes one for the next epoch.
     """
 
     blocks: tuple[Block, ...]

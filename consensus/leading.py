@@ -60,7 +60,7 @@ class Leading:
             return 0
         if interval_ms:
             return min(interval_ms, max(0, parent.header.timestamp_ms + interval_ms - now_ms))
-        if self._pacemaker.heartbeat_due or any(node.block.transactions for node in branch):
+        if self._pacemaker.heartbeat_due or any(node.block.transactions or node.header.ends_epoch for node in branch):
             return 0
         if pending:
             return max(0, parent.arrived_ms + self._settings.min_block_interval_ms - now_ms)
@@ -77,7 +77,11 @@ class Leading:
         epoch: int,
         producer: int,
     ) -> BuildBlock:
-        """Return the order for a block of this round on `parent`, whose certificate `qc` is the highest known."""
+        """Return the order for a block of this round on `parent`, whose certificate `qc` is the highest known.
+
+        R21: nothing but closing blocks follow a boundary in its epoch.
+        """
+        closing = parent.header.ends_epoch and parent.header.epoch == epoch
         self._building_round = round_number
         self._has_failed = False
         return BuildBlock(
@@ -89,5 +93,6 @@ class Leading:
             qc=qc,
             tc=None if qc.round == round_number - 1 else entered_by,
             producer=producer,
-            empty=len(branch) >= UNFINALIZED_BLOCKS_MAX_COUNT,
+            empty=closing or len(branch) >= UNFINALIZED_BLOCKS_MAX_COUNT,
+            closing=closing,
         )

@@ -41,11 +41,13 @@ class Standing:
         journal: Sequence[bytes] = (),
         check: SignatureCheck | None = None,
     ) -> None:
-        """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`.
+        """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`, in the schedule's epoch.
 
-        `round_zero_id` is the block that round 0 of the epoch certifies (genesis). `journal` holds the records read
-        back, in order. Raises ENCODING_* for a record that is none.
+        `round_zero_id` is the block that round 0 of the epoch certifies: genesis, or the boundary before (R23).
+        `journal` holds the records read back, in order. Raises ENCODING_* for a record that is none.
         """
+        if finalized_qc.epoch != schedule.epoch:
+            raise AssertionError("the certificate of the finalized head is of another epoch")
         self._schedule = schedule
         self._genuine = Genuineness(chain_id, schedule, round_zero_id, check or SignatureCache())
         self._tree = BlockTree(finalized, finalized_qc)
@@ -67,6 +69,7 @@ class Standing:
         self._noticed: dict[int, int] = {}
         self.halted = ""
         self._restore(restored, finalized_qc)
+        self._note_end()
 
     def _restore(self, restored: JournalState, finalized_qc: QuorumCertificate) -> None:
         """R13: go on where the journal ends. Journalled blocks were checked when they were journalled."""
@@ -83,6 +86,11 @@ class Standing:
         for node in nodes:
             if self._tree.may_add(node.block_id, node.header):
                 self._tree.add(node)
+
+    def _note_end(self) -> None:
+        """R22: with its boundary final this epoch is over."""
+        head = self._tree.root.header
+        self._voter.has_ended = head.epoch > self.epoch or (head.epoch == self.epoch and head.is_boundary)
 
     # What others may look at
 
@@ -122,6 +130,11 @@ class Standing:
         return self._tree.root.block_id
 
     @property
+    def has_ended(self) -> bool:
+        """True once the boundary of this epoch is final (R22): the driver makes a core for the next one."""
+        return self._voter.has_ended
+
+    @property
     def has_timed_out(self) -> bool:
         """True if this node gave up the current round."""
         return self._voter.has_timed_out(self.round)
@@ -133,7 +146,7 @@ class Standing:
         return (
             self._pending
             or branch is None
-            or any(node.block.transactions for node in branch)
+            or any(node.block.transactions or node.header.ends_epoch for node in branch)
             or self.round in (self._proposal_seen_round, self._timeout_seen_round)
             or self.has_timed_out
             or self._pacemaker.heartbeat_due

@@ -38,10 +38,12 @@ class Voter:
         self.last_vote = restored.vote
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
+        self.has_ended = False
 
     def may_speak(self, round_number: int) -> bool:
-        """R4: tell whether nothing was said yet in this round or a later one, and the disk keeps up."""
-        return self.index is not None and round_number > self.last_voted_round and not self.journalist.is_behind
+        """R4: tell whether nothing was said yet in this round or a later one, the epoch goes on, the disk keeps up."""
+        is_allowed = self.index is not None and not self.has_ended and not self.journalist.is_behind
+        return is_allowed and round_number > self.last_voted_round
 
     def has_timed_out(self, round_number: int) -> bool:
         """Tell whether this producer gave the round up."""
@@ -97,7 +99,8 @@ class Voter:
         self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
     ) -> tuple[Timeout, list[Effect]] | None:
         """R6: give the round up; from now on this producer votes for nothing in it. None if it may not sign."""
-        if self._key is None or self.index is None or self.journalist.is_behind or self.has_timed_out(round_number):
+        is_silent = self.has_ended or self.journalist.is_behind or self.has_timed_out(round_number)
+        if self._key is None or self.index is None or is_silent:
             return None
         timeout = sign_timeout(
             self._key, self._chain_id, round_number, self.index, high_qc, entered_by, epoch=self._epoch
