@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AsyncExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -18,7 +18,7 @@ from typing import Any, Protocol
 
 import structlog
 
-from consensus.block import Block, FinalityProof, Header, QuorumCertificate, genesis_certificate
+from consensus.block import FinalityProof
 from consensus.core import Core
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -32,6 +32,7 @@ from contracts.execution.standing import require_standing
 from node.api.services import Clock
 from node.custody import Custody
 from node.engine import Engine, Outbox, VotingJournal
+from node.epochs import EpochStart, Head, read_head
 from node.execution import ExecutedBlock, Executor, Machine
 from node.finality import FinalityFeed, LedgerWriter
 from node.interface import FinalizedLedger, Pool
@@ -106,39 +107,32 @@ async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
 
 
-def read_head(ledger: LedgerStore, genesis: Genesis) -> tuple[Block, QuorumCertificate]:
-    """Return the newest stored block and the certificate for it."""
-    with ledger.snapshot() as snapshot:
-        position = snapshot.position
-        data = None if position is None else snapshot.block(position.height)
-        if position is None or data is None:
-            raise BlockRobotError("STORAGE_DAMAGED", "The ledger does not hold its newest block.")
-        if position.height == 0:
-            return decode(data, Block), genesis_certificate(genesis.block_id)
-        proof = decode(snapshot.finality, FinalityProof)
-    return decode(data, Block), decode(proof.child_header_bytes, Header).qc
-
-
-def make_core(surroundings: Surroundings) -> Core:
-    """Return the core as ledger and journal left it. Raises JOURNAL_OUTDATED if the journal is older than the ledger."""
-    genesis, ledger = surroundings.genesis, surroundings.ledger
-    head, head_qc = read_head(ledger, genesis)
-    core = Core(
-        genesis.settings,
-        genesis.chain_id,
-        genesis.schedule,
+def make_core(surroundings: Surroundings, head: Head, journal: Sequence[bytes] = ()) -> Core:
+    """Return a core that goes on from this head, with the records of the voting journal read back in order."""
+    return Core(
+        head.start.epoch.settings,
+        surroundings.genesis.chain_id,
+        head.start.schedule,
         surroundings.key,
-        finalized=head,
-        finalized_qc=head_qc,
-        round_zero_id=genesis.block_id,
-        journal=[entry.record for entry in surroundings.journal.entries],
+        finalized=head.block,
+        finalized_qc=head.qc,
+        round_zero_id=head.start.round_zero_id,
+        journal=journal,
         check=surroundings.check,
     )
-    with ledger.snapshot() as snapshot:
-        if snapshot.finality:
-            proof = decode(snapshot.finality, FinalityProof)
-            require_newest_journal(proof, core.index, core.last_voted_round)
-    return core
+
+
+def restore_core(surroundings: Surroundings) -> tuple[Core, EpochStart]:
+    """Return the core as ledger and journal left it, and how its epoch began.
+
+    Raises JOURNAL_OUTDATED if the journal is older than the ledger, STORAGE_DAMAGED.
+    """
+    with surroundings.ledger.snapshot() as snapshot:
+        head, finality = read_head(snapshot, surroundings.genesis), snapshot.finality
+    core = make_core(surroundings, head, [entry.record for entry in surroundings.journal.entries])
+    if finality and head.block.header.epoch == core.epoch:
+        require_newest_journal(decode(finality, FinalityProof), core.index, core.last_voted_round)
+    return core, head.start
 
 
 class Assembly:
@@ -151,18 +145,19 @@ class Assembly:
         self._entry = genesis.node(around.name)
         self._stack = AsyncExitStack()
         self._started_at = around.stopwatch()
-        self.core = make_core(around)
+        core, start = restore_core(around)
         machine = around.machine or ContractMachine(genesis.chain_id, require_contracts(genesis))
         self.executor = Executor(
             genesis=genesis, ledger=around.ledger, machine=machine, cache=around.transactions, key=around.key
         )
+        self.executor.begin_epoch(start.schedule)
         try:
-            self._make_parts()
+            self._make_parts(core, start)
         except BaseException:
             self.executor.close()
             raise
 
-    def _make_parts(self) -> None:
+    def _make_parts(self, core: Core, start: EpochStart) -> None:
         around, genesis, now_ms = self.surroundings, self.genesis, self.surroundings.clock.now_ms
         self.mempool = Mempool(
             chain_id=genesis.chain_id,
@@ -170,10 +165,12 @@ class Assembly:
             has_standing=self._has_standing,
             is_spent=self._is_spent,
         )
-        self.feed = FinalityFeed(self.core.finalized.height)
+        self.feed = FinalityFeed(core.finalized.height)
         self.writer = LedgerWriter(around.ledger)
         self.engine = Engine(
-            core=self.core,
+            core=core,
+            start=start,
+            make_core=partial(make_core, around),
             executor=self.executor,
             mempool=self.mempool,
             journal=around.journal,
@@ -181,7 +178,15 @@ class Assembly:
             clock=now_ms,
             stopwatch=around.stopwatch,
         )
-        self.peers = Peers(genesis=genesis, name=around.name, mempool=self.mempool, ledger=around.ledger, clock=now_ms)
+        self.peers = Peers(
+            chain_id=genesis.chain_id,
+            name=around.name,
+            start=start,
+            name_of_producer=self._name_of_producer,
+            mempool=self.mempool,
+            ledger=around.ledger,
+            clock=now_ms,
+        )
         self.network = around.open_network(self.peers)
         self.sync = Synchroniser(
             genesis=genesis,
@@ -194,6 +199,7 @@ class Assembly:
             check=around.check,
         )
         self.peers.connect(self.network, self.engine, self.sync)
+        self.engine.add_epoch_listener(self.peers.begin_epoch)
         self.pool = Pool(
             mempool=self.mempool, engine=self.engine, gossip=self.peers.gossip, feed=self.feed, clock=around.clock
         )
@@ -246,7 +252,16 @@ class Assembly:
         await self._stack.aclose()
         self.executor.close()
 
+    @property
+    def core(self) -> Core:
+        """The core of the epoch that the node is in."""
+        return self.engine.core
+
     # What the parts ask of the whole
+
+    def _name_of_producer(self, key: bytes) -> str | None:
+        """Return the name of the node that produces with this key, or None."""
+        return next((node.name for node in self.genesis.nodes if node.producer_key == key), None)
 
     def _has_standing(self, transaction: Transaction) -> bool:
         reader = self.executor.reader
@@ -279,7 +294,7 @@ class Assembly:
     def is_ready(self) -> bool:
         """Tell whether the node is in touch with a quorum, is not far behind, and can write."""
         in_touch = 1 + len(self.network.connected)
-        return in_touch >= self.genesis.schedule.quorum and self.engine.is_signing and not self.sync.is_running
+        return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.is_running
 
     def describe(self) -> Mapping[str, Any]:
         """Return how the node is doing, ready for JSON."""
@@ -304,9 +319,8 @@ class Assembly:
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
 
-    def _leader_name(self) -> str:
-        key = self.genesis.schedule.producers[self.core.leader]
-        return next(node.name for node in self.genesis.nodes if node.producer_key == key)
+    def _leader_name(self) -> str | None:
+        return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])
 
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""

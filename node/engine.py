@@ -14,7 +14,7 @@ from typing import Protocol
 
 import structlog
 
-from consensus.block import FinalityProof, Header
+from consensus.block import EpochProof, FinalityProof, certificate_of, genesis_certificate
 from consensus.core import Core
 from consensus.effects import (
     BlockCertified,
@@ -34,8 +34,9 @@ from consensus.effects import (
 from consensus.errors import BlockRobotError
 from consensus.events import BlockBuilt, BlockExecuted, Event, FinalizedElsewhere, Started, TimerFired, WorkChanged
 from consensus.messages import Timeout
-from consensus.primitives.encoding import decode
+from consensus.primitives.encoding import encode
 from consensus.transaction import Transaction
+from node.epochs import EpochStart, Head
 from node.execution import ExecutedBlock, Executor
 from node.mempool import Mempool
 from node.storage.ledger_store import Position
@@ -99,13 +100,20 @@ class FinalizedSink(Protocol):
         ...
 
 
+CoreFactory = Callable[[Head], Core]
+"""Makes the core of the epoch that a head begins."""
+EpochListener = Callable[[EpochStart], None]
+
+
 class Engine:
-    """One node's consensus at work."""
+    """One node's consensus at work: one core after another, each for one epoch."""
 
     def __init__(
         self,
         *,
         core: Core,
+        start: EpochStart,
+        make_core: CoreFactory,
         executor: Executor,
         mempool: Mempool,
         journal: VotingJournal,
@@ -113,8 +121,14 @@ class Engine:
         clock: Callable[[], int],
         stopwatch: Callable[[], float] = time.perf_counter,
     ) -> None:
-        """`clock` says ms since 1970; `stopwatch` seconds that grow also while a callback runs."""
+        """`core` is in the epoch of `start`; `make_core` makes the next ones.
+
+        `clock` says ms since 1970; `stopwatch` seconds that grow also while a callback runs.
+        """
         self.core = core
+        self.epoch = start
+        self._make_core = make_core
+        self._epoch_listeners: list[EpochListener] = []
         self.fault = ""
         self._executor = executor
         self._mempool = mempool
@@ -141,6 +155,10 @@ class Engine:
         """Begin. Everything that the core says goes to `outbox`."""
         self._outbox = outbox
         self.submit(Started(now_ms=self._clock()))
+
+    def add_epoch_listener(self, listener: EpochListener) -> None:
+        """Call `listener` whenever an epoch begins here, before anything of it is handled."""
+        self._epoch_listeners.append(listener)
 
     async def stop(self) -> None:
         """Stop timers and wait for a running execution."""
@@ -346,13 +364,12 @@ class Engine:
     def note_stored(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
         """The ledger store holds everything up to this position: the journal need not, and execution stands on it.
 
-        Blocks that the core did not finalize itself came by sync; it hears of them before the base moves. Only between
-        events.
+        Blocks that the core did not finalize itself came by sync; it hears of them before the base moves. A stored
+        boundary ends the core and its epoch. Only between events.
         """
         head = blocks[-1]
-        if head.header.height > self.core.finalized.height:
-            qc = decode(proof.child_header_bytes, Header).qc
-            self._take(FinalizedElsewhere(head=head.block, qc=qc, now_ms=self._clock()))
+        if head.header.height > self.core.finalized.height and head.next_epoch is None:
+            self._take(FinalizedElsewhere(head=head.block, qc=certificate_of(proof), now_ms=self._clock()))
         self._executor.move_base()
         self.core.forget_journalled(position.height)
         self._unstored = {
@@ -360,12 +377,39 @@ class Engine:
         }
         for block in blocks:
             self._mempool.remove(block.txids)
-        self._compact_journal()
+        if head.next_epoch is None:
+            self._compact_journal()
+        else:
+            proof_bytes = encode(EpochProof(finality=proof, epoch=head.next_epoch))
+            self._begin_epoch(EpochStart(head.next_epoch, head.block_id, proof_bytes), head)
+
+    def _begin_epoch(self, start: EpochStart, boundary: ExecutedBlock) -> None:
+        """Put a new core in the place of the old one; nothing that was said to the old one reaches the new one.
+
+        The journal begins anew: should the node stop before it does, reading it back passes the old records over.
+        """
+        for kind in list(self._timers):
+            self._cancel_timer(kind)
+        self._effects.clear()
+        self._events = deque(event for event in self._events if callable(event))
+        qc = genesis_certificate(start.round_zero_id, start.number)
+        self.core, self.epoch = self._make_core(Head(start, boundary.block, qc)), start
+        self._executor.begin_epoch(start.schedule)
+        self._branch, self._branch_txids, self._unstored = {}, frozenset(), {}
+        self._pending = False
+        self._rewrite_journal()
+        log.info("epoch_begun", epoch=start.number, height=boundary.header.height, producers=len(start.epoch.producers))
+        self.submit(Started(now_ms=self._clock()))
+        for listener in self._epoch_listeners:
+            listener(start)
+        self.note_work()
 
     def _compact_journal(self) -> None:
         """Replace the journal by the little that it must still say, once it has grown."""
-        if self._journal.size_bytes < JOURNAL_COMPACT_ABOVE_BYTES or self.fault:
-            return
+        if self._journal.size_bytes >= JOURNAL_COMPACT_ABOVE_BYTES and not self.fault:
+            self._rewrite_journal()
+
+    def _rewrite_journal(self) -> None:
         try:
             self._journal.compact([(0, record) for record in self.core.journal_snapshot()])
         except BlockRobotError as error:

@@ -14,6 +14,8 @@ from typing import Protocol
 from consensus.block import (
     HEADER_VERSION,
     Block,
+    EpochProof,
+    FinalityProof,
     Header,
     Receipt,
     Receipts,
@@ -33,7 +35,9 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
+from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction
+from contracts.execution.epochs import next_epoch
 from contracts.execution.validity import check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
 from node.mempool import Mempool
@@ -82,7 +86,7 @@ class Machine(Protocol):
 
 @dataclass(slots=True, eq=False)
 class ExecutedBlock:
-    """A block and what its execution gave."""
+    """A block and what its execution gave. `next_epoch` is set for a boundary: what it decides."""
 
     block: Block
     block_id: bytes
@@ -91,6 +95,7 @@ class ExecutedBlock:
     receipts: tuple[Receipt, ...]
     overlay: Overlay
     txids: frozenset[bytes]
+    next_epoch: Epoch | None = None
 
     @property
     def is_roomy(self) -> bool:
@@ -102,8 +107,16 @@ class ExecutedBlock:
             and size * 100 < BLOCK_CONTENT_MAX_BYTES * ROOMY_PER_CENT
         )
 
-    def to_stored(self) -> FinalizedBlock:
-        """Return what the ledger store takes."""
+    def to_stored(self, proof: FinalityProof) -> FinalizedBlock:
+        """Return what the ledger store takes. `proof` is that of the commit which ends with this block or above it.
+
+        A boundary is always the last block of its commit, so that the proof is its own.
+        """
+        epoch_proof = b""
+        if self.next_epoch is not None:
+            if proof.header_bytes != self.block.header_bytes:
+                raise AssertionError("a boundary is stored with the proof of another block")
+            epoch_proof = encode(EpochProof(finality=proof, epoch=self.next_epoch))
         return FinalizedBlock(
             height=self.header.height,
             block_id=self.block_id,
@@ -115,6 +128,7 @@ class ExecutedBlock:
             state_writes=self.overlay.writes,
             page_writes=self.overlay.page_writes,
             events=[encode(event) for receipt in self.receipts for event in receipt.events],
+            epoch_proof_bytes=epoch_proof,
         )
 
 
@@ -198,6 +212,13 @@ class Executor:
         """Return the txids of the executed blocks from this one down to the base."""
         return frozenset().union(*(executed.txids for executed in self._branch(block_id)))
 
+    def must_close(self, parent_id: bytes, epoch: int) -> bool:
+        """Tell whether a block of this epoch on this parent must be a closing one: it stands behind a boundary."""
+        parent = self._blocks.get(parent_id)
+        if parent is None or parent.header.epoch != epoch:
+            return False
+        return parent.header.is_closing or parent.next_epoch is not None
+
     def _recent(self, block_id: bytes) -> _BranchTransactions:
         return _BranchTransactions(self.txids_on_branch(block_id), self._base)
 
@@ -221,6 +242,9 @@ class Executor:
             return known
         header = block.header
         parent = self._view(header.parent_id)
+        must_close = self.must_close(header.parent_id, header.epoch)
+        if header.is_closing != must_close or (must_close and block.transactions):
+            raise BlockRobotError("BLOCK_INVALID", "Only empty closing blocks stand behind a boundary, and only there.")
         transactions = [self._cache.verified(wire) for wire in block.transactions]
         check_block_transactions(
             transactions,
@@ -230,8 +254,9 @@ class Executor:
             recent=self._recent(header.parent_id),
         )
         result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
-        _require_equal(header, result)
-        return self._keep(block, block_id, header, transactions, parent, result)
+        following = next_epoch(result.writes, header.epoch)
+        _require_equal(header, result, following)
+        return self._keep(block, block_id, header, transactions, parent, result, following)
 
     def _keep(
         self,
@@ -241,6 +266,7 @@ class Executor:
         transactions: list[Transaction],
         parent: StateView,
         result: Outcome,
+        following: Epoch | None,
     ) -> ExecutedBlock:
         executed = ExecutedBlock(
             block=block,
@@ -250,6 +276,7 @@ class Executor:
             receipts=result.receipts,
             overlay=Overlay(parent, result.writes, result.page_writes, result.state_root),
             txids=frozenset(transaction.txid for transaction in transactions),
+            next_epoch=following,
         )
         self._blocks[block_id] = executed
         return executed
@@ -257,7 +284,9 @@ class Executor:
     # Building
 
     def choose(self, mempool: Mempool, parent_id: bytes, timestamp_ms: int) -> list[Transaction]:
-        """Take transactions for a block on this parent: none that is on the branch already."""
+        """Take transactions for a block on this parent: none that is on the branch already, none behind a boundary."""
+        if self.must_close(parent_id, self.schedule.epoch):
+            return []
         taken = mempool.take(
             max_count=BLOCK_TRANSACTIONS_MAX_COUNT,
             max_bytes=BLOCK_CONTENT_MAX_BYTES,
@@ -272,6 +301,7 @@ class Executor:
     ) -> tuple[ExecutedBlock, list[bytes]]:
         """Execute, fill in and sign a block; return it and the txids that no block should hold.
 
+        If what it executes decides a new epoch, it is a boundary; behind one it is a closing block.
         LookupError for an unknown parent; whatever the machine raises passes through.
         """
         if self._key is None:
@@ -280,6 +310,7 @@ class Executor:
         result, faulty = self._machine.build(parent, request.height, timestamp_ms, transactions)
         included = {receipt.txid for receipt in result.receipts}
         chosen = [transaction for transaction in transactions if transaction.txid in included]
+        following = next_epoch(result.writes, request.epoch)
         header = Header(
             version=HEADER_VERSION,
             chain_id=self._chain_id,
@@ -294,8 +325,9 @@ class Executor:
             transactions_root=compute_transactions_root([transaction.txid for transaction in chosen]),
             receipts_root=compute_receipts_root(result.receipts),
             state_root=result.state_root,
-            next_schedule_hash=None,
+            next_schedule_hash=None if following is None else compute_epoch_hash(following),
             gas_used=result.gas_used,
+            is_closing=self.must_close(request.parent_id, request.epoch),
         )
         header_bytes = encode(header)
         block_id = sha256(header_bytes)
@@ -304,9 +336,16 @@ class Executor:
             signature=sign_block(self._key, self._chain_id, header.epoch, header.round, block_id),
             transactions=tuple(transaction.wire for transaction in chosen),
         )
-        return self._keep(block, block_id, header, chosen, parent, result), faulty
+        return self._keep(block, block_id, header, chosen, parent, result, following), faulty
 
     # Moving up
+
+    def begin_epoch(self, schedule: Schedule) -> None:
+        """The stored head begins this epoch: forget the blocks of others. Only while nothing is being executed."""
+        self.schedule = schedule
+        self._blocks = {
+            block_id: executed for block_id, executed in self._blocks.items() if executed.header.epoch == schedule.epoch
+        }
 
     def move_base(self) -> None:
         """The ledger store has moved: stand on its newest block, and forget what is stored or dead.
@@ -334,7 +373,7 @@ class Executor:
         self._reader = self._ledger.snapshot()
 
 
-def _require_equal(header: Header, result: Outcome) -> None:
+def _require_equal(header: Header, result: Outcome, following: Epoch | None) -> None:
     """Compare what the header says with what came out here. Raises BLOCK_INVALID."""
     if result.left_out:
         raise BlockRobotError("BLOCK_INVALID", "The block holds a transaction that does not fit into it.")
@@ -342,5 +381,5 @@ def _require_equal(header: Header, result: Outcome) -> None:
         raise BlockRobotError("BLOCK_INVALID", "The state after the block is not the one that its header names.")
     if compute_receipts_root(result.receipts) != header.receipts_root:
         raise BlockRobotError("BLOCK_INVALID", "The receipts are not the ones that the header names.")
-    if header.next_schedule_hash is not None:
-        raise BlockRobotError("BLOCK_INVALID", "The block changes the schedule, which nothing in it asked for.")
+    if header.next_schedule_hash != (None if following is None else compute_epoch_hash(following)):
+        raise BlockRobotError("BLOCK_INVALID", "The next epoch is not the one that the header names.")

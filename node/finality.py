@@ -140,7 +140,8 @@ class LedgerWriter:
                 batch = self._take_batch()
                 blocks = [block for block, _ in batch]
                 try:
-                    position = await self._ledger.commit([block.to_stored() for block in blocks], encode(batch[-1][1]))
+                    stored = [block.to_stored(proof) for block, proof in batch]
+                    position = await self._ledger.commit(stored, encode(batch[-1][1]))
                 except (BlockRobotError, OSError, ValueError) as error:
                     self._failed = True
                     self._idle.set()
@@ -157,8 +158,14 @@ class LedgerWriter:
             listener(blocks, proof, position)
 
     def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
-        """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs)."""
+        """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs).
+
+        None goes beyond a boundary: the next epoch begins only when the boundary's own proof is stored.
+        """
         end = min(len(self._waiting), COMMIT_BLOCKS_MAX_COUNT)
+        for place, (block, _) in enumerate(self._waiting[:end], start=1):
+            if block.next_epoch is not None:
+                return self._waiting[:place]
         while end < len(self._waiting) and self._waiting[end][1] is self._waiting[end - 1][1]:
             end += 1
         return self._waiting[:end]

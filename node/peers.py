@@ -12,21 +12,22 @@ from typing import Protocol
 
 import structlog
 
-from consensus.block import Block
+from consensus.block import Block, EpochProof
 from consensus.effects import FetchBlocks, Message
 from consensus.errors import BlockRobotError
 from consensus.events import (
     BlocksFetched,
+    Event,
     NoticeReceived,
     PeerConnected,
     ProposalReceived,
     TimeoutReceived,
     VoteReceived,
 )
-from consensus.genesis import Genesis
 from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
 from consensus.primitives.encoding import decode, encode
 from node.engine import Engine
+from node.epochs import EpochStart, Handover, verify_following
 from node.gossip import AGAIN_MAX_BYTES, Gossip, batches, oldest_within
 from node.mempool import Mempool
 from node.p2p.wire import BlockBatch, BranchRequest, FrameKind, HeightNotice, RequestKind, TransactionBatch
@@ -38,6 +39,7 @@ BRANCH_MAX_BYTES = 4 * 1024 * 1024
 BRANCH_STORED_MAX_COUNT = 128
 UNSETTLED_MAX_COUNT = 1024
 UNSETTLED_MAX_MS = 3_000
+OWN_BOUNDARY_WAIT_MS = 100
 
 _KINDS: dict[type[Message], FrameKind] = {
     Proposal: FrameKind.PROPOSAL,
@@ -45,6 +47,7 @@ _KINDS: dict[type[Message], FrameKind] = {
     Timeout: FrameKind.TIMEOUT,
     CertificateNotice: FrameKind.NOTICE,
 }
+_WORDS = frozenset(_KINDS.values())
 
 log = structlog.get_logger(__name__)
 
@@ -90,18 +93,29 @@ class Peers:
     """The engine's outbox, and the handler of what peers send."""
 
     def __init__(
-        self, *, genesis: Genesis, name: str, mempool: Mempool, ledger: LedgerStore, clock: Callable[[], int]
+        self,
+        *,
+        chain_id: bytes,
+        name: str,
+        start: EpochStart,
+        name_of_producer: Callable[[bytes], str | None],
+        mempool: Mempool,
+        ledger: LedgerStore,
+        clock: Callable[[], int],
     ) -> None:
-        self._genesis = genesis
+        """`start` is how the epoch began that the node is in; `name_of_producer` finds the node of a producer key."""
+        self._chain_id = chain_id
+        self._name_of_producer = name_of_producer
         self._mempool = mempool
         self._ledger = ledger
         self._clock = clock
-        schedule = genesis.schedule
-        self._names = [_name_of(genesis, key) for key in schedule.producers]
-        self._indexes = {node: index for index, node in enumerate(self._names)}
         self._own_name = name
+        self._epoch = start
+        self._handover = Handover(start=start, ledger=ledger, send=self._send)
+        self.name_producers()
         self._unsettled: OrderedDict[bytes, int] = OrderedDict()
         self._fetching: set[asyncio.Task[None]] = set()
+        self._hints: dict[str, asyncio.TimerHandle] = {}
         self.gossip = Gossip(self._send_batch)
         self.clips: ClipSource | None = None
 
@@ -112,9 +126,86 @@ class Peers:
     async def stop(self) -> None:
         """Stop what is under way."""
         self.gossip.stop()
+        self._handover.stop()
+        for timer in self._hints.values():
+            timer.cancel()
         for task in self._fetching:
             task.cancel()
         await asyncio.gather(*self._fetching, return_exceptions=True)
+
+    # Epochs
+
+    def name_producers(self) -> None:
+        """Find the names of the epoch's producers (again, after a change of who is who)."""
+        names = [self._name_of_producer(key) for key in self._epoch.schedule.producers]
+        self._names = names
+        self._indexes = {node: index for index, node in enumerate(names) if node is not None}
+
+    def begin_epoch(self, start: EpochStart) -> None:
+        """A new epoch began here: say so, help its producers into it, and take up what they said in it already."""
+        self._epoch = start
+        self.name_producers()
+        self.announce_height(self.finalized_height())
+        for peer, kind, payload in self._handover.begin(start, set(self._indexes) - {self._own_name}):
+            self._take_word(peer, kind, payload)
+
+    def _take_word(self, peer: str, kind: FrameKind, payload: bytes) -> None:
+        """Pass a word of this epoch on to the core; answer a word of another one. Raises BlockRobotError."""
+        event, epoch = self._event_of(peer, kind, payload)
+        if epoch == self._epoch.number:
+            self._handover.note_word(peer)
+            self._engine.submit(event)
+        elif epoch < self._epoch.number:
+            self._handover.answer(peer, epoch)
+        else:
+            if epoch == self._epoch.number + 1:
+                self._handover.keep(peer, kind, payload)
+            self._follow_later(peer, epoch)
+
+    def _event_of(self, peer: str, kind: FrameKind, payload: bytes) -> tuple[Event, int]:
+        """Return the event that a word is, and its epoch. Raises ENCODING_*."""
+        now_ms, sender = self._clock(), self._indexes.get(peer)
+        if kind is FrameKind.VOTE:
+            vote = decode(payload, Vote)
+            return VoteReceived(vote=vote, now_ms=now_ms), vote.epoch
+        if kind is FrameKind.PROPOSAL:
+            proposal = decode(payload, Proposal)
+            return ProposalReceived(proposal=proposal, sender=sender, now_ms=now_ms), proposal.block.header.epoch
+        if kind is FrameKind.TIMEOUT:
+            timeout = decode(payload, Timeout)
+            return TimeoutReceived(timeout=timeout, sender=sender, now_ms=now_ms), timeout.epoch
+        notice = decode(payload, CertificateNotice)
+        return NoticeReceived(notice=notice, now_ms=now_ms), notice.qc.epoch
+
+    def _follow_later(self, peer: str, epoch: int) -> None:
+        """A peer is in a later epoch: catch up with it, unless one's own boundary is stored in a moment."""
+        if peer not in self._hints:
+            loop = asyncio.get_running_loop()
+            self._hints[peer] = loop.call_later(OWN_BOUNDARY_WAIT_MS / 1000, self._follow, peer, epoch)
+
+    def _follow(self, peer: str, epoch: int) -> None:
+        self._hints.pop(peer, None)
+        if epoch > self._epoch.number:
+            self._sync.note_epoch(peer, epoch)
+
+    def _take_proof(self, peer: str, payload: bytes) -> None:
+        """A peer says that this node's epoch is over. Raises PROOF_INVALID, CERTIFICATE_INVALID, ENCODING_*."""
+        proof = decode(payload, EpochProof)
+        if proof.epoch.number <= self._epoch.number:
+            self._tell_height(peer)
+            return
+        if proof.epoch.number == self._epoch.number + 1:
+            verify_following(proof, self._epoch, self._chain_id)
+        self._follow_later(peer, proof.epoch.number)
+
+    def _note_height(self, peer: str, notice: HeightNotice) -> None:
+        if notice.epoch < self._epoch.number:
+            self._handover.answer(peer, notice.epoch)
+        else:
+            self._handover.note_word(peer)
+        if notice.epoch > self._epoch.number:
+            self._follow_later(peer, notice.epoch)
+        self._sync.note_height(peer, notice.finalized_height)
 
     # Outbox of the engine
 
@@ -124,7 +215,9 @@ class Peers:
 
     def send_to(self, index: int, message: Message) -> None:
         """Send to one producer."""
-        self._network.send(self._names[index], _KINDS[type(message)], encode(message))
+        name = self._names[index]
+        if name is not None:
+            self._network.send(name, _KINDS[type(message)], encode(message))
 
     def gossip_again(self) -> None:
         """Send the waiting transactions to all peers again."""
@@ -138,7 +231,8 @@ class Peers:
         if self._sync.is_running:
             return
         connected = set(self._network.connected)
-        names = [self._names[index] for index in effect.producers if self._names[index] in connected]
+        signers = [self._names[index] for index in effect.producers]
+        names = [name for name in signers if name is not None and name in connected]
         others = [name for name in connected if name not in names]
         for name in (names + others)[:FETCH_PEERS_MAX_COUNT]:
             task = asyncio.get_running_loop().create_task(self._fetch_branch(name, effect))
@@ -156,12 +250,20 @@ class Peers:
         if blocks:
             self._engine.submit(BlocksFetched(blocks=blocks, now_ms=self._clock()))
 
+    def _send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        return self._network.send(peer, kind, payload)
+
     def _send_batch(self, payload: bytes) -> None:
         self._network.broadcast(FrameKind.TRANSACTIONS, payload)
 
     def announce_height(self, height: int) -> None:
         """Tell all peers how far this node is."""
-        self._network.broadcast(FrameKind.HEIGHT, encode(HeightNotice(finalized_height=height)))
+        notice = HeightNotice(finalized_height=height, epoch=self._epoch.number)
+        self._network.broadcast(FrameKind.HEIGHT, encode(notice))
+
+    def _tell_height(self, peer: str) -> None:
+        notice = HeightNotice(finalized_height=self.finalized_height(), epoch=self._epoch.number)
+        self._network.send(peer, FrameKind.HEIGHT, encode(notice))
 
     # Handler of the network
 
@@ -174,6 +276,7 @@ class Peers:
         """Greet a peer: what waits here, and what the core has to say."""
         for payload in batches(oldest_within(self._mempool.transactions(), AGAIN_MAX_BYTES)):
             self._network.send(peer, FrameKind.TRANSACTIONS, payload)
+        self._tell_height(peer)
         self._sync.note_height(peer, finalized_height)
         index = self._indexes.get(peer)
         if index is not None:
@@ -184,22 +287,15 @@ class Peers:
         self._sync.forget(peer)
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Take a frame. Raises ENCODING_* for what is malformed."""
-        now_ms = self._clock()
-        if kind is FrameKind.VOTE:
-            self._engine.submit(VoteReceived(vote=decode(payload, Vote), now_ms=now_ms))
-        elif kind is FrameKind.PROPOSAL:
-            proposal = decode(payload, Proposal)
-            self._engine.submit(ProposalReceived(proposal=proposal, sender=self._indexes.get(peer), now_ms=now_ms))
+        """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery."""
+        if kind in _WORDS:
+            self._take_word(peer, kind, payload)
         elif kind is FrameKind.TRANSACTIONS:
-            self._take_transactions(decode(payload, TransactionBatch).transactions, now_ms)
-        elif kind is FrameKind.TIMEOUT:
-            timeout = decode(payload, Timeout)
-            self._engine.submit(TimeoutReceived(timeout=timeout, sender=self._indexes.get(peer), now_ms=now_ms))
-        elif kind is FrameKind.NOTICE:
-            self._engine.submit(NoticeReceived(notice=decode(payload, CertificateNotice), now_ms=now_ms))
+            self._take_transactions(decode(payload, TransactionBatch).transactions, self._clock())
         elif kind is FrameKind.HEIGHT:
-            self._sync.note_height(peer, decode(payload, HeightNotice).finalized_height)
+            self._note_height(peer, decode(payload, HeightNotice))
+        elif kind is FrameKind.EPOCH:
+            self._take_proof(peer, payload)
 
     async def peer_request(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Answer a request. Raises BlockRobotError to refuse."""
@@ -255,7 +351,3 @@ class Peers:
                 if wire in self._unsettled:
                     self._unsettled[wire] = until_ms
         self._engine.note_work()
-
-
-def _name_of(genesis: Genesis, producer_key: bytes) -> str:
-    return next(node.name for node in genesis.nodes if node.producer_key == producer_key)

@@ -14,9 +14,10 @@ from consensus.block import FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 HEADER_SIZE_BYTES = 5
 SMALL_FRAME_MAX_BYTES = 64 * 1024
+EPOCH_FRAME_MAX_BYTES = 512 * 1024
 BLOCK_FRAME_MAX_BYTES = 2 * 1024 * 1024
 BULK_FRAME_MAX_BYTES = 8 * 1024 * 1024
 REQUEST_HEADER_SIZE_BYTES = 5
@@ -37,6 +38,8 @@ class FrameKind(IntEnum):
     HEIGHT = 7
     REQUEST = 8
     RESPONSE = 9
+    EPOCH = 10
+    REFUSAL = 11
 
 
 class RequestKind(IntEnum):
@@ -58,6 +61,8 @@ FRAME_MAX_BYTES: dict[int, int] = {
     FrameKind.HEIGHT: 64,
     FrameKind.REQUEST: 1024,
     FrameKind.RESPONSE: BULK_FRAME_MAX_BYTES,
+    FrameKind.EPOCH: EPOCH_FRAME_MAX_BYTES,
+    FrameKind.REFUSAL: 128,
 }
 GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
 
@@ -71,10 +76,17 @@ class Hello(Wire, frozen=True):
     finalized_height: int
 
 
+class Refusal(Wire, frozen=True):
+    """The last frame to a node whose certificate is genuine but does not count: the code of the catalogue why."""
+
+    code: str
+
+
 class HeightNotice(Wire, frozen=True):
-    """The sender's finalized height."""
+    """How far the sender's store is: its height, and the epoch that this height is in (or begins)."""
 
     finalized_height: int
+    epoch: int
 
 
 class TransactionBatch(Wire, frozen=True):

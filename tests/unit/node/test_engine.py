@@ -59,6 +59,8 @@ def _engine(core: ScriptedCore, stage: Stage) -> Engine:
     nothing: Any = None
     return Engine(
         core=core,  # type: ignore[arg-type]
+        start=nothing,
+        make_core=nothing,
         executor=stage,  # type: ignore[arg-type]
         mempool=nothing,
         journal=stage,  # type: ignore[arg-type]

@@ -19,7 +19,10 @@ PROOF = FinalityProof(
 
 def _block(height: int, *txids: bytes) -> Any:
     return SimpleNamespace(
-        header=SimpleNamespace(height=height), txids=frozenset(txids), to_stored=lambda: SimpleNamespace(height=height)
+        header=SimpleNamespace(height=height),
+        txids=frozenset(txids),
+        next_epoch=None,
+        to_stored=lambda _proof: SimpleNamespace(height=height),
     )
 
 

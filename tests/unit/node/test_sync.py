@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -12,6 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
+from node.epochs import start_of_genesis
 from node.finality import FinalityFeed
 from node.storage.memory_store import MemoryStore
 from node.sync import BATCH_MAX_COUNT, Synchroniser, read_batch
@@ -34,7 +36,7 @@ async def _refusal(blocks: list[Block], proof: FinalityProof, height: int = 0) -
     sync = Synchroniser(
         genesis=GENESIS,
         ledger=await _ledger(height),
-        engine=nothing,
+        engine=SimpleNamespace(epoch=start_of_genesis(GENESIS)),  # type: ignore[arg-type]
         executor=nothing,
         writer=nothing,
         feed=FinalityFeed(height),
