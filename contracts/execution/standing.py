@@ -1,8 +1,9 @@
 """Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
 
 Standing keeps strangers from filling the pool. A sender has it as an active member, as the owner of a finalized visit
-(for its consent, access and erasure only), as a custodian, as a registrar or admin, or by a registration whose
-voucher and card signature are good and whose handle is free.
+(for its consent, access and erasure only), as a custodian, as a registrar or admin of an active organisation, as a
+producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
+good and whose handle is free.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from consensus.transaction import Transaction
 from contracts.state.view import StateReader
 
 OWNER_CONTRACTS = frozenset({"access", "erasure"})
-ORGANISATIONS_MAX_COUNT = 256
+PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
 
@@ -27,9 +28,10 @@ def _is_active_member(state: StateReader, sender: bytes) -> bool:
     return data is not None and decode_value(data)["status"] == "active"
 
 
-def _is_admin(state: StateReader, sender: bytes) -> bool:
-    organisations = state.scan(b"identity\x00org/", ORGANISATIONS_MAX_COUNT)
-    return any(sender in decode_value(value)["admins"] for _, value in organisations)
+def _is_producer(state: StateReader, sender: bytes) -> bool:
+    """Tell whether the key is a producer's or candidate's, suspended ones among them."""
+    data = state.get(b"producers\x00candidate/" + sender)
+    return data is not None and decode_value(data)["status"] != "removed"
 
 
 def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
@@ -73,11 +75,13 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
         return ""
     if body.contract in OWNER_CONTRACTS and state.get(b"records\x00visit/" + sender) is not None:
         return ""
-    if state.get(b"identity\x00custodian/" + sender) or state.get(b"identity\x00registrar/" + sender):
+    if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
+        return ""
+    if body.contract == "producers" and body.entry in PRODUCER_ENTRIES and _is_producer(state, sender):
         return ""
     if body.contract == "identity" and body.entry == "register":
         return _find_registration_fault(state, transaction, chain_time_ms)
-    return "" if _is_admin(state, sender) else WITHOUT_STANDING
+    return WITHOUT_STANDING
 
 
 def has_standing(state: StateReader, transaction: Transaction, chain_time_ms: int) -> bool:

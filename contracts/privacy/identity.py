@@ -4,7 +4,8 @@ A handle is a random name that a registrar drew for a card. It is registered onc
 key, under a registrar's voucher.
 
 member/M -> {handle, role, org, spend, view, sealing, purposes, status, since}; handle/H -> M; org/name -> {admins,
-registrars}; registrar/M -> org; custodian/M -> {name, org}; custodians -> sorted list; purpose/code -> True.
+registrars}; admin/M, registrar/M -> org; removed/name -> height, of an organisation that was removed; custodian/M ->
+{name, org}; custodians -> sorted list; purpose/code -> True.
 """
 
 KEY_BYTES = 33
@@ -22,9 +23,7 @@ ROTATION_TAG = "blockrobot/rotation"
 def genesis(organisations: list, custodian_nodes: list, purposes: list):
     """Write the first state: [[name, admins, registrars]], [[key, name, org]] and purpose codes."""
     for name, admins, registrars in organisations:
-        state.put(b"org/" + name.encode(), {"admins": admins, "registrars": registrars})
-        for registrar in registrars:
-            state.put(b"registrar/" + registrar, name)
+        enter_organisation(name, admins, registrars)
     keys = []
     for key, name, org in custodian_nodes:
         state.put(b"custodian/" + key, {"name": name, "org": org})
@@ -32,6 +31,67 @@ def genesis(organisations: list, custodian_nodes: list, purposes: list):
     state.put(b"custodians", sorted(keys))
     for code in purposes:
         state.put(b"purpose/" + code.encode(), True)
+
+
+def enter_organisation(name: str, admins: list, registrars: list):
+    """Write an organisation's keys; none of them may speak for another."""
+    for kind, keys in [[b"admin/", admins], [b"registrar/", registrars]]:
+        for key in keys:
+            require(not state.has(kind + key), "KEY_OF_ANOTHER", "The key is an admin's or registrar's elsewhere.")
+            state.put(kind + key, name)
+    state.put(b"org/" + name.encode(), {"admins": admins, "registrars": registrars})
+
+
+def forget_keys(name: str):
+    known = state.get(b"org/" + name.encode())
+    if known is not None:
+        for admin in known["admins"]:
+            state.delete(b"admin/" + admin)
+        for registrar in known["registrars"]:
+            state.delete(b"registrar/" + registrar)
+
+
+def require_membership():
+    require(ctx.calling_contract == "membership", "NOT_THE_MEMBERSHIP_CONTRACT", "Only the organisations may, together.")
+
+
+@export
+def put_organisation(name: str, admins: list, registrars: list):
+    """Add an organisation, or put new keys in place of its own. Who may call: the contract `membership`."""
+    require_membership()
+    forget_keys(name)
+    state.delete(b"removed/" + name.encode())
+    enter_organisation(name, admins, registrars)
+    emit("organisation_changed", {"name": name})
+
+
+@export
+def remove_organisation(name: str):
+    """End an organisation's rights; its robots and staff lose theirs with it. Who may call: the contract `membership`."""
+    require_membership()
+    forget_keys(name)
+    state.put(b"org/" + name.encode(), {"admins": [], "registrars": []})
+    state.put(b"removed/" + name.encode(), ctx.height)
+    emit("organisation_removed", {"name": name})
+
+
+@export
+def add_custodian(key: bytes, name: str, org: str):
+    """Add a custodian. Who may call: the contract `membership`."""
+    require_membership()
+    state.put(b"custodian/" + key, {"name": name, "org": org})
+    state.put(b"custodians", sorted(custodians() + [key]))
+
+
+@export
+def remove_custodians(keys: list):
+    """Remove custodians. Who may call: the contract `membership`."""
+    require_membership()
+    remaining = [key for key in custodians() if key not in keys]
+    require(len(remaining) > 0, "LAST_CUSTODIAN", "Somebody must keep what is recorded: add a custodian first.")
+    for key in keys:
+        state.delete(b"custodian/" + key)
+    state.put(b"custodians", remaining)
 
 
 def check_keys(spend: bytes, view: bytes, sealing: bytes):
@@ -187,11 +247,28 @@ def member_of_handle(handle: bytes) -> dict | None:
 
 @view
 def role_of(m: bytes) -> str:
-    """Return the role of an active member, or an empty text."""
+    """Return the role of an active member, or an empty text. Only subjects outlast their organisation."""
     found = state.get(b"member/" + m)
     if found is None or found["status"] != "active":
         return ""
+    if found["role"] != "subject" and state.has(b"removed/" + found["org"].encode()):
+        return ""
     return found["role"]
+
+
+@view
+def admin_of(key: bytes) -> str:
+    """Return the organisation that the key is an admin of, or an empty text."""
+    return state.get(b"admin/" + key, "")
+
+
+@view
+def admin_count(org: str) -> int:
+    """Return how many admins an organisation has."""
+    known = state.get(b"org/" + org.encode())
+    if known is None:
+        return 0
+    return len(known["admins"])
 
 
 @view

@@ -1,8 +1,52 @@
 """The organisations of the network and their nodes, as they decide together. Must never let one decide for the others.
 
 org/name -> {name, ca_certificate, status, since_height}; node/name -> {name, organisation, host, p2p_port, api_url,
-producer_key, producer_possession, custodian_key, status, since_height}; organisations -> sorted names of the active.
+producer_key, producer_possession, custodian_key, status, since_height}; revoked/org/serial -> {height}; key/K -> the node
+that holds or held it; organisations, nodes -> sorted names of the active; proposal/txid -> {contract, kind, arguments,
+organisation, approvals, time, expires_ms, height, status, closed_height}; open -> [[txid, organisation, expires_ms]];
+closed -> txids of the last 32 that are open no more.
+
+A proposal takes effect in the block in which a majority of the active organisations stands behind it. Each organisation
+has one voice, whichever of its admins speaks.
 """
+
+KEY_BYTES = 33
+SERIAL_BYTES = 20
+ID_BYTES = 32
+NAME_MAX_CHARS = 40
+NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-"
+HOST_MAX_CHARS = 253
+URL_MAX_CHARS = 256
+CERTIFICATE_MAX_CHARS = 4096
+CERTIFICATE_BEGIN = "-----BEGIN CERTIFICATE-----"
+KEYS_MAX_COUNT = 16
+ORGANISATIONS_MAX_COUNT = 32
+NODES_MAX_COUNT = 64
+OPEN_MAX_COUNT = 32
+OPEN_OF_ONE_MAX_COUNT = 8
+EXPIRED_AT_ONCE_MAX_COUNT = 2
+CLOSED_KEPT_MAX_COUNT = 32
+PROPOSAL_LIFETIME_MS = 604800000
+POSSESSION_TAG = "blockrobot/producer-possession"
+FIELDS = {
+    "add_org": {"name": "str", "ca_certificate": "str", "admins": "list", "registrars": "list"},
+    "remove_org": {"name": "str"},
+    "replace_ca": {"organisation": "str", "ca_certificate": "str"},
+    "replace_keys": {"organisation": "str", "admins": "list", "registrars": "list"},
+    "add_node": {
+        "name": "str",
+        "organisation": "str",
+        "host": "str",
+        "p2p_port": "int",
+        "api_url": "str",
+        "producer_key": "bytes",
+        "producer_possession": "bytes",
+        "custodian_key": "bytes",
+    },
+    "remove_node": {"name": "str"},
+    "rekey_producer": {"node": "str", "producer_key": "bytes", "producer_possession": "bytes"},
+    "revoke_certificate": {"organisation": "str", "serial": "bytes"},
+}
 
 
 @genesis
@@ -14,6 +58,7 @@ def genesis(organisations: list, nodes: list):
         state.put(b"org/" + name.encode(), entry)
         names.append(name)
     state.put(b"organisations", sorted(names))
+    names = []
     for name, organisation, host, p2p_port, api_url, producer_key, producer_possession, custodian_key in nodes:
         entry = {
             "name": name,
@@ -24,7 +69,441 @@ def genesis(organisations: list, nodes: list):
             "producer_key": producer_key,
             "producer_possession": producer_possession,
             "custodian_key": custodian_key,
-            "status": "active",
-            "since_height": 0,
         }
-        state.put(b"node/" + name.encode(), entry)
+        put_node(entry)
+        names.append(name)
+    state.put(b"nodes", sorted(names))
+
+
+def put_node(entry: dict):
+    entry["status"] = "active"
+    entry["since_height"] = ctx.height
+    state.put(b"node/" + entry["name"].encode(), entry)
+    for key in [entry["producer_key"], entry["custodian_key"]]:
+        if len(key) > 0:
+            state.put(b"key/" + key, entry["name"])
+
+
+# What a proposal may ask for
+
+
+def is_of(value: object, kind: str) -> bool:
+    if kind == "str":
+        return isinstance(value, str)
+    if kind == "int":
+        return isinstance(value, int)
+    if kind == "bytes":
+        return isinstance(value, bytes)
+    return isinstance(value, list)
+
+
+def check(kind: str, arguments: dict):
+    """Refuse a proposal that could not take effect now."""
+    require(kind in FIELDS, "KIND_UNKNOWN", "Membership knows no proposal of this kind.")
+    fields = FIELDS[kind]
+    require(len(arguments) == len(fields), "FIELDS_WRONG", "The proposal lacks a field, or has one too many.")
+    for field, wanted in fields.items():
+        known = field in arguments and is_of(arguments[field], wanted)
+        require(known, "FIELDS_WRONG", f"The proposal needs the field {field} of type {wanted}.")
+    if kind == "add_org":
+        check_name(arguments["name"])
+        names = active_organisations()
+        require(arguments["name"] not in names, "ORGANISATION_EXISTS", "There is an organisation of this name.")
+        require(len(names) < ORGANISATIONS_MAX_COUNT, "ORGANISATIONS_TOO_MANY", "A network has at most 32 organisations.")
+        check_certificate(arguments["ca_certificate"])
+        check_keys(arguments["admins"], arguments["registrars"])
+    elif kind == "remove_org":
+        require_organisation(arguments["name"])
+        check_others_govern(arguments["name"])
+    elif kind == "replace_ca":
+        require_organisation(arguments["organisation"])
+        check_certificate(arguments["ca_certificate"])
+    elif kind == "replace_keys":
+        require_organisation(arguments["organisation"])
+        check_keys(arguments["admins"], arguments["registrars"])
+    elif kind == "revoke_certificate":
+        require_organisation(arguments["organisation"])
+        require(len(arguments["serial"]) == SERIAL_BYTES, "SERIAL_WRONG", "A certificate's serial number has 20 bytes here.")
+        revoked = state.has(revocation_key(arguments))
+        require(not revoked, "CERTIFICATE_REVOKED", "This certificate is revoked already.")
+    elif kind == "add_node":
+        check_new_node(arguments)
+    elif kind == "remove_node":
+        require_node(arguments["name"])
+    else:
+        require_node(arguments["node"])
+        check_new_key(arguments["producer_key"])
+        check_possession(arguments["node"], arguments["producer_key"], arguments["producer_possession"])
+
+
+def revocation_key(arguments: dict) -> bytes:
+    return b"revoked/" + arguments["organisation"].encode() + b"/" + arguments["serial"]
+
+
+def check_name(name: str):
+    require(0 < len(name) and len(name) <= NAME_MAX_CHARS, "NAME_WRONG", "A name has 1 to 40 characters.")
+    for character in name:
+        require(character in NAME_CHARS, "NAME_WRONG", "A name is of small letters, digits and hyphens.")
+
+
+def check_certificate(certificate: str):
+    known = certificate.isascii() and certificate.startswith(CERTIFICATE_BEGIN)
+    require(known and len(certificate) <= CERTIFICATE_MAX_CHARS, "CERTIFICATE_WRONG", "That is no certificate in PEM.")
+
+
+def check_keys(admins: list, registrars: list):
+    require(len(admins) > 0, "ADMINS_MISSING", "An organisation needs at least one admin.")
+    for keys in [admins, registrars]:
+        require(len(keys) <= KEYS_MAX_COUNT, "KEYS_TOO_MANY", "An organisation has at most 16 admins and 16 registrars.")
+        seen = {}
+        for key in keys:
+            known = isinstance(key, bytes) and len(key) == KEY_BYTES
+            require(known, "KEY_SIZE_WRONG", "A member's key has 33 bytes.")
+            require(key not in seen, "KEY_TWICE", "A key is named twice.")
+            seen[key] = True
+
+
+def require_organisation(name: str) -> dict:
+    require(name in active_organisations(), "ORGANISATION_UNKNOWN", "There is no active organisation of this name.")
+    return state.get(b"org/" + name.encode())
+
+
+def require_node(name: str) -> dict:
+    require(name in state.get(b"nodes"), "NODE_UNKNOWN", "There is no active node of this name.")
+    return state.get(b"node/" + name.encode())
+
+
+def check_others_govern(name: str):
+    """Somebody must be left who can propose anything."""
+    governed = False
+    for other in active_organisations():
+        if other != name and call("identity", "admin_count", other) > 0:
+            governed = True
+    require(governed, "LAST_ADMINS", "No other organisation has an admin; the network could never be changed again.")
+
+
+def check_new_key(key: bytes):
+    require(len(key) == KEY_BYTES, "KEY_SIZE_WRONG", "A node's key has 33 bytes.")
+    require(not state.has(b"key/" + key), "KEY_TAKEN", "A node has or had this key; each needs one of its own.")
+
+
+def check_possession(name: str, key: bytes, proof: bytes):
+    held = False
+    for recovery in [b"\x00", b"\x01"]:
+        if recover(POSSESSION_TAG, proof + recovery, name.encode()) == key:
+            held = True
+    require(held, "POSSESSION_WRONG", "The node does not prove that it holds this producer key.")
+
+
+def check_new_node(node: dict):
+    check_name(node["name"])
+    require_organisation(node["organisation"])
+    names = state.get(b"nodes")
+    used = state.has(b"node/" + node["name"].encode())
+    require(not used, "NODE_NAME_USED", "There is, or was, a node of this name; its certificates name it.")
+    require(len(names) < NODES_MAX_COUNT, "NODES_TOO_MANY", "A network has at most 64 nodes.")
+    host = node["host"]
+    require(0 < len(host) and len(host) <= HOST_MAX_CHARS and host.isascii(), "HOST_WRONG", "That is no host.")
+    require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
+    url = node["api_url"]
+    known = url.startswith("http://") or url.startswith("https://")
+    require(known and len(url) <= URL_MAX_CHARS and url.isascii(), "URL_WRONG", "An API address begins with https://.")
+    if len(node["producer_key"]) > 0:
+        check_new_key(node["producer_key"])
+        check_possession(node["name"], node["producer_key"], node["producer_possession"])
+    else:
+        require(len(node["producer_possession"]) == 0, "POSSESSION_WRONG", "There is no producer key to hold.")
+    if len(node["custodian_key"]) > 0:
+        check_new_key(node["custodian_key"])
+        require(node["custodian_key"] != node["producer_key"], "KEY_TAKEN", "The two roles need a key each.")
+
+
+# What takes effect
+
+
+def take_effect(kind: str, arguments: dict):
+    if kind == "add_org":
+        add_organisation(arguments)
+    elif kind == "remove_org":
+        remove_organisation(arguments["name"])
+    elif kind == "replace_ca":
+        entry = require_organisation(arguments["organisation"])
+        entry["ca_certificate"] = arguments["ca_certificate"]
+        entry["since_height"] = ctx.height
+        state.put(b"org/" + arguments["organisation"].encode(), entry)
+    elif kind == "replace_keys":
+        put_keys(arguments["organisation"], arguments["admins"], arguments["registrars"])
+    elif kind == "revoke_certificate":
+        state.put(revocation_key(arguments), {"height": ctx.height})
+    elif kind == "add_node":
+        put_node(arguments)
+        state.put(b"nodes", sorted(state.get(b"nodes") + [arguments["name"]]))
+        if len(arguments["custodian_key"]) > 0:
+            told = [arguments["custodian_key"], arguments["name"], arguments["organisation"]]
+            call("identity", "add_custodian", told[0], told[1], told[2])
+    elif kind == "remove_node":
+        remove_nodes([require_node(arguments["name"])])
+    else:
+        rekey(arguments)
+
+
+def put_keys(name: str, admins: list, registrars: list):
+    call("identity", "put_organisation", name, admins, registrars)
+
+
+def add_organisation(arguments: dict):
+    name = arguments["name"]
+    entry = {
+        "name": name,
+        "ca_certificate": arguments["ca_certificate"],
+        "status": "active",
+        "since_height": ctx.height,
+    }
+    state.put(b"org/" + name.encode(), entry)
+    state.put(b"organisations", sorted(active_organisations() + [name]))
+    put_keys(name, arguments["admins"], arguments["registrars"])
+
+
+def remove_organisation(name: str):
+    """An organisation goes with its nodes, its admins and its registrars, and its voice counts no more."""
+    entry = require_organisation(name)
+    entry["status"] = "removed"
+    entry["since_height"] = ctx.height
+    state.put(b"org/" + name.encode(), entry)
+    state.put(b"organisations", [other for other in active_organisations() if other != name])
+    call("identity", "remove_organisation", name)
+    leaving = []
+    for node_name in state.get(b"nodes"):
+        entry = state.get(b"node/" + node_name.encode())
+        if entry["organisation"] == name:
+            leaving.append(entry)
+    remove_nodes(leaving)
+
+
+def remove_nodes(entries: list):
+    names = state.get(b"nodes")
+    custodian_keys = []
+    producer_keys = []
+    for entry in entries:
+        entry["status"] = "removed"
+        entry["since_height"] = ctx.height
+        state.put(b"node/" + entry["name"].encode(), entry)
+        names.remove(entry["name"])
+        if len(entry["custodian_key"]) > 0:
+            custodian_keys.append(entry["custodian_key"])
+        if len(entry["producer_key"]) > 0:
+            producer_keys.append(entry["producer_key"])
+    state.put(b"nodes", names)
+    if len(custodian_keys) > 0:
+        call("identity", "remove_custodians", custodian_keys)
+    call("producers", "remove_keys", producer_keys, active_organisations())
+
+
+def rekey(arguments: dict):
+    entry = require_node(arguments["node"])
+    old = entry["producer_key"]
+    entry["producer_key"] = arguments["producer_key"]
+    entry["producer_possession"] = arguments["producer_possession"]
+    put_node(entry)
+    if len(old) > 0:
+        call("producers", "rekey", old, arguments["producer_key"])
+
+
+# Proposals
+
+
+def require_admin() -> str:
+    """Return the active organisation that the caller speaks for."""
+    name = call("identity", "admin_of", ctx.caller)
+    require(name != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")
+    return name
+
+
+def close(proposal_id: bytes, proposal: dict, status: str):
+    """Take a proposal from the open ones; the last 32 closed ones stay readable."""
+    state.put(b"open", [other for other in state.get(b"open", []) if other[0] != proposal_id])
+    proposal["status"] = status
+    proposal["closed_height"] = ctx.height
+    state.put(b"proposal/" + proposal_id, proposal)
+    closed = state.get(b"closed", [])
+    closed.append(proposal_id)
+    if len(closed) > CLOSED_KEPT_MAX_COUNT:
+        state.delete(b"proposal/" + closed[0])
+        closed = closed[1:]
+    state.put(b"closed", closed)
+
+
+def make_room(organisation: str):
+    """Close some of what has expired (a call's gas is bounded); refuse one proposal too many."""
+    own = 0
+    count = 0
+    expired = 0
+    for proposal_id, proposer, expires_ms in state.get(b"open", []):
+        if expires_ms <= ctx.time:
+            expired += 1
+            if expired <= EXPIRED_AT_ONCE_MAX_COUNT:
+                close(proposal_id, state.get(b"proposal/" + proposal_id), "expired")
+        else:
+            count += 1
+            if proposer == organisation:
+                own += 1
+    require(own < OPEN_OF_ONE_MAX_COUNT, "PROPOSALS_TOO_MANY", "An organisation has at most 8 open proposals.")
+    require(count < OPEN_MAX_COUNT, "PROPOSALS_TOO_MANY", "There are at most 32 open proposals.")
+
+
+def open_proposal(contract: str, kind: str, arguments: dict) -> bool:
+    """Note a proposal with its proposer's voice. Tells whether it takes effect at once."""
+    organisation = require_admin()
+    make_room(organisation)
+    proposal = {
+        "contract": contract,
+        "kind": kind,
+        "arguments": arguments,
+        "organisation": organisation,
+        "approvals": [organisation],
+        "time": ctx.time,
+        "expires_ms": ctx.time + PROPOSAL_LIFETIME_MS,
+        "height": ctx.height,
+        "status": "open",
+        "closed_height": 0,
+    }
+    state.put(b"open", state.get(b"open", []) + [[ctx.txid, organisation, proposal["expires_ms"]]])
+    state.put(b"proposal/" + ctx.txid, proposal)
+    emit("proposed", {"proposal_id": ctx.txid, "contract": contract, "kind": kind, "organisation": organisation})
+    return settle(ctx.txid, proposal)
+
+
+def add_approval(contract: str, proposal_id: bytes) -> list:
+    """Add the caller's voice. Returns [whether it takes effect now, kind, arguments]."""
+    organisation = require_admin()
+    proposal = require_open(proposal_id)
+    require(proposal["contract"] == contract, "PROPOSAL_OF_ANOTHER", "The proposal is one of another contract.")
+    again = organisation in proposal["approvals"]
+    require(not again, "APPROVED_ALREADY", "The organisation has approved already; each has one voice.")
+    proposal["approvals"].append(organisation)
+    state.put(b"proposal/" + proposal_id, proposal)
+    emit("approved", {"proposal_id": proposal_id, "organisation": organisation})
+    return [settle(proposal_id, proposal), proposal["kind"], proposal["arguments"]]
+
+
+def require_open(proposal_id: bytes) -> dict:
+    require(len(proposal_id) == ID_BYTES, "PROPOSAL_UNKNOWN", "A proposal's id has 32 bytes.")
+    proposal = state.get(b"proposal/" + proposal_id)
+    require(proposal is not None, "PROPOSAL_UNKNOWN", "There is no such proposal.")
+    require(proposal["status"] == "open", "PROPOSAL_CLOSED", "The proposal is closed.")
+    require(ctx.time < proposal["expires_ms"], "PROPOSAL_EXPIRED", "The proposal is more than seven days old.")
+    return proposal
+
+
+def settle(proposal_id: bytes, proposal: dict) -> bool:
+    organisations = active_organisations()
+    voices = 0
+    for name in proposal["approvals"]:
+        if name in organisations:
+            voices += 1
+    own = proposal["kind"] == "revoke_certificate" and proposal["arguments"]["organisation"] == proposal["organisation"]
+    if voices < len(organisations) // 2 + 1 and not own:
+        return False
+    close(proposal_id, proposal, "executed")
+    emit("executed", {"proposal_id": proposal_id, "contract": proposal["contract"], "kind": proposal["kind"]})
+    return True
+
+
+@export
+def propose(kind: str, arguments: dict):
+    """Propose a change of membership; its proposer stands behind it. Who may call: an admin of an active organisation.
+
+    The organisation's own certificates need no others to be revoked.
+    """
+    require_admin()
+    check(kind, arguments)
+    if open_proposal("membership", kind, arguments):
+        take_effect(kind, arguments)
+
+
+@export
+def approve(proposal_id: bytes):
+    """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
+    reached, kind, arguments = add_approval("membership", proposal_id)
+    if reached:
+        check(kind, arguments)
+        take_effect(kind, arguments)
+
+
+@export
+def withdraw(proposal_id: bytes):
+    """Take an open proposal of any contract back. Who may call: an admin of the organisation that proposed it."""
+    organisation = require_admin()
+    proposal = require_open(proposal_id)
+    require(proposal["organisation"] == organisation, "NOT_THE_PROPOSER", "Another organisation proposed it.")
+    close(proposal_id, proposal, "withdrawn")
+    emit("withdrawn", {"proposal_id": proposal_id})
+
+
+@export
+def propose_setting(name: str, value: int | str) -> bool:
+    """Note a proposed setting. Tells whether it takes effect at once. Who may call: the contract `settings`."""
+    require(ctx.calling_contract == "settings", "NOT_THE_SETTINGS_CONTRACT", "Only the contract settings may do that.")
+    return open_proposal("settings", "set", {"name": name, "value": value})
+
+
+@export
+def approve_setting(proposal_id: bytes) -> list:
+    """Add a voice for a setting. Returns [takes effect now, name, value]. Who may call: the contract `settings`."""
+    require(ctx.calling_contract == "settings", "NOT_THE_SETTINGS_CONTRACT", "Only the contract settings may do that.")
+    reached, kind, arguments = add_approval("settings", proposal_id)
+    return [reached, arguments["name"], arguments["value"]]
+
+
+@view
+def active_organisations() -> list:
+    """Return the names of the active organisations, sorted."""
+    return state.get(b"organisations")
+
+
+@view
+def electorate(key: bytes) -> list:
+    """Return [the active organisation that the key is an admin of, or an empty text; all active organisations]."""
+    return [call("identity", "admin_of", key), active_organisations()]
+
+
+@view
+def node_of_key(key: bytes) -> dict | None:
+    """Return the active node whose producer key this is, or None."""
+    name = state.get(b"key/" + key)
+    if name is None:
+        return None
+    entry = state.get(b"node/" + name.encode())
+    if entry["status"] != "active" or entry["producer_key"] != key:
+        return None
+    return entry
+
+
+@view
+def organisation(name: str) -> dict | None:
+    """Return an organisation's state, or None."""
+    return state.get(b"org/" + name.encode())
+
+
+@view
+def node(name: str) -> dict | None:
+    """Return a node's state, or None."""
+    return state.get(b"node/" + name.encode())
+
+
+@view
+def list_nodes() -> list:
+    """Return the names of the active nodes, sorted."""
+    return state.get(b"nodes")
+
+
+@view
+def proposals() -> list:
+    """Return the open proposals as [id, proposer, expires_ms], oldest first."""
+    return state.get(b"open", [])
+
+
+@view
+def proposal(proposal_id: bytes) -> dict | None:
+    """Return a proposal's state, or None: the last 32 closed ones are kept."""
+    return state.get(b"proposal/" + proposal_id)

@@ -1,9 +1,93 @@
-"""The chain's settings, as the organisations decide them together. Must never take a value that stops the chain."""
+"""The chain's settings, as the organisations decide them together. Must never take a value that stops the chain.
 
-NAMES = ("base_timeout_ms", "timeout_cap_ms", "heartbeat_ms", "min_block_interval_ms", "max_clock_drift_ms")
+The values in force are in the contract `producers`, as part of the epoch; the proposals in `membership`.
+"""
+
+POSITIVE = ("base_timeout_ms", "timeout_cap_ms", "heartbeat_ms", "max_clock_drift_ms")
+DURATION_MAX_MS = 3600000
+BLOCKS_PER_TURN_MAX_COUNT = 1000
+PRODUCERS_MAX_COUNT = 21
+INTERVAL = "interval:"
+INTERVAL_MAX_DIGITS = 7
+NAMES = (
+    "base_timeout_ms",
+    "timeout_cap_ms",
+    "heartbeat_ms",
+    "min_block_interval_ms",
+    "max_clock_drift_ms",
+    "blocks_per_turn",
+    "production",
+    "max_producers",
+)
+
+
+def check_production(value: int | str):
+    require(isinstance(value, str), "VALUE_WRONG", "The production is a text.")
+    require(value != "manual", "VALUE_WRONG", "A network of many stands still with manual production; it is for emulators.")
+    if value == "on-demand":
+        return
+    digits = value[len(INTERVAL):]
+    known = value.startswith(INTERVAL) and digits.isdigit() and len(digits) <= INTERVAL_MAX_DIGITS
+    require(known, "VALUE_WRONG", "The production is on-demand or interval:MS.")
+    interval_ms = int(digits)
+    require(0 < interval_ms and interval_ms <= DURATION_MAX_MS, "VALUE_WRONG", "An interval is 1 to 3600000 ms.")
+
+
+def check(name: str, value: int | str):
+    """Refuse a value out of its range, also in view of the others that are in force."""
+    require(name in NAMES, "SETTING_UNKNOWN", "There is no such setting.")
+    if name == "production":
+        check_production(value)
+        return
+    require(isinstance(value, int), "VALUE_WRONG", "The setting is a whole number.")
+    if name == "max_producers":
+        known = 1 <= value and value <= PRODUCERS_MAX_COUNT
+        require(known, "VALUE_WRONG", "A schedule has 1 to 21 producers.")
+        return
+    if name == "blocks_per_turn":
+        known = 1 <= value and value <= BLOCKS_PER_TURN_MAX_COUNT
+        require(known, "VALUE_WRONG", "A turn has 1 to 1000 blocks.")
+        return
+    least = 0
+    if name in POSITIVE:
+        least = 1
+    known = least <= value and value <= DURATION_MAX_MS
+    require(known, "VALUE_WRONG", f"The setting is {least} to 3600000 ms.")
+    in_force = call("producers", "settings_in_force")
+    in_force[name] = value
+    fits = in_force["timeout_cap_ms"] >= in_force["base_timeout_ms"]
+    require(fits, "VALUE_WRONG", "timeout_cap_ms must not be below base_timeout_ms; change the other one first.")
+
+
+@export
+def propose(name: str, value: int | str):
+    """Propose a value; its proposer stands behind it. Who may call: an admin of an active organisation."""
+    check(name, value)
+    if call("membership", "propose_setting", name, value):
+        take_effect(name, value)
+
+
+@export
+def approve(proposal_id: bytes):
+    """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
+    reached, name, value = call("membership", "approve_setting", proposal_id)
+    if reached:
+        check(name, value)
+        take_effect(name, value)
+
+
+def take_effect(name: str, value: int | str):
+    call("producers", "change_setting", name, value)
+    emit("changed", {"name": name, "value": value, "height": ctx.height})
 
 
 @view
 def names() -> list:
     """Return the names of the settings that organisations may change."""
     return list(NAMES)
+
+
+@view
+def in_force() -> dict:
+    """Return all settings by name."""
+    return call("producers", "settings_in_force")
