@@ -73,7 +73,7 @@ class Core(Standing):
         if self._dirty and not self.has_ended:
             self._commit()
         if self.has_ended:
-            self._effects += self._pacemaker.run(self.round, busy=False, timed_out=False, delay_ms=0)
+            self._effects += self._pacemaker.stop()
         if self.halted or self.has_ended:
             return
         self._lead()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.effects import (
+    TIMER_FETCH,
     TIMER_HEARTBEAT,
     TIMER_PROPOSE,
     TIMER_RESEND,
@@ -39,6 +40,7 @@ class Pacemaker:
         self._silent: set[int] = set()
         self._running: tuple[str, int] | None = None
         self._proposing: int | None = None
+        self._is_stopped = False
 
     @property
     def is_manual(self) -> bool:
@@ -72,6 +74,14 @@ class Pacemaker:
         if self.is_manual:
             return []
         return [SetTimer(kind=TIMER_HEARTBEAT, round=0, delay_ms=self._settings.heartbeat_ms)]
+
+    def stop(self) -> list[Effect]:
+        """The epoch is over (R22): no timer runs any more."""
+        if self._is_stopped:
+            return []
+        self._is_stopped = True
+        kinds = (TIMER_ROUND, TIMER_RESEND, TIMER_HEARTBEAT, TIMER_PROPOSE, TIMER_FETCH)
+        return [CancelTimer(kind=kind) for kind in kinds]
 
     def fired(self, kind: str) -> None:
         """A timer ran out: it does not run any more."""

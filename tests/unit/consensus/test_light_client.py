@@ -79,7 +79,8 @@ def test_headers_of_another_chain_or_epoch_are_refused():
     with pytest.raises(BlockRobotError, match="another chain"):
         verify_finality(proof_of(one, two), PEERS.schedule, sha256(b"another"), GENESIS.block_id)
     other = PEERS.block(1, epoch=1)
-    refused(proof_of(other, PEERS.block(2, other, qc=PEERS.qc(other))), "PROOF_INVALID")
+    refused(proof_of(other, PEERS.block(2, other, qc=PEERS.qc(other))), "PROOF_OTHER_EPOCH")
+    refused(proof_of(one, PEERS.block(2, one, epoch=1)), "PROOF_INVALID")
 
 
 def test_bytes_that_are_no_header_are_refused():
