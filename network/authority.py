@@ -17,9 +17,11 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from consensus.errors import BlockRobotError
+
 AUTHORITY_LIFETIME_DAYS = 10 * 365
 NODE_LIFETIME_DAYS = 2 * 365
-_BACKDATED_HOURS = 1
+_BACKDATED_HOURS = 25  # so that a node whose clock is a day behind takes a new certificate too
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +40,11 @@ class Authority:
 
 @dataclass(frozen=True, slots=True)
 class NodeCertificate:
-    """A node's TLS certificate and key, both PEM."""
+    """A node's TLS certificate and key, both PEM, and the certificate's serial number."""
 
     certificate_pem: bytes
     key_pem: bytes
+    serial: int
 
 
 def _name(organisation: str, common_name: str) -> x509.Name:
@@ -53,15 +56,17 @@ def _name(organisation: str, common_name: str) -> x509.Name:
     )
 
 
-def _builder(subject: x509.Name, issuer: x509.Name, lifetime_days: int) -> x509.CertificateBuilder:
-    now = dt.datetime.now(dt.UTC)
+def _builder(
+    subject: x509.Name, issuer: x509.Name, lifetime: dt.timedelta, now: dt.datetime | None = None
+) -> x509.CertificateBuilder:
+    now = now or dt.datetime.now(dt.UTC)
     return (
         x509.CertificateBuilder()
         .subject_name(subject)
         .issuer_name(issuer)
         .serial_number(x509.random_serial_number())
         .not_valid_before(now - dt.timedelta(hours=_BACKDATED_HOURS))
-        .not_valid_after(now + dt.timedelta(days=lifetime_days))
+        .not_valid_after(now + lifetime)
     )
 
 
@@ -84,7 +89,7 @@ def create_authority(organisation: str) -> Authority:
     key = ec.generate_private_key(ec.SECP256R1())
     name = _name(organisation, f"{organisation} node authority")
     certificate = (
-        _builder(name, name, AUTHORITY_LIFETIME_DAYS)
+        _builder(name, name, dt.timedelta(days=AUTHORITY_LIFETIME_DAYS))
         .public_key(key.public_key())
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(_key_usage(signs_certificates=True), critical=True)
@@ -94,13 +99,43 @@ def create_authority(organisation: str) -> Authority:
     return Authority(organisation=organisation, certificate=certificate, key=key)
 
 
-def issue_node_certificate(authority: Authority, node: str, host: str = "127.0.0.1") -> NodeCertificate:
-    """Issue a certificate for a node: common name and DNS name are its name, the address is `host` (an IP)."""
-    key = ec.generate_private_key(ec.SECP256R1())
-    names: list[x509.GeneralName] = [x509.DNSName(node), x509.IPAddress(ipaddress.ip_address(host))]
+def load_authority(folder: Path) -> Authority:
+    """Read an organisation's CA from its folder, whose name is the organisation's. Raises FILE_UNUSABLE."""
+    try:
+        key = serialization.load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
+        certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
+    except (ValueError, TypeError):
+        raise BlockRobotError("FILE_UNUSABLE", f"The authority in {folder} cannot be read.") from None
+    if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
+        raise BlockRobotError("FILE_UNUSABLE", f"The authority's key in {folder} is not that of its certificate.")
+    return Authority(organisation=folder.name, certificate=certificate, key=key)
+
+
+def _address(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def issue_node_certificate(
+    authority: Authority,
+    node: str,
+    host: str = "127.0.0.1",
+    *,
+    lifetime: dt.timedelta = dt.timedelta(days=NODE_LIFETIME_DAYS),
+    key: ec.EllipticCurvePrivateKey | None = None,
+    now: dt.datetime | None = None,
+) -> NodeCertificate:
+    """Issue a certificate for a node: common name and DNS name are its name, the address is `host` (an IP or a name).
+
+    It counts until `lifetime` after `now`, for `key` if one is given, else for a new one.
+    """
+    key = key or ec.generate_private_key(ec.SECP256R1())
+    names: list[x509.GeneralName] = [x509.DNSName(node), _address(host)]
     issuer_key = authority.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
     certificate = (
-        _builder(_name(authority.organisation, node), authority.certificate.subject, NODE_LIFETIME_DAYS)
+        _builder(_name(authority.organisation, node), authority.certificate.subject, lifetime, now)
         .public_key(key.public_key())
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_key_usage(signs_certificates=False), critical=True)
@@ -116,7 +151,9 @@ def issue_node_certificate(authority: Authority, node: str, host: str = "127.0.0
         .sign(authority.key, hashes.SHA256())
     )
     return NodeCertificate(
-        certificate_pem=certificate.public_bytes(serialization.Encoding.PEM), key_pem=encode_private_key(key)
+        certificate_pem=certificate.public_bytes(serialization.Encoding.PEM),
+        key_pem=encode_private_key(key),
+        serial=certificate.serial_number,
     )
 
 

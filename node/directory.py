@@ -215,6 +215,10 @@ class Directory:
         """Call `listener` after each change of what the directory says."""
         self._listeners.append(listener)
 
+    def remove_listener(self, listener: Callable[[Directory], None]) -> None:
+        """Call `listener` no more; harmless if it never was one."""
+        self._listeners = [item for item in self._listeners if item != listener]
+
     def refresh(self, state: StateScan, height: int) -> bool:
         """Read the finalized state of this height again; tell whether anything changed, after telling the listeners.
 

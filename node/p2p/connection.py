@@ -36,6 +36,14 @@ log = structlog.get_logger(__name__)
 class LinkShaper(Protocol):
     """Where link faults can be put in: decides when, and whether, the bytes of a frame go out."""
 
+    def admits(self, peer: str) -> bool:
+        """Tell whether a connection to this peer can be made at all."""
+        ...
+
+    def waiting_bytes(self, peer: str) -> int:
+        """How many bytes it holds back for this peer: they count as unsent."""
+        ...
+
     def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
         """Call `send` now, later or never."""
         ...
@@ -67,12 +75,16 @@ class PeerConnection(asyncio.Protocol):
     def __init__(self, owner: ConnectionOwner, shaper: LinkShaper | None, dialled: str | None) -> None:
         self.peer = ""
         self.dialled = dialled
+        self.certificate: bytes | None = None
+        self.not_after_ms = 0
         self.greeted = False
         self.closed = asyncio.get_running_loop().create_future()
         self.gossip_dropped_count = 0
         self._owner = owner
         self._shaper = shaper
         self._decoder = FrameDecoder()
+        self._is_resuming = False
+        self._is_cut_off = False
         self._transport: asyncio.Transport | None = None
         self._gossip: deque[bytes] = deque(maxlen=GOSSIP_QUEUE_MAX_COUNT)
         self._requests: dict[int, asyncio.Future[bytes]] = {}
@@ -119,6 +131,8 @@ class PeerConnection(asyncio.Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Cut bytes into frames and pass them on; a peer that breaks the framing is cut off."""
+        if self._is_cut_off:
+            return
         try:
             for kind, payload in self._decoder.feed(data):
                 self._dispatch(kind, payload)
@@ -130,13 +144,19 @@ class PeerConnection(asyncio.Protocol):
 
     def resume_writing(self) -> None:
         """The send buffer has room again: gossip goes on."""
-        while self._gossip and self.is_open and self.transport.get_write_buffer_size() < GOSSIP_ABOVE_BYTES:
-            self._write(self._gossip.popleft())
+        if self._is_resuming:
+            return
+        self._is_resuming = True
+        try:
+            while self._gossip and self.is_open and self._waiting_bytes() < GOSSIP_ABOVE_BYTES:
+                self._pass_on(self._gossip.popleft())
+        finally:
+            self._is_resuming = False
 
     # Frames
 
     def _dispatch(self, kind: FrameKind, payload: bytes) -> None:
-        if not self.greeted and kind is not FrameKind.HELLO:
+        if not self.greeted and kind not in {FrameKind.HELLO, FrameKind.REFUSAL}:
             raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer spoke before it said hello.")
         if kind is FrameKind.REQUEST:
             self._serve(payload)
@@ -149,7 +169,10 @@ class PeerConnection(asyncio.Protocol):
         """Send the bytes of a frame made by `encode_frame`."""
         if not self.is_open:
             return
-        waiting = self.transport.get_write_buffer_size()
+        if kind is FrameKind.HELLO and self._shaper is not None and not self._shaper.admits(self.peer):
+            self.abort()
+            return
+        waiting = self._waiting_bytes()
         if kind in GOSSIP_KINDS and (self._gossip or waiting > GOSSIP_ABOVE_BYTES):
             self.gossip_dropped_count += len(self._gossip) == GOSSIP_QUEUE_MAX_COUNT
             self._gossip.append(frame)
@@ -158,22 +181,39 @@ class PeerConnection(asyncio.Protocol):
             log.warning("peer_too_slow", peer=self.peer, waiting_bytes=waiting)
             self.abort()
             return
+        self._pass_on(frame)
+
+    def _waiting_bytes(self) -> int:
+        held_back = 0 if self._shaper is None else self._shaper.waiting_bytes(self.peer)
+        return held_back + self.transport.get_write_buffer_size()
+
+    def _pass_on(self, frame: bytes) -> None:
         if self._shaper is not None:
             self._shaper.deliver(self.peer, frame, self._write)
         else:
             self._write(frame)
 
     def _write(self, frame: bytes) -> None:
+        """Write a frame, perhaps long after it was handed to the shaper; what waited behind it may go on."""
         if self.is_open:
             self.transport.write(frame)
+            if self._gossip and self._shaper is not None:
+                self.resume_writing()
 
     def close(self) -> None:
         """Close after what is buffered was sent."""
         if self._transport is not None:
             self._transport.close()
 
+    def cut_off(self, linger_s: float) -> None:
+        """Hear nothing more; send what is buffered, but wait no longer than `linger_s` for it."""
+        self._is_cut_off = True
+        self.close()
+        asyncio.get_running_loop().call_later(linger_s, self.abort)
+
     def abort(self) -> None:
-        """Close at once."""
+        """Close at once, and hear nothing more."""
+        self._is_cut_off = True
         if self._transport is not None:
             self._transport.abort()
 

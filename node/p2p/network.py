@@ -1,6 +1,7 @@
-"""The node's links to all other nodes: one connection per pair, dialled by the one that stands first in genesis.
+"""The node's links to all other nodes: one connection per pair, dialled by the one whose name sorts first.
 
-Must never pass a frame on from a connection whose certificate and hello were not checked.
+Must never pass a frame on from a connection whose certificate and hello were not checked. The directory says who the
+nodes are: when it changes, links of those that left are cut at once, newcomers are dialled, moved ones dialled anew.
 """
 
 from __future__ import annotations
@@ -9,25 +10,39 @@ import asyncio
 import contextlib
 import random
 import socket
-from typing import Protocol
+import ssl
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
 
 import structlog
 
-from consensus.errors import BlockRobotError
+from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
 from node.config import NodeConfig
+from node.directory import Directory
 from node.p2p.connection import LinkShaper, PeerConnection
-from node.p2p.tls import client_context, identify_peer, server_context
-from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, RequestKind, encode_frame
+from node.p2p.identity import PROVEN_REFUSALS, identify_peer
+from node.p2p.refusals import Refusals
+from node.p2p.tls import Credentials
+from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, Refusal, RequestKind, encode_frame
 
 DIAL_BACKOFF_MIN_MS = 50
 DIAL_BACKOFF_MAX_MS = 1_000
 DIAL_TIMEOUT_MS = 5_000
 REQUEST_TIMEOUT_MS = 5_000
+CERTIFICATE_CHECK_MS = 1_000
+LINK_RENEWAL_MS = 250
+REFUSED_LINGER_MS = 200
 _BACKLOG_COUNT = 128
 
 log = structlog.get_logger(__name__)
+
+
+def wall_now_ms() -> int:
+    """Return milliseconds since 1970 UTC by the machine's clock."""
+    return time.time_ns() // 1_000_000
 
 
 class PeerHandler(Protocol):
@@ -58,18 +73,32 @@ class PeerNetwork:
     """All connections of one node."""
 
     def __init__(
-        self, config: NodeConfig, genesis: Genesis, handler: PeerHandler, shaper: LinkShaper | None = None
+        self,
+        config: NodeConfig,
+        genesis: Genesis,
+        handler: PeerHandler,
+        shaper: LinkShaper | None = None,
+        *,
+        directory: Directory | None = None,
+        clock: Callable[[], int] = wall_now_ms,
     ) -> None:
+        """Read the node's certificate. Raises CONFIGURATION_INVALID, GENESIS_INVALID."""
         self._config = config
-        self._genesis = genesis
+        self._name = config.name
+        self._chain_id = genesis.chain_id
         self._handler = handler
         self._shaper = shaper
+        self._clock = clock
+        self._directory = directory or Directory.of_genesis(genesis)
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._server: asyncio.Server | None = None
-        self._dialling: list[asyncio.Task[None]] = []
-        self._server_tls = server_context(config, genesis)
-        self._client_tls = client_context(config, genesis)
+        self._dialling: dict[str, tuple[tuple[str, int], asyncio.Task[None]]] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._refused = Refusals("peer_refused")
+        self._refused_by = Refusals("refused_by_peer")
+        self._said_of_own: str | None = None
+        self._credentials = Credentials(config.tls_certificate_path, config.tls_key_path, self._directory.content)
 
     @property
     def connected(self) -> list[str]:
@@ -77,24 +106,26 @@ class PeerNetwork:
         return sorted(self._peers)
 
     async def start(self) -> None:
-        """Listen, and dial the nodes that stand behind this one in genesis. Raises PORT_IN_USE."""
+        """Listen, and dial the nodes whose names sort behind this one's. Raises PORT_IN_USE."""
         loop = asyncio.get_running_loop()
         listener = bind_listener(self._config.host, self._config.p2p_port)
         self._server = await loop.create_server(
             lambda: PeerConnection(self, self._shaper, None),
             sock=listener,
-            ssl=self._server_tls,
+            ssl=self._credentials.listening,
             ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
         )
-        names = [node.name for node in self._genesis.nodes]
-        for name in names[names.index(self._config.name) + 1 :]:
-            self._dialling.append(loop.create_task(self._keep_dialling(name), name=f"dial-{name}"))
+        self._directory.add_listener(self._directory_changed)
+        self._dial_the_right_ones()
+        self._spawn(self._watch_certificates())
 
     async def stop(self) -> None:
         """Close everything."""
-        for task in self._dialling:
+        self._directory.remove_listener(self._directory_changed)
+        tasks = [*self._tasks, *(task for _, task in self._dialling.values())]
+        for task in tasks:
             task.cancel()
-        await asyncio.gather(*self._dialling, return_exceptions=True)
+        await asyncio.gather(*tasks, return_exceptions=True)
         if self._server is not None:
             self._server.close()
         connections = list(self._open)
@@ -105,6 +136,11 @@ class PeerNetwork:
         for connection in list(self._open):
             connection.abort()
         await asyncio.sleep(0)
+
+    def _spawn(self, work: Any) -> None:
+        task: asyncio.Task[None] = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
 
     # Sending
 
@@ -131,31 +167,143 @@ class PeerNetwork:
 
     # Dialling
 
-    async def _keep_dialling(self, name: str) -> None:
+    def _dial_the_right_ones(self) -> None:
+        """Dial whom the directory says that this node dials, where it says; leave the others alone."""
+        wanted = {name: node.address for name, node in self._directory.content.active.items() if name > self._name}
+        for name, (address, task) in list(self._dialling.items()):
+            if wanted.get(name) != address:
+                task.cancel()
+                del self._dialling[name]
+                for connection in [item for item in self._open if item.dialled == name]:
+                    connection.abort()
+        for name, address in wanted.items():
+            if name not in self._dialling:
+                task = asyncio.get_running_loop().create_task(self._keep_dialling(name, *address), name=f"dial-{name}")
+                self._dialling[name] = (address, task)
+
+    async def _keep_dialling(self, name: str, host: str, port: int) -> None:
         backoff_ms = DIAL_BACKOFF_MIN_MS
         while True:
-            if await self._dial(name):
+            if self._may_dial() and await self._dial(name, host, port):
                 backoff_ms = DIAL_BACKOFF_MIN_MS
             jitter = random.uniform(0.5, 1.0)  # noqa: S311 - no secret
             await asyncio.sleep(backoff_ms * jitter / 1000)
             backoff_ms = min(DIAL_BACKOFF_MAX_MS, backoff_ms * 2)
 
-    async def _dial(self, name: str) -> bool:
+    def _may_dial(self) -> bool:
+        """Tell whether anybody would take this node's certificate."""
+        return not self._credentials.own.facts.is_expired(self._clock())
+
+    async def _dial(self, name: str, host: str, port: int) -> bool:
         """Dial once; return after the connection ended, True if the peer had been greeted."""
-        node = self._genesis.node(name)
         loop = asyncio.get_running_loop()
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
                 _, connection = await loop.create_connection(
-                    lambda: PeerConnection(self, self._shaper, name),
-                    node.host,
-                    node.p2p_port,
-                    ssl=self._client_tls,
+                    lambda: PeerConnection(self, self._shaper, name), host, port, ssl=self._credentials.dialling
                 )
-        except (OSError, TimeoutError):
+        except ssl.SSLCertVerificationError:
+            detail = f"The node at {name}'s address shows a certificate of no authority of this network."
+            self._refused.note(name, BlockRobotError("PEER_CERTIFICATE_FOREIGN", detail), self._clock())
             return False
+        except (OSError, TimeoutError, UnicodeError, OverflowError):
+            return False  # nobody is there, or the address that was agreed upon is none
         await connection.closed
         return connection.greeted
+
+    # Following the directory and the certificates
+
+    def _directory_changed(self, directory: Directory) -> None:
+        self._trust_directory()
+        self._check_open_connections()
+        self._dial_the_right_ones()
+        for name in directory.content.nodes:
+            if directory.node(name) is None:
+                self._refused.forget(name)
+
+    def _trust_directory(self) -> None:
+        """Trust the directory's CAs; while that cannot be done, each link is still checked against the directory."""
+        try:
+            if self._credentials.trust(self._directory.content):
+                log.info("authorities_changed", height=self._directory.height)
+        except BlockRobotError as error:
+            log.error("authorities_unusable", code=error.code, detail=error.detail)
+
+    def _check_open_connections(self) -> None:
+        """Cut each connection whose certificate does not count any more."""
+        for connection in [item for item in self._open if item.peer]:
+            try:
+                identify_peer(connection.certificate, self._directory.content, self._clock())
+            except BlockRobotError as error:
+                self._refuse(connection, error)
+
+    async def _watch_certificates(self) -> None:
+        """Once a second: take a renewed certificate, cut links whose certificate ran out, say when the own one does."""
+        while True:
+            self.reload_certificate()
+            self._trust_directory()
+            self._say_how_own_certificate_is()
+            now_ms = self._clock()
+            if any(item.peer and item.not_after_ms < now_ms for item in self._open):
+                self._check_open_connections()
+            await asyncio.sleep(CERTIFICATE_CHECK_MS / 1000)
+
+    def reload_certificate(self) -> None:
+        """Take the node's certificate and key from their files if they changed; links are made anew one by one."""
+        try:
+            if not self._credentials.reload():
+                return
+        except BlockRobotError as error:
+            self._refused_by.note(self._name, error, self._clock())
+            return
+        self._refused_by.forget(self._name)
+        facts = self._credentials.own.facts
+        log.info("certificate_renewed", serial=facts.serial_hex, expires=facts.expires)
+        self._spawn(self._renew_links(list(self._peers.values())))
+
+    async def _renew_links(self, connections: list[PeerConnection]) -> None:
+        """Close links that were made with the old certificate, one after another; they are dialled again at once."""
+        for connection in connections:
+            connection.close()
+            await asyncio.sleep(LINK_RENEWAL_MS / 1000)
+
+    def _say_how_own_certificate_is(self) -> None:
+        own, now_ms = self._credentials.own, self._clock()
+        state = own.state(now_ms)
+        said, self._said_of_own = self._said_of_own, f"{state} {own.facts.serial_hex}"
+        if said == self._said_of_own:
+            return
+        if state == "expired":
+            error = BlockRobotError("CERTIFICATE_EXPIRED", own.sentence(now_ms))
+            log.error("certificate_expired", code=error.code, detail=error.detail, next_step=error.next_step)
+        elif state == "expiring":
+            error = BlockRobotError("CERTIFICATE_EXPIRES_SOON", own.sentence(now_ms))
+            log.warning("certificate_expires_soon", code=error.code, detail=error.detail, next_step=error.next_step)
+
+    def own_problem(self) -> BlockRobotError | None:
+        """Return why no peer would talk to this node, if that is so: its certificate is over, or it was removed."""
+        now_ms, content = self._clock(), self._directory.content
+        own = self._credentials.own
+        if own.facts.is_expired(now_ms):
+            return BlockRobotError("CERTIFICATE_EXPIRED", own.sentence(now_ms))
+        node = content.nodes.get(self._name)
+        if node is not None and not content.is_active(node):
+            return BlockRobotError("NODE_REMOVED", f"{self._name} was removed from the network.")
+        if node is not None and (node.organisation, own.facts.serial) in content.revoked:
+            return BlockRobotError("CERTIFICATE_REVOKED", f"The certificate {own.facts.serial_hex} was revoked.")
+        return None
+
+    def describe(self) -> dict[str, Any]:
+        """Return how the links are, ready for JSON: the own certificate, who is refused here, who refuses this node."""
+        problem = self.own_problem()
+        return {
+            "certificate": self._credentials.own.describe(self._clock()),
+            "refused_peers": self._refused.describe(),
+            "refused_by": self._refused_by.describe(),
+            "problem": None
+            if problem is None
+            else {"code": problem.code, "detail": problem.detail, "next_step": problem.next_step},
+        }
 
     # ConnectionOwner
 
@@ -166,33 +314,45 @@ class PeerNetwork:
         if transport_socket is not None:
             with contextlib.suppress(OSError):
                 transport_socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.certificate = connection.certificate_der()
         try:
-            name = identify_peer(connection.certificate_der(), self._genesis)
-            self._require_expected(connection, name)
-        except (BlockRobotError, ValueError) as error:
-            code = error.code if isinstance(error, BlockRobotError) else "PEER_REFUSED"
-            log.warning("peer_refused", code=code, detail=str(error))
-            connection.abort()
+            facts = identify_peer(connection.certificate, self._directory.content, self._clock())
+            self._require_expected(connection, facts.name)
+        except BlockRobotError as error:
+            self._refuse(connection, error)
             return
-        connection.peer = name
+        connection.peer, connection.not_after_ms = facts.name, facts.not_after_ms
         hello = Hello(
             version=PROTOCOL_VERSION,
-            chain_id=self._genesis.chain_id,
-            name=self._config.name,
+            chain_id=self._chain_id,
+            name=self._name,
             finalized_height=self._handler.finalized_height(),
         )
         connection.send(FrameKind.HELLO, encode_frame(FrameKind.HELLO, encode(hello)))
 
+    def _refuse(self, connection: PeerConnection, error: BlockRobotError) -> None:
+        """Cut a connection; hear nothing more from it. A proven node is told the code, a stranger nothing."""
+        peer = str(error.context.get("peer", "")) or connection.dialled or "unknown"
+        self._refused.note(peer, error, self._clock())
+        if error.code in PROVEN_REFUSALS:
+            connection.send(FrameKind.REFUSAL, encode_frame(FrameKind.REFUSAL, encode(Refusal(code=error.code))))
+            connection.cut_off(REFUSED_LINGER_MS / 1000)
+        else:
+            connection.abort()
+        self._forget(connection)
+
     def _require_expected(self, connection: PeerConnection, name: str) -> None:
         if connection.dialled is not None and name != connection.dialled:
             raise BlockRobotError("PEER_REFUSED", f"{name!r} answered where {connection.dialled!r} should be.")
-        names = [node.name for node in self._genesis.nodes]
-        if connection.dialled is None and names.index(name) >= names.index(self._config.name):
-            raise BlockRobotError("PEER_REFUSED", f"{name!r} dialled, though this node dials it.")
+        if connection.dialled is None and name >= self._name:
+            raise BlockRobotError("PEER_REFUSED", f"{name!r} dialled, though this node dials it.", peer=name)
 
     def connection_lost(self, connection: PeerConnection) -> None:
         """Forget it."""
         self._open.discard(connection)
+        self._forget(connection)
+
+    def _forget(self, connection: PeerConnection) -> None:
         if self._peers.get(connection.peer) is connection:
             del self._peers[connection.peer]
             log.info("peer_disconnected", peer=connection.peer)
@@ -200,21 +360,34 @@ class PeerNetwork:
 
     def frame_received(self, connection: PeerConnection, kind: FrameKind, payload: bytes) -> None:
         """Check the hello, then pass frames on."""
+        if kind is FrameKind.REFUSAL:
+            self._note_refused_by(connection, decode(payload, Refusal).code)
+            return
         if kind is not FrameKind.HELLO:
             self._handler.peer_frame(connection.peer, kind, payload)
             return
         hello = decode(payload, Hello)
         if connection.greeted or hello.version != PROTOCOL_VERSION or hello.name != connection.peer:
             raise BlockRobotError("PEER_MESSAGE_INVALID", "The hello does not fit the connection.")
-        if hello.chain_id != self._genesis.chain_id:
+        if hello.chain_id != self._chain_id:
             raise BlockRobotError("PEER_REFUSED", f"{connection.peer} is on another chain.")
         connection.greeted = True
         previous = self._peers.get(connection.peer)
         self._peers[connection.peer] = connection
         if previous is not None:
             previous.abort()
+        self._refused.forget(connection.peer)
+        self._refused_by.forget(connection.peer)
         log.info("peer_connected", peer=connection.peer, height=hello.finalized_height)
         self._handler.peer_connected(connection.peer, hello.finalized_height)
+
+    def _note_refused_by(self, connection: PeerConnection, code: str) -> None:
+        """A peer says why it does not take this node. Raises PEER_MESSAGE_INVALID for a reason that is none."""
+        if code not in PROVEN_REFUSALS or code not in CATALOGUE:
+            raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer's reason for a refusal is none.")
+        error = BlockRobotError(code, f"{connection.peer} refuses this node: {CATALOGUE[code].meaning}")
+        self._refused_by.note(connection.peer, error, self._clock())
+        connection.abort()
 
     async def answer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
         """Pass a request on."""

@@ -1,67 +1,146 @@
-"""Who is at the other end: TLS 1.3 with certificates on both sides. Must never accept a name without its own CA.
+"""The two TLS contexts of a node, and the certificate that it shows. Must never go on with a key that does not fit.
 
-The TLS library checks that a certificate leads to some CA of the genesis file; `identify_peer` then checks that the
-name in it is a node of the network and that the CA is that of the node's own organisation, so that one organisation
-cannot pass for another's node.
+TLS 1.3, certificates on both sides, trusting the CAs of the directory. A context cannot be emptied of a CA, so both
+are built anew when the directory's CAs or the node's own certificate change; the listener's own context hands each
+handshake on to the newest one. Dates are left to `identity`, which can name whose certificate is over.
 """
 
 from __future__ import annotations
 
 import ssl
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
+import structlog
 from cryptography import x509
-from cryptography.exceptions import InvalidSignature
-from cryptography.x509.oid import NameOID
 
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
-from node.config import NodeConfig
+from node.directory import DirectoryContent
+from node.p2p.identity import CertificateFacts, format_time, load_authority, read_facts
+
+EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
+_NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, for which the ssl module has no name
+
+log = structlog.get_logger(__name__)
 
 
-def _context(config: NodeConfig, genesis: Genesis, purpose: ssl.Purpose) -> ssl.SSLContext:
-    authorities = "".join(organisation.ca_certificate for organisation in genesis.organisations)
-    try:
-        context = ssl.create_default_context(purpose, cadata=authorities)
-    except (ssl.SSLError, ValueError):
-        raise BlockRobotError("GENESIS_INVALID", "A CA certificate of the genesis file cannot be read.") from None
-    context.minimum_version = ssl.TLSVersion.TLSv1_3
-    context.check_hostname = False
-    context.verify_mode = ssl.CERT_REQUIRED
-    try:
-        context.load_cert_chain(config.tls_certificate_path, config.tls_key_path)
-    except (ssl.SSLError, OSError):
-        raise BlockRobotError("CONFIGURATION_INVALID", "The node's TLS certificate or key cannot be read.") from None
-    return context
+@dataclass(frozen=True, slots=True)
+class OwnCertificate:
+    """The certificate of this node, as last read from its file, and which state of the files that was."""
+
+    facts: CertificateFacts
+    stamp: tuple[int, ...]
+
+    def state(self, now_ms: int) -> Literal["valid", "expiring", "expired"]:
+        """Tell how long it still counts: it is `expiring` in its last thirty days."""
+        if self.facts.is_expired(now_ms):
+            return "expired"
+        return "expiring" if now_ms + EXPIRY_WARNING_MS > self.facts.not_after_ms else "valid"
+
+    def sentence(self, now_ms: int) -> str:
+        """Say how it is, for people."""
+        verb = "expired on" if self.facts.is_expired(now_ms) else "expires on"
+        return f"The certificate {self.facts.serial_hex} of {self.facts.name} {verb} {self.facts.expires}."
+
+    def describe(self, now_ms: int) -> dict[str, Any]:
+        """Return what the operator wants to know of it, ready for JSON."""
+        return {
+            "serial": self.facts.serial_hex,
+            "state": self.state(now_ms),
+            "not_before_ms": self.facts.not_before_ms,
+            "not_after_ms": self.facts.not_after_ms,
+            "expires": format_time(self.facts.not_after_ms),
+        }
 
 
-def server_context(config: NodeConfig, genesis: Genesis) -> ssl.SSLContext:
-    """Return the context for accepted connections. Raises GENESIS_INVALID or CONFIGURATION_INVALID."""
-    context = _context(config, genesis, ssl.Purpose.CLIENT_AUTH)
-    context.num_tickets = 0
-    return context
+class Credentials:
+    """The certificate and key files of one node, and the contexts made from them and from the directory's CAs."""
+
+    def __init__(self, certificate_path: Path, key_path: Path, directory: DirectoryContent) -> None:
+        """Read the files. Raises CONFIGURATION_INVALID for what cannot be used, GENESIS_INVALID without any CA."""
+        self._certificate_path = certificate_path
+        self._key_path = key_path
+        self._authorities = _authorities(directory)
+        self.own = self._read_own()
+        self.accepting = self._new_context(self._authorities, server=True)
+        self.dialling = self._new_context(self._authorities)
+        self.listening = self._new_context(self._authorities, server=True)
+        """What the listener is made with: each handshake goes on with the newest context for accepted connections."""
+        self.listening.sni_callback = self._hand_on
+
+    def _hand_on(self, handshake: ssl.SSLObject | ssl.SSLSocket, _name: str | None, _context: ssl.SSLContext) -> None:
+        handshake.context = self.accepting
+
+    def trust(self, directory: DirectoryContent) -> bool:
+        """Trust the CAs of this directory from the next handshake on; tell whether they are others than before.
+
+        Raises CONFIGURATION_INVALID or GENESIS_INVALID, and then trusts those of before.
+        """
+        authorities = _authorities(directory)
+        if authorities == self._authorities:
+            return False
+        self.accepting, self.dialling = self._new_context(authorities, server=True), self._new_context(authorities)
+        self._authorities = authorities
+        return True
+
+    def reload(self) -> bool:
+        """Take a changed certificate from the next handshake on; tell whether there was one.
+
+        Files that do not fit together are left for later: they may be half written. Raises CONFIGURATION_INVALID then.
+        """
+        if self._stamp() == self.own.stamp:
+            return False
+        own = self._read_own()
+        accepting, dialling = self._new_context(self._authorities, server=True), self._new_context(self._authorities)
+        self.own, self.accepting, self.dialling = own, accepting, dialling
+        return True
+
+    def _new_context(self, authorities: tuple[str, ...], *, server: bool = False) -> ssl.SSLContext:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER if server else ssl.PROTOCOL_TLS_CLIENT)
+        if server:
+            context.num_tickets = 0
+        context.minimum_version = ssl.TLSVersion.TLSv1_3
+        context.check_hostname = False
+        context.verify_mode = ssl.CERT_REQUIRED
+        context.verify_flags = ssl.VerifyFlags(context.verify_flags | _NO_CHECK_TIME)
+        try:
+            context.load_verify_locations(cadata="".join(authorities))
+            context.load_cert_chain(self._certificate_path, self._key_path)
+        except (ssl.SSLError, OSError):
+            raise BlockRobotError(
+                "CONFIGURATION_INVALID", "The node's TLS certificate or key cannot be read, or they do not fit."
+            ) from None
+        return context
+
+    def _stamp(self) -> tuple[int, ...]:
+        """Return what changes when the files do."""
+        try:
+            states = [path.stat() for path in (self._certificate_path, self._key_path)]
+        except OSError:
+            return ()
+        return tuple(number for state in states for number in (state.st_mtime_ns, state.st_size, state.st_ino))
+
+    def _read_own(self) -> OwnCertificate:
+        stamp = self._stamp()
+        try:
+            certificate = x509.load_pem_x509_certificate(self._certificate_path.read_bytes())
+        except (OSError, ValueError):
+            raise BlockRobotError("CONFIGURATION_INVALID", "The node's TLS certificate cannot be read.") from None
+        return OwnCertificate(facts=read_facts(certificate), stamp=stamp)
 
 
-def client_context(config: NodeConfig, genesis: Genesis) -> ssl.SSLContext:
-    """Return the context for dialled connections. Raises GENESIS_INVALID or CONFIGURATION_INVALID."""
-    return _context(config, genesis, ssl.Purpose.SERVER_AUTH)
+def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
+    """Return the CA certificates of all organisations: of removed ones too, so that their nodes are refused by name.
 
-
-def identify_peer(certificate_der: bytes | None, genesis: Genesis) -> str:
-    """Return the node's name that a certificate proves. Raises PEER_REFUSED."""
-    if not certificate_der:
-        raise BlockRobotError("PEER_REFUSED", "The peer showed no certificate.")
-    certificate = x509.load_der_x509_certificate(certificate_der)
-    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
-    name = str(names[0].value) if len(names) == 1 else ""
-    entry = next((node for node in genesis.nodes if node.name == name), None)
-    if entry is None:
-        raise BlockRobotError("PEER_REFUSED", f"The certificate names {name!r}, which is no node of this network.")
-    organisation = next(item for item in genesis.organisations if item.name == entry.organisation)
-    authority = x509.load_pem_x509_certificate(organisation.ca_certificate.encode())
-    try:
-        certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature):
-        raise BlockRobotError(
-            "PEER_REFUSED", f"The certificate of {name!r} is not from its organisation {entry.organisation!r}."
-        ) from None
-    return name
+    Raises GENESIS_INVALID if there is none that can be read.
+    """
+    readable = []
+    for name, organisation in sorted(directory.organisations.items()):
+        if load_authority(organisation.ca_certificate) is None:
+            log.error("authority_unreadable", organisation=name)
+        else:
+            readable.append(organisation.ca_certificate)
+    if not readable:
+        raise BlockRobotError("GENESIS_INVALID", "No CA certificate of the directory can be read.")
+    return tuple(readable)

@@ -1,0 +1,144 @@
+"""Who is at the other end, by its certificate and the directory. Must never accept a name without its own CA.
+
+The TLS library checks that a certificate leads to some CA of the directory, and looks at no dates; everything else is
+checked here, against the node's own clock, so that each refusal has a code and a name.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.x509.oid import NameOID
+
+from consensus.errors import BlockRobotError
+from node.directory import DirectoryContent, DirectoryNode
+
+PROVEN_REFUSALS = frozenset({"PEER_REMOVED", "PEER_CERTIFICATE_REVOKED", "PEER_CERTIFICATE_EXPIRED"})
+"""Refusals of certificates that the CA of the named node's organisation did issue: their holders may be told why."""
+
+
+@dataclass(frozen=True, slots=True)
+class CertificateFacts:
+    """What a certificate says: whom it names, its serial number, and from when until when it counts (ms, UTC)."""
+
+    name: str
+    organisation: str
+    serial: int
+    not_before_ms: int
+    not_after_ms: int
+
+    @property
+    def serial_hex(self) -> str:
+        """The serial number as commands and logs show it."""
+        return f"{self.serial:x}"
+
+    def is_expired(self, now_ms: int) -> bool:
+        """Tell whether its time is over."""
+        return now_ms > self.not_after_ms
+
+    @property
+    def expires(self) -> str:
+        """The day and minute of its end, for people."""
+        return format_time(self.not_after_ms)
+
+
+def format_time(time_ms: int) -> str:
+    """Return a time as people read it, in UTC."""
+    return datetime.fromtimestamp(time_ms / 1000, UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+def read_facts(certificate: x509.Certificate) -> CertificateFacts:
+    """Return what a certificate says; an ambiguous name is no name."""
+
+    def only(oid: x509.ObjectIdentifier) -> str:
+        found = certificate.subject.get_attributes_for_oid(oid)
+        return str(found[0].value) if len(found) == 1 else ""
+
+    return CertificateFacts(
+        name=only(NameOID.COMMON_NAME),
+        organisation=only(NameOID.ORGANIZATION_NAME),
+        serial=certificate.serial_number,
+        not_before_ms=round(certificate.not_valid_before_utc.timestamp() * 1000),
+        not_after_ms=round(certificate.not_valid_after_utc.timestamp() * 1000),
+    )
+
+
+@lru_cache(maxsize=256)
+def load_authority(ca_certificate: str) -> x509.Certificate | None:
+    """Return a CA certificate (PEM) of the directory, or None if it cannot be read.
+
+    What stands on the chain was agreed upon, but no contract can read a certificate: one that is damaged makes
+    strangers of its own organisation's nodes, and of nobody else's.
+    """
+    try:
+        return x509.load_pem_x509_certificate(ca_certificate.encode())
+    except (ValueError, UnsupportedAlgorithm):
+        return None
+
+
+def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, now_ms: int) -> CertificateFacts:
+    """Return what the certificate of a node of the network says, whose name is thereby proven.
+
+    Raises PEER_REFUSED (none, unreadable, or a name that is no node), PEER_CERTIFICATE_FOREIGN (not from the CA of the
+    node's own organisation), PEER_REMOVED, PEER_CERTIFICATE_REVOKED, PEER_CERTIFICATE_EXPIRED; `context["peer"]` is
+    the name that the certificate claims.
+    """
+    if not certificate_der:
+        raise BlockRobotError("PEER_REFUSED", "The peer showed no certificate.")
+    try:
+        certificate = x509.load_der_x509_certificate(certificate_der)
+        facts = read_facts(certificate)
+    except (ValueError, UnsupportedAlgorithm):
+        raise BlockRobotError("PEER_REFUSED", "The peer's certificate cannot be read.") from None
+    node = directory.nodes.get(facts.name)
+    if node is None:
+        raise _refused(
+            "PEER_REFUSED", facts, f"The certificate names {facts.name!r}, which is no node of this network."
+        )
+    _require_issuer(certificate, facts, node, directory)
+    if not directory.is_active(node):
+        raise _refused("PEER_REMOVED", facts, f"{facts.name!r} was removed from the network.")
+    if (node.organisation, facts.serial) in directory.revoked:
+        raise _refused(
+            "PEER_CERTIFICATE_REVOKED",
+            facts,
+            f"The certificate {facts.serial_hex} of {facts.name!r} was revoked by {node.organisation!r}.",
+        )
+    _require_dates(facts, now_ms)
+    return facts
+
+
+def _require_issuer(
+    certificate: x509.Certificate, facts: CertificateFacts, node: DirectoryNode, directory: DirectoryContent
+) -> None:
+    organisation = directory.organisations.get(node.organisation)
+    authority = None if organisation is None else load_authority(organisation.ca_certificate)
+    try:
+        if authority is None:
+            raise ValueError("no authority")
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
+        raise _refused(
+            "PEER_CERTIFICATE_FOREIGN",
+            facts,
+            f"The certificate of {facts.name!r} is not from its organisation {node.organisation!r}.",
+        ) from None
+
+
+def _require_dates(facts: CertificateFacts, now_ms: int) -> None:
+    if facts.is_expired(now_ms):
+        detail = f"The certificate of {facts.name!r} expired on {facts.expires}."
+        raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
+    if now_ms < facts.not_before_ms:
+        detail = (
+            f"The certificate of {facts.name!r} counts from {format_time(facts.not_before_ms)} on: is a clock wrong?"
+        )
+        raise _refused("PEER_CERTIFICATE_EXPIRED", facts, detail)
+
+
+def _refused(code: str, facts: CertificateFacts, detail: str) -> BlockRobotError:
+    return BlockRobotError(code, detail, peer=facts.name)
