@@ -2,12 +2,14 @@
 
 Two stores keep these promises under one test suite: `lmdb_store` on disk and `memory_store` for tests and the
 simulator. Blocks, receipts, events and proofs of finality are opaque bytes here. A commit is one atomic step: state,
-trie pages, blocks, receipts, indexes and position move together, and when it returns they survive a power cut.
+trie pages, blocks, receipts, indexes and position move together, and when it returns they survive a power cut. Of a
+pruned block only what its owner reduced it to is kept, its id, where its transactions were, and its share of the replay
+window.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import NamedTuple, Protocol, Self
@@ -72,6 +74,22 @@ class RecentTransaction(NamedTuple):
     valid_until_ms: int
 
 
+class RecentBlock(NamedTuple):
+    """One block's share of the replay window: height, timestamp (ms), and (txid, valid_until_ms) in block order."""
+
+    height: int
+    timestamp_ms: int
+    transactions: tuple[tuple[bytes, int], ...]
+
+
+class KeptBlock(NamedTuple):
+    """What a store knows of a block whose body it does not hold: its share of the window, its id, its reduced bytes."""
+
+    recent: RecentBlock
+    block_id: bytes
+    header_bytes: bytes
+
+
 @dataclass(frozen=True, slots=True, order=True)
 class EventCursor:
     """A place in the sequence of all events: block height and index among the block's events."""
@@ -134,6 +152,15 @@ class LedgerSnapshot(Protocol):
         """Yield up to `limit` pairs of height and block bytes, from this height upwards."""
         ...
 
+    @property
+    def earliest_height(self) -> int:
+        """The height from which on all blocks, receipts and events are here; 0 unless there was pruning."""
+        ...
+
+    def kept_header(self, height: int) -> bytes | None:
+        """Return what is kept of the pruned block of this height, or None if it was not pruned or is not known."""
+        ...
+
     def receipts(self, height: int) -> bytes | None:
         """Return the receipts of the block of this height, or None."""
         ...
@@ -151,6 +178,10 @@ class LedgerSnapshot(Protocol):
 
         Reaches back `REPLAY_WINDOW_KEPT_MS` from the newest block at least.
         """
+        ...
+
+    def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
+        """Yield the replay window block by block, empty ones too, from this timestamp on, oldest first."""
         ...
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
@@ -185,12 +216,40 @@ class LedgerStore(Protocol):
         """
         ...
 
+    async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
+        """Drop bodies, receipts and events of blocks below a height, the oldest first; return `earliest_height` then.
+
+        One call drops a bounded number of blocks in one atomic step: call again until it returns `below_height`. The
+        newest block always stays. Of each block `reduce(block bytes)` is kept. Raises as `commit` does.
+        """
+        ...
+
     def snapshot(self) -> LedgerSnapshot:
         """Open the ledger as it is now. Close it soon. Raises STORAGE_BUSY if too many are open."""
         ...
 
     async def close(self) -> None:
         """Finish the commits that wait, then let go of the store. Closing twice is harmless."""
+        ...
+
+
+class LedgerRestore(Protocol):
+    """A new store in the making, out of the parts of a snapshot. Nothing of it is a ledger before `finish`."""
+
+    def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
+        """Take the next rows of the state, in the order of their flat keys."""
+        ...
+
+    def put_kept(self, blocks: Sequence[KeptBlock]) -> None:
+        """Take the next blocks of the replay window, oldest first; the newest one comes with `finish`."""
+        ...
+
+    def finish(self, genesis_id: bytes, head: FinalizedBlock, finality: bytes, epoch_proofs: Sequence[bytes]) -> None:
+        """Make it a ledger whose newest block is `head`, durably. Raises SNAPSHOT_DAMAGED if the state is not its own."""
+        ...
+
+    def abandon(self) -> None:
+        """Let go of what was taken so far; after `finish` this does nothing."""
         ...
 
 

@@ -13,12 +13,13 @@ from typing import Any
 
 import lmdb
 
-from node.storage.ledger_store import EventCursor, RecentTransaction, TransactionLocation
+from node.storage.ledger_store import EventCursor, RecentBlock, TransactionLocation
 
 FORMAT_NAME = b"blockrobot-ledger/2"
 META_FORMAT = b"format"
 META_POSITION = b"position"
 META_FINALITY = b"finality"
+META_EARLIEST = b"earliest"
 
 TABLES_MAX_COUNT = 16
 
@@ -41,10 +42,16 @@ class Tables:
     recent: Any
     events: Any
     epochs: Any
+    headers: Any
 
     @classmethod
-    def open(cls, environment: lmdb.Environment, transaction: lmdb.Transaction[bytes], *, create: bool) -> Tables:
-        """Open all tables inside a transaction. Raises lmdb.Error if one is not there and `create` is False."""
+    def open(
+        cls, environment: lmdb.Environment, transaction: lmdb.Transaction[bytes] | None, *, create: bool
+    ) -> Tables:
+        """Open all tables, inside a transaction or (to read only) in one of its own.
+
+        Raises lmdb.Error if one is not there and `create` is False.
+        """
         names = (
             "meta",
             "state",
@@ -56,6 +63,7 @@ class Tables:
             "recent",
             "events",
             "epochs",
+            "headers",
         )
         return cls(*(environment.open_db(name.encode(), txn=transaction, create=create) for name in names))
 
@@ -101,10 +109,7 @@ def read_recent_timestamp(row: bytes) -> int:
     return read_height(row[: _HEIGHT.size])
 
 
-def read_recent(height: int, row: bytes) -> list[RecentTransaction]:
-    """Return the transactions of a row of the replay window."""
-    timestamp_ms = read_recent_timestamp(row)
-    return [
-        RecentTransaction(txid, height, timestamp_ms, valid_until_ms)
-        for txid, valid_until_ms in _RECENT_ROW.iter_unpack(row[_HEIGHT.size :])
-    ]
+def read_recent(height: int, row: bytes) -> RecentBlock:
+    """Return what a row of the replay window says of the block of this height."""
+    transactions = tuple(_RECENT_ROW.iter_unpack(row[_HEIGHT.size :]))
+    return RecentBlock(height, read_recent_timestamp(row), transactions)

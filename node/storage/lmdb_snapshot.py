@@ -21,6 +21,7 @@ from node.storage.ledger_store import (
     REPLAY_WINDOW_KEPT_MS,
     EventCursor,
     Position,
+    RecentBlock,
     RecentTransaction,
     TransactionLocation,
 )
@@ -134,6 +135,16 @@ class LmdbSnapshot:
         """Return the receipts of the block of this height, or None."""
         return None if height < 0 else self._get(self._tables.receipts, layout.height_key(height))
 
+    @property
+    def earliest_height(self) -> int:
+        """The height from which on all blocks, receipts and events are here."""
+        row = self._get(self._tables.meta, layout.META_EARLIEST)
+        return 0 if row is None else layout.read_height(row)
+
+    def kept_header(self, height: int) -> bytes | None:
+        """Return what is kept of the pruned block of this height, or None."""
+        return None if height < 0 else self._get(self._tables.headers, layout.height_key(height))
+
     def epoch_proof(self, number: int) -> bytes | None:
         """Return the proof that began epoch `number` (1 or above), or None."""
         return None if number < 1 else self._get(self._tables.epochs, layout.height_key(number))
@@ -145,14 +156,20 @@ class LmdbSnapshot:
 
     def recent_txids(self, since_timestamp_ms: int) -> list[RecentTransaction]:
         """Return the transactions of blocks with this timestamp or a later one, oldest block first."""
+        return [
+            RecentTransaction(txid, block.height, block.timestamp_ms, valid_until_ms)
+            for block in self.iter_recent(since_timestamp_ms)
+            for txid, valid_until_ms in block.transactions
+        ]
+
+    def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
+        """Yield the replay window block by block, from this timestamp on, oldest first."""
         if self._position is None:
-            return []
+            return
         since_ms = max(since_timestamp_ms, self._position.timestamp_ms - REPLAY_WINDOW_KEPT_MS)
-        found: list[RecentTransaction] = []
         for key, row in self._rows(self._tables.recent, b""):
             if layout.read_recent_timestamp(row) >= since_ms:
-                found += layout.read_recent(layout.read_height(key), row)
-        return found
+                yield layout.read_recent(layout.read_height(key), row)
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
         """Return up to `limit` events with their places, from this place on (inclusive), in order."""

@@ -2,7 +2,8 @@
 
 One writer thread takes the commits that wait and writes them in one transaction (group commit); LMDB syncs it before
 the callers hear of it. Readers use snapshots and never wait for the writer. The map reserves address space far beyond
-what a ledger takes; should it fill up, it is doubled while no snapshot is open.
+what a ledger takes, so that it need not grow while the node runs; where the system gives less, it is doubled when it
+fills up and no snapshot is open.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import errno
 import os
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +27,14 @@ from consensus.primitives.trie import EMPTY_ROOT, hash_page
 from contracts.state.trie import compute_root
 from node.storage import lmdb_layout as layout
 from node.storage.directory_lock import DirectoryLock
-from node.storage.ledger_store import REPLAY_WINDOW_KEPT_MS, FinalizedBlock, Position, check_order
+from node.storage.ledger_store import FinalizedBlock, Position, check_order
 from node.storage.lmdb_snapshot import LmdbSnapshot, read_position
+from node.storage.lmdb_writing import forget_old_txids, prune_blocks, write_block
 
 DATA_FILE_NAME = "data.mdb"
-MAP_SIZE_START_BYTES = 64 * 1024**3
 STORE_SIZE_MAX_BYTES = 1024**4
+MAP_SIZE_START_BYTES = STORE_SIZE_MAX_BYTES
+MAP_SIZE_LEAST_BYTES = 1024**3
 SNAPSHOTS_MAX_COUNT = 512
 COMMITS_WAITING_MAX_COUNT = 256
 COMMITS_GROUP_MAX_COUNT = 32
@@ -43,6 +46,13 @@ class _Commit:
     blocks: Sequence[FinalizedBlock]
     finality: bytes
     done: Future[Position]
+
+
+@dataclass(slots=True)
+class _Pruning:
+    below_height: int
+    reduce: Callable[[bytes], bytes]
+    done: Future[int]
 
 
 class _ReaderGate:
@@ -89,10 +99,12 @@ class LmdbStore:
         self._lock = lock
         self._size_max_bytes = size_max_bytes
         self._gate = _ReaderGate()
+        self.require_space: Callable[[], None] = lambda: None
+        """Called before each commit, in the writer's thread; what it raises is taken for the disk's own refusal."""
         with environment.begin() as transaction:
             self._position = read_position(transaction, tables)
         self._closing = False
-        self._waiting: queue.Queue[_Commit | None] = queue.Queue()
+        self._waiting: queue.Queue[_Commit | _Pruning | None] = queue.Queue()
         self._writer = threading.Thread(target=self._write_until_closed, name="ledger-writer", daemon=True)
         self._writer.start()
 
@@ -111,12 +123,12 @@ class LmdbStore:
         directory.mkdir(parents=True, exist_ok=True)
         lock = DirectoryLock(directory)
         try:
-            environment = _open_environment(directory, min(map_size_bytes, size_max_bytes))
+            environment = open_environment(directory, min(map_size_bytes, size_max_bytes))
             try:
                 if environment.stat()["entries"]:
                     raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} already holds a ledger.")
                 tables = _make_tables(environment)
-                _sync_directory(directory)
+                sync_directory(directory)
                 return cls(environment, tables, lock, size_max_bytes)
             except BaseException:
                 environment.close()
@@ -144,7 +156,7 @@ class LmdbStore:
         lock = DirectoryLock(directory)
         try:
             size_bytes = max(map_size_bytes, 2 * (directory / DATA_FILE_NAME).stat().st_size)
-            environment = _open_environment(directory, min(size_bytes, size_max_bytes))
+            environment = open_environment(directory, min(size_bytes, size_max_bytes))
             try:
                 short = _fill_up(environment, directory / DATA_FILE_NAME)
                 if not environment.stat()["entries"]:
@@ -178,6 +190,14 @@ class LmdbStore:
         self._waiting.put(_Commit(blocks, finality, done))
         return await asyncio.shield(asyncio.wrap_future(done))
 
+    async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
+        """Drop the bodies of the oldest blocks below a height; see `LedgerStore.prune`."""
+        if self._closing:
+            raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
+        done: Future[int] = Future()
+        self._waiting.put(_Pruning(below_height, reduce, done))
+        return await asyncio.shield(asyncio.wrap_future(done))
+
     def snapshot(self) -> LmdbSnapshot:
         """Open the ledger as it is now. Close it soon. Raises STORAGE_BUSY if too many are open."""
         if self._closing:
@@ -201,18 +221,31 @@ class LmdbStore:
         self._lock.release()
 
     def _write_until_closed(self) -> None:
-        while (first := self._waiting.get()) is not None:
-            group = [first]
-            while len(group) < COMMITS_GROUP_MAX_COUNT:
-                try:
-                    following = self._waiting.get_nowait()
-                except queue.Empty:
-                    break
-                if following is None:
-                    self._waiting.put(None)
-                    break
-                group.append(following)
-            self._write_group(group)
+        task = self._waiting.get()
+        while task is not None:
+            if isinstance(task, _Pruning):
+                self._prune(task)
+                task = self._waiting.get()
+            else:
+                group, task = self._gather(task)
+                self._write_group(group)
+                task = task or self._waiting.get()
+
+    def _gather(self, first: _Commit) -> tuple[list[_Commit], _Commit | _Pruning | None]:
+        """Return the commits that wait behind the first, and what came behind them that is no commit."""
+        group = [first]
+        while len(group) < COMMITS_GROUP_MAX_COUNT:
+            try:
+                following = self._waiting.get_nowait()
+            except queue.Empty:
+                break
+            if following is None:
+                self._waiting.put(None)
+                break
+            if isinstance(following, _Pruning):
+                return group, following
+            group.append(following)
+        return group, None
 
     def _write_group(self, group: list[_Commit]) -> None:
         """Write what waits in one transaction and tell the callers; commits out of order fail alone."""
@@ -235,24 +268,35 @@ class LmdbStore:
                 for commit in accepted:
                     self._write_group([commit])
             else:
-                accepted[0].done.set_exception(_refusal(error))
+                accepted[0].done.set_exception(refusal_of(error))
             return
         self._position = position
         for commit in accepted:
             commit.done.set_result(commit.blocks[-1].position)
 
+    def _prune(self, pruning: _Pruning) -> None:
+        below_height = min(pruning.below_height, 0 if self._position is None else self._position.height)
+        try:
+            with self._environment.begin(write=True) as transaction:
+                earliest = prune_blocks(transaction, self._tables, below_height, pruning.reduce)
+        except Exception as error:  # noqa: BLE001 - the caller must hear of it and the thread must live
+            pruning.done.set_exception(refusal_of(error))
+        else:
+            pruning.done.set_result(earliest)
+
     def _write_growing(self, commits: list[_Commit]) -> None:
         while True:
             try:
                 with self._environment.begin(write=True) as transaction:
+                    self.require_space()
                     for commit in commits:
                         for block in commit.blocks:
-                            self._write_block(transaction, block)
+                            write_block(transaction, self._tables, block)
                     newest = commits[-1]
                     position = newest.blocks[-1].position
                     transaction.put(layout.META_POSITION, encode(position), db=self._tables.meta)
                     transaction.put(layout.META_FINALITY, newest.finality, db=self._tables.meta)
-                    self._forget_old_txids(transaction, position.timestamp_ms)
+                    forget_old_txids(transaction, self._tables, position.timestamp_ms)
             except lmdb.MapFullError:
                 self._grow()
             else:
@@ -266,50 +310,29 @@ class LmdbStore:
         if not self._gate.resize(self._environment, grown, GROWTH_WAIT_MAX_MS):
             raise BlockRobotError("STORAGE_BUSY", "The ledger must grow, but a snapshot of it stays open.")
 
-    def _write_block(self, transaction: lmdb.Transaction[bytes], block: FinalizedBlock) -> None:
-        tables, key = self._tables, layout.height_key(block.height)
-        transaction.put(key, block.block_bytes, db=tables.blocks, append=True)
-        transaction.put(key, block.receipts_bytes, db=tables.receipts, append=True)
-        transaction.put(block.block_id, key, db=tables.heights)
-        if block.epoch_proof_bytes:
-            number = transaction.stat(tables.epochs)["entries"] + 1
-            transaction.put(layout.height_key(number), block.epoch_proof_bytes, db=tables.epochs, append=True)
-        for flat_key, value in sorted(block.state_writes.items()):
-            if value is None:
-                transaction.delete(flat_key, db=tables.state)
-            else:
-                transaction.put(flat_key, value, db=tables.state)
-        for path, page in block.page_writes.items():
-            if page is None:
-                transaction.delete(layout.page_key(path), db=tables.pages)
-            else:
-                transaction.put(layout.page_key(path), page, db=tables.pages)
-        for index, (txid, _) in enumerate(block.transactions):
-            transaction.put(txid, layout.place_bytes(block.height, index), db=tables.transactions)
-        transaction.put(key, layout.recent_row(block.timestamp_ms, block.transactions), db=tables.recent, append=True)
-        for index, event in enumerate(block.events):
-            transaction.put(layout.place_bytes(block.height, index), event, db=tables.events, append=True)
 
-    def _forget_old_txids(self, transaction: lmdb.Transaction[bytes], timestamp_ms: int) -> None:
-        with transaction.cursor(db=self._tables.recent) as cursor:
-            while (
-                cursor.first() and layout.read_recent_timestamp(cursor.value()) < timestamp_ms - REPLAY_WINDOW_KEPT_MS
-            ):
-                cursor.delete()
+def open_environment(directory: Path, map_size_bytes: int, *, sync: bool = True) -> lmdb.Environment:
+    """Open the environment with a map of this size, or of as much of it as the system gives address space for.
 
-
-def _open_environment(directory: Path, map_size_bytes: int) -> lmdb.Environment:
-    try:
-        return lmdb.open(
-            str(directory),
-            map_size=map_size_bytes,
-            mode=0o600,
-            max_dbs=layout.TABLES_MAX_COUNT,
-            max_readers=SNAPSHOTS_MAX_COUNT + 16,
-            max_spare_txns=8,
-        )
-    except lmdb.Error as error:
-        raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be opened: {error}.") from error
+    Without `sync` commits are not durable until the environment is synced. Raises STORAGE_DAMAGED or STORAGE_BUSY.
+    """
+    while True:
+        try:
+            return lmdb.open(
+                str(directory),
+                map_size=map_size_bytes,
+                mode=0o600,
+                sync=sync,
+                max_dbs=layout.TABLES_MAX_COUNT,
+                max_readers=SNAPSHOTS_MAX_COUNT + 16,
+                max_spare_txns=8,
+            )
+        except lmdb.MemoryError:
+            if map_size_bytes < 2 * MAP_SIZE_LEAST_BYTES:
+                raise BlockRobotError("STORAGE_BUSY", "The system gives no address space for the ledger.") from None
+            map_size_bytes //= 2
+        except lmdb.Error as error:
+            raise BlockRobotError("STORAGE_DAMAGED", f"The ledger in {directory} cannot be opened: {error}.") from error
 
 
 def _make_tables(environment: lmdb.Environment) -> layout.Tables:
@@ -340,7 +363,7 @@ def _check_content(environment: lmdb.Environment, tables: layout.Tables, directo
             position = read_position(transaction, tables)
             for table in (tables.pages, tables.blocks, tables.heights, tables.receipts, tables.transactions):
                 _count_rows(transaction, table)
-            for table in (tables.recent, tables.events, tables.epochs):
+            for table in (tables.recent, tables.events, tables.epochs, tables.headers):
                 _count_rows(transaction, table)
             with transaction.cursor(db=tables.state) as cursor:
                 root = compute_root(cursor.iternext())
@@ -382,7 +405,7 @@ def _check_ledger(environment: lmdb.Environment, directory: Path) -> layout.Tabl
     return tables
 
 
-def _refusal(error: Exception) -> Exception:
+def refusal_of(error: Exception) -> Exception:
     """Return what the callers of a failed commit are told."""
     full = isinstance(error, lmdb.DiskError) or (isinstance(error, OSError) and error.errno == errno.ENOSPC)
     if full:
@@ -392,7 +415,8 @@ def _refusal(error: Exception) -> Exception:
     return error
 
 
-def _sync_directory(directory: Path) -> None:
+def sync_directory(directory: Path) -> None:
+    """Make the names in a directory durable."""
     descriptor = os.open(directory, os.O_RDONLY)
     try:
         os.fsync(descriptor)

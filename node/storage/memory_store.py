@@ -7,7 +7,7 @@ holds open ever changes.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -19,7 +19,9 @@ from node.storage.ledger_store import (
     REPLAY_WINDOW_KEPT_MS,
     EventCursor,
     FinalizedBlock,
+    KeptBlock,
     Position,
+    RecentBlock,
     RecentTransaction,
     TransactionLocation,
     check_order,
@@ -34,6 +36,9 @@ class _Tables:
         self.finality = b""
         self.state = MemoryState()
         self.blocks: list[FinalizedBlock] = []
+        self.earliest_height = 0
+        self.kept: dict[int, bytes] = {}
+        self.recent: list[RecentBlock] = []
         self.heights: dict[bytes, int] = {}
         self.locations: dict[bytes, TransactionLocation] = {}
         self.epoch_proofs: list[bytes] = []
@@ -43,6 +48,7 @@ class _Tables:
         other = _Tables()
         other.position, other.finality, other.state = self.position, self.finality, self.state.copy()
         other.blocks, other.heights = self.blocks.copy(), self.heights.copy()
+        other.earliest_height, other.kept, other.recent = self.earliest_height, self.kept.copy(), self.recent.copy()
         other.locations, other.epoch_proofs = self.locations.copy(), self.epoch_proofs.copy()
         return other
 
@@ -53,8 +59,23 @@ class _Tables:
         self.heights[block.block_id] = block.height
         if block.epoch_proof_bytes:
             self.epoch_proofs.append(block.epoch_proof_bytes)
+        self.remember(RecentBlock(block.height, block.timestamp_ms, tuple(block.transactions)))
+
+    def remember(self, block: RecentBlock) -> None:
+        """Take a block into the replay window and note where its transactions are."""
+        self.recent.append(block)
+        while self.recent[0].timestamp_ms < block.timestamp_ms - REPLAY_WINDOW_KEPT_MS:
+            self.recent.pop(0)
         for index, (txid, _) in enumerate(block.transactions):
             self.locations[txid] = TransactionLocation(block.height, index)
+
+    def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> None:
+        """Reduce the blocks below a height."""
+        count = max(0, below_height - self.earliest_height)
+        for block in self.blocks[:count]:
+            self.kept[block.height] = reduce(block.block_bytes)
+        del self.blocks[:count]
+        self.earliest_height += count
 
 
 class MemorySnapshot:
@@ -102,8 +123,8 @@ class MemorySnapshot:
         return self._open.state.prove(key)
 
     def _stored(self, height: int) -> FinalizedBlock | None:
-        blocks = self._open.blocks
-        return blocks[height] if 0 <= height < len(blocks) else None
+        index = height - self._open.earliest_height
+        return self._open.blocks[index] if 0 <= index < len(self._open.blocks) else None
 
     def block(self, height: int) -> bytes | None:
         """Return the bytes of the block of this height, or None."""
@@ -116,7 +137,7 @@ class MemorySnapshot:
 
     def iter_blocks(self, from_height: int, limit: int) -> Iterator[tuple[int, bytes]]:
         """Yield up to `limit` pairs of height and block bytes, from this height upwards."""
-        first = max(from_height, 0)
+        first = max(from_height - self._open.earliest_height, 0)
         for block in self._open.blocks[first : first + max(limit, 0)]:
             yield block.height, block.block_bytes
 
@@ -124,6 +145,15 @@ class MemorySnapshot:
         """Return the receipts of the block of this height, or None."""
         found = self._stored(height)
         return None if found is None else found.receipts_bytes
+
+    @property
+    def earliest_height(self) -> int:
+        """The height from which on all blocks, receipts and events are here."""
+        return self._open.earliest_height
+
+    def kept_header(self, height: int) -> bytes | None:
+        """Return what is kept of the pruned block of this height, or None."""
+        return self._open.kept.get(height)
 
     def epoch_proof(self, number: int) -> bytes | None:
         """Return the proof that began epoch `number` (1 or above), or None."""
@@ -136,21 +166,23 @@ class MemorySnapshot:
 
     def recent_txids(self, since_timestamp_ms: int) -> list[RecentTransaction]:
         """Return the transactions of blocks with this timestamp or a later one, oldest block first."""
-        tables = self._open
-        if tables.position is None:
-            return []
-        since_ms = max(since_timestamp_ms, tables.position.timestamp_ms - REPLAY_WINDOW_KEPT_MS)
-        first = bisect_left(tables.blocks, since_ms, key=lambda block: block.timestamp_ms)
         return [
             RecentTransaction(txid, block.height, block.timestamp_ms, valid_until_ms)
-            for block in tables.blocks[first:]
+            for block in self.iter_recent(since_timestamp_ms)
             for txid, valid_until_ms in block.transactions
         ]
+
+    def iter_recent(self, since_timestamp_ms: int) -> Iterator[RecentBlock]:
+        """Yield the replay window block by block, from this timestamp on, oldest first."""
+        tables = self._open
+        first = bisect_left(tables.recent, since_timestamp_ms, key=lambda block: block.timestamp_ms)
+        yield from tables.recent[first:]
 
     def events(self, from_cursor: EventCursor, limit: int) -> list[tuple[EventCursor, bytes]]:
         """Return up to `limit` events with their places, from this place on (inclusive), in order."""
         found: list[tuple[EventCursor, bytes]] = []
-        for block in self._open.blocks[max(from_cursor.height, 0) :]:
+        first = max(from_cursor.height - self._open.earliest_height, 0)
+        for block in self._open.blocks[first:]:
             for index, event in enumerate(block.events):
                 if len(found) >= limit:
                     return found
@@ -198,6 +230,16 @@ class MemoryStore:
         self._tables = tables
         return blocks[-1].position
 
+    async def prune(self, below_height: int, reduce: Callable[[bytes], bytes]) -> int:
+        """Drop the bodies of the oldest blocks below a height; see `LedgerStore.prune`."""
+        if self._closed:
+            raise BlockRobotError("STORAGE_UNWRITABLE", "The store is closed.")
+        tables = self._tables.copy() if self._tables.readers else self._tables
+        if tables.position is not None:
+            tables.prune(min(below_height, tables.position.height), reduce)
+        self._tables = tables
+        return tables.earliest_height
+
     def snapshot(self) -> MemorySnapshot:
         """Open the ledger as it is now."""
         if self._closed:
@@ -207,6 +249,47 @@ class MemoryStore:
     async def close(self) -> None:
         """Let go of the store; closing twice is harmless."""
         self._closed = True
+
+
+class MemoryRestore:
+    """See `LedgerRestore`. The finished store is `store`."""
+
+    def __init__(self) -> None:
+        self._tables = _Tables()
+        self._last_key = b""
+        self.store: MemoryStore | None = None
+
+    def put_state(self, rows: Sequence[tuple[bytes, bytes]]) -> None:
+        """Take the next rows of the state, in the order of their flat keys. Raises SNAPSHOT_DAMAGED out of order."""
+        for key, _ in rows:
+            if key <= self._last_key:
+                raise BlockRobotError("SNAPSHOT_DAMAGED", "The state's keys are out of order.")
+            self._last_key = key
+        self._tables.state.apply(dict(rows))
+
+    def put_kept(self, blocks: Sequence[KeptBlock]) -> None:
+        """Take the next blocks of the replay window, oldest first."""
+        for block in blocks:
+            self._tables.kept[block.recent.height] = block.header_bytes
+            self._tables.heights[block.block_id] = block.recent.height
+            self._tables.remember(block.recent)
+
+    def finish(self, genesis_id: bytes, head: FinalizedBlock, finality: bytes, epoch_proofs: Sequence[bytes]) -> None:
+        """Make it a ledger whose newest block is `head`. Raises SNAPSHOT_DAMAGED if the state is not its own."""
+        tables = self._tables
+        if tables.state.state_root != head.state_root:
+            raise BlockRobotError("SNAPSHOT_DAMAGED", "The state of the snapshot is not the one of its block.")
+        tables.heights[genesis_id] = 0
+        tables.earliest_height = head.height
+        tables.append(replace(head, state_writes={}, page_writes={}, epoch_proof_bytes=b""))
+        tables.epoch_proofs = list(epoch_proofs)
+        tables.finality = finality
+        self.store = MemoryStore()
+        self.store._tables = tables
+
+    def abandon(self) -> None:
+        """Forget what was taken so far."""
+        self._tables = _Tables()
 
 
 def _without_writes(block: FinalizedBlock) -> FinalizedBlock:

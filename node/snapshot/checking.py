@@ -1,0 +1,222 @@
+"""Checks a snapshot from the node's own genesis file on, and feeds it into a new ledger. Must never believe its maker.
+
+Every byte has to have its hash, the block has to be proven final along the epochs, the replay window has to be the
+blocks that lead up to it with the transactions that their headers name, and the state has to have the root that the
+block's header names. (Of the window's expiries nothing proves more than their range; no rule looks at them.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from consensus.block import (
+    Block,
+    EpochProof,
+    FinalityProof,
+    Header,
+    Receipts,
+    compute_receipts_root,
+    compute_transactions_root,
+)
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.light_client import LightClient
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from consensus.transaction import decode_transaction
+from node.snapshot.form import Manifest, RecentChunk, RecentRow, SnapshotSource, StateChunk, read_manifest
+from node.snapshot.making import Progress, no_progress
+from node.storage.ledger_store import FinalizedBlock, KeptBlock, LedgerRestore, RecentBlock
+
+PUT_AT_ONCE_COUNT = 20_000
+
+
+@dataclass(frozen=True, slots=True)
+class ProvenHead:
+    """The block of a snapshot, proven final."""
+
+    manifest: Manifest
+    block: Block
+    header: Header
+    receipts: Receipts
+    transactions: tuple[tuple[bytes, int], ...]
+
+    def to_stored(self) -> FinalizedBlock:
+        """Return the block as a ledger stores it; its writes are in the state already."""
+        return FinalizedBlock(
+            height=self.header.height,
+            block_id=self.block.block_id,
+            block_bytes=self.manifest.block,
+            receipts_bytes=self.manifest.receipts,
+            timestamp_ms=self.header.timestamp_ms,
+            state_root=self.header.state_root,
+            transactions=self.transactions,
+            events=[encode(event) for receipt in self.receipts.receipts for event in receipt.events],
+        )
+
+
+def _damaged(detail: str) -> BlockRobotError:
+    return BlockRobotError("SNAPSHOT_DAMAGED", detail)
+
+
+def verify_head(manifest: Manifest, genesis: Genesis) -> ProvenHead:
+    """Return the manifest's block once it is proven final from genesis on.
+
+    Raises SNAPSHOT_OTHER_CHAIN, SNAPSHOT_UNPROVEN, and SNAPSHOT_DAMAGED for parts that do not belong to the block.
+    """
+    if manifest.chain_id != genesis.chain_id:
+        raise BlockRobotError("SNAPSHOT_OTHER_CHAIN")
+    try:
+        block, receipts = decode(manifest.block, Block), decode(manifest.receipts, Receipts)
+        header = block.header
+        transactions = [decode_transaction(wire) for wire in block.transactions]
+        if header.height == 0:
+            if block != genesis.block():
+                raise BlockRobotError("SNAPSHOT_UNPROVEN", "The snapshot's genesis block is not this chain's.")
+        else:
+            _verify_finality(manifest, genesis, block)
+    except BlockRobotError as error:
+        if error.code.startswith("SNAPSHOT_"):
+            raise
+        raise BlockRobotError("SNAPSHOT_UNPROVEN", f"The snapshot proves nothing: {error.detail}") from error
+    if header.height != manifest.height:
+        raise _damaged("The manifest names another height than its block.")
+    if compute_transactions_root([item.txid for item in transactions]) != header.transactions_root:
+        raise _damaged("The snapshot's block does not hold the transactions that its header names.")
+    if compute_receipts_root(receipts.receipts) != header.receipts_root:
+        raise _damaged("The snapshot's receipts are not those that the header names.")
+    expiries = tuple((item.txid, item.body.valid_until_ms) for item in transactions)
+    return ProvenHead(manifest, block, header, receipts, expiries)
+
+
+def _verify_finality(manifest: Manifest, genesis: Genesis, block: Block) -> None:
+    """Follow the epochs from genesis to the block's own. Raises what the light client raises."""
+    client = LightClient(genesis)
+    for data in manifest.epoch_proofs:
+        client.advance(decode(data, EpochProof))
+    proof = decode(manifest.finality, FinalityProof)
+    client.accept(proof)
+    if proof.header_bytes != block.header_bytes:
+        raise BlockRobotError("SNAPSHOT_UNPROVEN", "The proof is for another block than the snapshot's.")
+
+
+def _checked_chunk(source: _Sized, manifest: Manifest, index: int) -> bytes:
+    data = source.chunk(index)
+    if sha256(data) != manifest.chunks[index]:
+        raise _damaged(f"Chunk {index} does not have the hash that the manifest names.")
+    return data
+
+
+class _Window:
+    """The replay window, block by block: each has to be the parent of the next and hold what its header names."""
+
+    def __init__(self, head: ProvenHead) -> None:
+        self._head = head
+        self._previous: Header | None = None
+        self._previous_id = b""
+        self.count = 0
+
+    def take(self, row: RecentRow) -> KeptBlock:
+        """Check the next block. Raises SNAPSHOT_DAMAGED."""
+        header, block_id = decode(row.header_bytes, Header), sha256(row.header_bytes)
+        if self._previous is None:
+            self._check_reach(header)
+        elif header.parent_id != self._previous_id or header.height != self._previous.height + 1:
+            raise _damaged("The blocks of the replay window do not follow one another.")
+        if compute_transactions_root([txid for txid, _ in row.transactions]) != header.transactions_root:
+            raise _damaged(f"The replay window does not hold the transactions of block {header.height}.")
+        latest_ms = header.timestamp_ms + TRANSACTION_LIFETIME_MAX_MS
+        if any(not header.timestamp_ms < valid_until_ms <= latest_ms for _, valid_until_ms in row.transactions):
+            raise _damaged("The replay window names an expiry that no block would have accepted.")
+        self._previous, self._previous_id = header, block_id
+        self.count += 1
+        recent = RecentBlock(header.height, header.timestamp_ms, row.transactions)
+        return KeptBlock(recent, block_id, row.header_bytes)
+
+    def _check_reach(self, oldest: Header) -> None:
+        window_ms = self._head.header.timestamp_ms - TRANSACTION_LIFETIME_MAX_MS
+        if oldest.height > 0 and oldest.timestamp_ms > window_ms:
+            raise _damaged("The replay window does not reach back ten minutes.")
+
+    def close(self) -> None:
+        """Check that the window ends with the snapshot's own block."""
+        if self._previous_id != self._head.block.block_id:
+            raise _damaged("The replay window does not lead up to the snapshot's block.")
+        if self.count != self._head.manifest.recent_block_count:
+            raise _damaged("The replay window has another number of blocks than the manifest says.")
+
+
+class _Sized:
+    """A source that counts the bytes of the chunks it gives."""
+
+    def __init__(self, source: SnapshotSource) -> None:
+        self._source = source
+        self.size_bytes = 0
+
+    def chunk(self, index: int) -> bytes:
+        """Return a chunk."""
+        data = self._source.chunk(index)
+        self.size_bytes += len(data)
+        return data
+
+
+def _recent_blocks(source: _Sized, head: ProvenHead, progress: Progress) -> Iterator[KeptBlock]:
+    """Yield the checked blocks of the replay window below the snapshot's own."""
+    window = _Window(head)
+    for index in range(head.manifest.recent_chunk_count):
+        data = _checked_chunk(source, head.manifest, index)
+        for row in decode(data, RecentChunk).blocks:
+            kept = window.take(row)
+            if kept.block_id != head.block.block_id:
+                yield kept
+        progress(index + 1, source.size_bytes)
+    window.close()
+
+
+def restore_into(
+    source: SnapshotSource, genesis: Genesis, ledger: LedgerRestore, progress: Progress = no_progress
+) -> ProvenHead:
+    """Check a whole snapshot and feed it into a new ledger, which becomes one only if all of it was right.
+
+    Raises SNAPSHOT_VERSION, SNAPSHOT_DAMAGED, SNAPSHOT_TRUNCATED, SNAPSHOT_OTHER_CHAIN, SNAPSHOT_UNPROVEN, STORAGE_*.
+    """
+    try:
+        head = verify_head(read_manifest(source.manifest()), genesis)
+        _feed(source, head, ledger, progress)
+        ledger.finish(genesis.block_id, head.to_stored(), head.manifest.finality, head.manifest.epoch_proofs)
+    except BlockRobotError as error:
+        ledger.abandon()
+        if error.code.startswith("ENCODING_"):
+            raise _damaged(f"A part of the snapshot cannot be read: {error.detail}") from error
+        raise
+    except BaseException:
+        ledger.abandon()
+        raise
+    return head
+
+
+def _feed(source: SnapshotSource, head: ProvenHead, ledger: LedgerRestore, progress: Progress) -> None:
+    manifest = head.manifest
+    kept: list[KeptBlock] = []
+    sized = _Sized(source)
+    for block in _recent_blocks(sized, head, progress):
+        kept.append(block)
+        if len(kept) >= PUT_AT_ONCE_COUNT:
+            ledger.put_kept(kept)
+            kept = []
+    ledger.put_kept(kept)
+    rows: list[tuple[bytes, bytes]] = []
+    count = 0
+    for index in range(manifest.recent_chunk_count, len(manifest.chunks)):
+        chunk = decode(_checked_chunk(sized, manifest, index), StateChunk)
+        rows += chunk.rows
+        count += len(chunk.rows)
+        if len(rows) >= PUT_AT_ONCE_COUNT:
+            ledger.put_state(rows)
+            rows = []
+        progress(index + 1, sized.size_bytes)
+    ledger.put_state(rows)
+    if (count, sized.size_bytes) != (manifest.state_row_count, manifest.size_bytes):
+        raise _damaged("The state has another number of rows or bytes than the manifest says.")

@@ -1,0 +1,215 @@
+"""Makes a snapshot out of one finalized version of the ledger. Must never hold more of the state than one chunk.
+
+The ledger goes on meanwhile: what is read is one read transaction, and nothing is written to the ledger.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from consensus.block import Block, EpochProof, FinalityProof, Header
+from consensus.errors import BlockRobotError
+from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from node.snapshot.form import (
+    CHUNK_SIZE_BYTES,
+    MANIFEST_NAME,
+    Manifest,
+    RecentChunk,
+    RecentRow,
+    SnapshotSink,
+    StateChunk,
+    chunk_name,
+    write_manifest,
+)
+from node.storage.ledger_store import LedgerSnapshot, Position
+
+STATE_ROWS_MAX_COUNT = 1 << 60
+ROW_OVERHEAD_BYTES = 16
+UNFINISHED_SUFFIX = ".unfinished"
+
+Progress = Callable[[int, int], None]
+"""Called now and then with how many chunks and bytes are done."""
+
+T = TypeVar("T")
+
+
+def no_progress(_chunks: int, _size_bytes: int) -> None:
+    """Say nothing."""
+
+
+def read_header_bytes(ledger: LedgerSnapshot, height: int) -> bytes | None:
+    """Return the bytes of a finalized header, whether the block's body was pruned or not; None if it is not known."""
+    block = ledger.block(height)
+    return ledger.kept_header(height) if block is None else decode(block, Block).header_bytes
+
+
+def header_of_block(block_bytes: bytes) -> bytes:
+    """Return what a pruned block is reduced to: its header's canonical bytes."""
+    return decode(block_bytes, Block).header_bytes
+
+
+def _cut(rows: Iterator[T], size_of: Callable[[T], int]) -> Iterator[tuple[T, ...]]:
+    """Yield rows in groups of about `CHUNK_SIZE_BYTES`, decided by the rows alone; one empty group for none."""
+    group: list[T] = []
+    size = 0
+    empty = True
+    for row in rows:
+        row_size = size_of(row) + ROW_OVERHEAD_BYTES
+        if group and size + row_size > CHUNK_SIZE_BYTES:
+            yield tuple(group)
+            group, size = [], 0
+        group.append(row)
+        size += row_size
+        empty = False
+    if group or empty:
+        yield tuple(group)
+
+
+def _recent_rows(ledger: LedgerSnapshot, position: Position) -> Iterator[RecentRow]:
+    """Yield the blocks of the last ten minutes, and the one before them, which shows that none is left out."""
+    window_ms = position.timestamp_ms - TRANSACTION_LIFETIME_MAX_MS
+    first_ms = 0
+    for block in ledger.iter_recent(0):
+        if block.timestamp_ms > window_ms:
+            break
+        first_ms = block.timestamp_ms
+    for block in ledger.iter_recent(first_ms):
+        header = read_header_bytes(ledger, block.height)
+        if header is None:
+            raise BlockRobotError("STORAGE_DAMAGED", f"The ledger lacks the header of block {block.height}.")
+        yield RecentRow(header, block.transactions)
+
+
+def _recent_size(row: RecentRow) -> int:
+    return len(row.header_bytes) + 48 * len(row.transactions)
+
+
+def _state_size(row: tuple[bytes, bytes]) -> int:
+    return len(row[0]) + len(row[1])
+
+
+def _epoch_proofs(ledger: LedgerSnapshot) -> tuple[bytes, ...]:
+    proofs: list[bytes] = []
+    while (proof := ledger.epoch_proof(len(proofs) + 1)) is not None:
+        proofs.append(proof)
+    return tuple(proofs)
+
+
+def make_snapshot(ledger: LedgerSnapshot, sink: SnapshotSink, progress: Progress = no_progress) -> Manifest:
+    """Write a snapshot of the ledger's newest block into `sink`, chunk by chunk; return its manifest.
+
+    Raises STORAGE_DAMAGED if the ledger lacks what belongs to its position.
+    """
+    position = ledger.position
+    block = None if position is None else ledger.block(position.height)
+    receipts = None if position is None else ledger.receipts(position.height)
+    if position is None or block is None or receipts is None:
+        raise BlockRobotError("STORAGE_DAMAGED", "The ledger does not hold its newest block.")
+    digests: list[bytes] = []
+    size = recent_count = state_count = 0
+
+    def put(data: bytes) -> None:
+        nonlocal size
+        sink.put_chunk(len(digests), data)
+        digests.append(sha256(data))
+        size += len(data)
+        progress(len(digests), size)
+
+    for blocks in _cut(_recent_rows(ledger, position), _recent_size):
+        put(encode(RecentChunk(blocks)))
+        recent_count += len(blocks)
+    recent_chunks = len(digests)
+    for rows in _cut(ledger.scan(b"", STATE_ROWS_MAX_COUNT), _state_size):
+        put(encode(StateChunk(rows)))
+        state_count += len(rows)
+    header = decode(block, Block).header
+    manifest = Manifest(
+        chain_id=header.chain_id,
+        height=position.height,
+        block=block,
+        receipts=receipts,
+        finality=ledger.finality,
+        epoch_proofs=_epoch_proofs(ledger),
+        recent_chunk_count=recent_chunks,
+        recent_block_count=recent_count,
+        state_row_count=state_count,
+        size_bytes=size,
+        chunks=tuple(digests),
+    )
+    sink.put_manifest(write_manifest(manifest))
+    return manifest
+
+
+class _NewFolder:
+    """A folder in the making; it has its name only once it is whole and synced."""
+
+    def __init__(self, path: Path) -> None:
+        self._unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
+
+    def put_chunk(self, index: int, data: bytes) -> None:
+        """Keep a chunk, durably."""
+        self._write(chunk_name(index), data)
+
+    def put_manifest(self, data: bytes) -> None:
+        """Keep the manifest, durably."""
+        self._write(MANIFEST_NAME, data)
+
+    def _write(self, name: str, data: bytes) -> None:
+        with (self._unfinished / name).open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+
+
+def make_snapshot_folder(ledger: LedgerSnapshot, path: Path, progress: Progress = no_progress) -> Manifest:
+    """Make a snapshot as a new folder, which appears only once it is whole; return its manifest.
+
+    Raises FOLDER_NOT_EMPTY if there is something at this place, FILE_UNUSABLE if it cannot be written.
+    """
+    if path.exists():
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"There is something at {path} already.")
+    unfinished = path.with_name(path.name + UNFINISHED_SUFFIX)
+    try:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True, mode=0o700)
+        manifest = make_snapshot(ledger, _NewFolder(path), progress)
+        unfinished.rename(path)
+        _sync_folder(path.parent)
+    except OSError as error:
+        shutil.rmtree(unfinished, ignore_errors=True)
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from error
+    return manifest
+
+
+def _sync_folder(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def describe_manifest(manifest: Manifest) -> dict[str, object]:
+    """Return what a snapshot says of itself, ready for JSON. Nothing of it is proved by this."""
+    header = decode(manifest.block, Block).header
+    proved = decode(manifest.finality, FinalityProof).header_bytes if manifest.finality else b""
+    return {
+        "chain_id": manifest.chain_id.hex(),
+        "height": manifest.height,
+        "epoch": header.epoch,
+        "epochs_proved": [decode(proof, EpochProof).epoch.number for proof in manifest.epoch_proofs],
+        "timestamp_ms": header.timestamp_ms,
+        "block_id": decode(manifest.block, Block).block_id.hex(),
+        "state_root": header.state_root.hex(),
+        "names_its_proof": manifest.height == 0 or decode(proved, Header) == header,
+        "state_rows": manifest.state_row_count,
+        "recent_blocks": manifest.recent_block_count,
+        "chunks": len(manifest.chunks),
+        "size_bytes": manifest.size_bytes,
+    }
