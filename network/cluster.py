@@ -2,13 +2,13 @@
 
 A network lives in one folder: `genesis.json`, `nodes/<name>/` (each a node's data directory) and `organisations/`.
 What runs is told by the processes themselves: each node's operator listener answers, or it does not. The only state of
-the cluster's own is `cluster.json`, the process ids of the last start.
+the cluster's own is `cluster.json`: the process ids of the last start, and which nodes were started as Byzantine ones.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
+import contextlib
 import os
 import signal
 import subprocess
@@ -24,6 +24,7 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 from node.config import NodeConfig, load_config
+from node.faults import STATE_FILE_NAME
 
 READY_TIMEOUT_S = 40.0
 STOP_TIMEOUT_S = 15.0
@@ -41,7 +42,8 @@ class NodeStatusReport:
 
 
 class _ClusterState(msgspec.Struct):
-    pids: dict[str, int]
+    pids: dict[str, int] = {}
+    behaviours: dict[str, str] = {}
 
 
 class Cluster:
@@ -64,20 +66,24 @@ class Cluster:
         """The nodes' names, in the order of the genesis file."""
         return list(self.configs)
 
-    def start(self, name: str) -> None:
-        """Start one node's process, apart from this one's terminal and life."""
+    def start(self, name: str, *, behaviour: str = "", seed: int = 0) -> None:
+        """Start one node's process, apart from this one's terminal and life; with a behaviour, a Byzantine one."""
         config = self.config(name)
+        command = [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)]
+        if behaviour:
+            command[2] = "network.byzantine.process"
+            command += ["--behaviour", behaviour, "--seed", str(seed)]
         output = (config.data_dir / "output.log").open("ab")
         with output:
             child = subprocess.Popen(
-                [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)],
+                command,
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
             )
         self._children[name] = child
-        self._write_pid(name, child.pid)
+        self._note_start(name, child.pid, behaviour)
 
     def config(self, name: str) -> NodeConfig:
         """Return a node's configuration. Raises NOT_FOUND."""
@@ -86,11 +92,12 @@ class Cluster:
         return self.configs[name]
 
     def start_all(self) -> None:
-        """Start every node. Raises CLUSTER_ALREADY_RUNNING if one of them runs."""
+        """Start every node, with no fault left on from the last time. Raises CLUSTER_ALREADY_RUNNING if one runs."""
         running = [name for name in self.names if self.is_running(name)]
         if running:
             raise BlockRobotError("CLUSTER_ALREADY_RUNNING", f"Already running: {', '.join(running)}.")
         for name in self.names:
+            (self.config(name).data_dir / STATE_FILE_NAME).unlink(missing_ok=True)
             self.start(name)
 
     def kill(self, name: str) -> None:
@@ -98,9 +105,27 @@ class Cluster:
         self._signal(name, signal.SIGKILL)
         self._reap(name, STOP_TIMEOUT_S)
 
+    def pause(self, name: str) -> None:
+        """Send SIGSTOP to a node: its connections stay open, and it says nothing."""
+        self._signal(name, signal.SIGSTOP)
+
+    def resume(self, name: str) -> None:
+        """Send SIGCONT to a node."""
+        self._signal(name, signal.SIGCONT)
+
+    def is_paused(self, name: str) -> bool:
+        """Tell whether the node's process was stopped by a signal and waits for SIGCONT."""
+        pid = self._read_state().pids.get(name)
+        return pid is not None and self.is_running(name) and _is_stopped_process(pid)
+
+    def behaviour(self, name: str) -> str:
+        """Return the Byzantine behaviour that a running node was started with, or nothing for an honest one."""
+        return self._read_state().behaviours.get(name, "") if self.is_running(name) else ""
+
     def stop(self, name: str) -> None:
         """Stop a node cleanly; after fifteen seconds, not so cleanly."""
         self._signal(name, signal.SIGTERM)
+        self._signal(name, signal.SIGCONT)
         if not self._reap(name, STOP_TIMEOUT_S):
             self.kill(name)
 
@@ -109,6 +134,7 @@ class Cluster:
         running = [name for name in self.names if self.is_running(name)]
         for name in running:
             self._signal(name, signal.SIGTERM)
+            self._signal(name, signal.SIGCONT)
         for name in running:
             if not self._reap(name, STOP_TIMEOUT_S):
                 self.kill(name)
@@ -117,16 +143,17 @@ class Cluster:
 
     def is_running(self, name: str) -> bool:
         """Tell whether the node's process is alive."""
-        pid = self._read_pids().get(name)
+        pid = self._read_state().pids.get(name)
         child = self._children.get(name)
         if child is not None and child.pid == pid:
             return child.poll() is None
         return pid is not None and _is_node_process(pid, self.config(name).data_dir)
 
     def _signal(self, name: str, number: signal.Signals) -> None:
-        pid = self._read_pids().get(name)
+        pid = self._read_state().pids.get(name)
         if pid is not None and self.is_running(name):
-            os.kill(pid, number)
+            with contextlib.suppress(ProcessLookupError):  # it ended by itself just now
+                os.kill(pid, number)
 
     def _reap(self, name: str, timeout_s: float) -> bool:
         deadline = time.monotonic() + timeout_s
@@ -136,17 +163,21 @@ class Cluster:
             time.sleep(_POLL_S)
         return True
 
-    def _read_pids(self) -> dict[str, int]:
+    def _read_state(self) -> _ClusterState:
         try:
-            return msgspec.json.decode((self.folder / _STATE_FILE).read_bytes(), type=_ClusterState).pids
+            return msgspec.json.decode((self.folder / _STATE_FILE).read_bytes(), type=_ClusterState)
         except (FileNotFoundError, msgspec.MsgspecError):
-            return {}
+            return _ClusterState()
 
-    def _write_pid(self, name: str, pid: int) -> None:
-        pids = self._read_pids() | {name: pid}
+    def _note_start(self, name: str, pid: int, behaviour: str) -> None:
+        state = self._read_state()
+        state.pids[name] = pid
+        state.behaviours.pop(name, None)
+        if behaviour:
+            state.behaviours[name] = behaviour
         path = self.folder / _STATE_FILE
         temporary = path.with_suffix(".tmp")
-        temporary.write_text(json.dumps({"pids": pids}), encoding="utf-8")
+        temporary.write_bytes(msgspec.json.encode(state))
         temporary.replace(path)
 
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
@@ -230,3 +261,13 @@ def _is_node_process(pid: int, data_dir: Path) -> bool:
     except OSError:
         return True  # no /proc here (macOS): the number is all there is to go by
     return str(data_dir).encode() in command
+
+
+def _is_stopped_process(pid: int) -> bool:
+    """Tell whether a process is stopped by a signal (state T)."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2]
+    except OSError:  # no /proc here (macOS)
+        answer = subprocess.run(["ps", "-o", "state=", "-p", str(pid)], capture_output=True, text=True, check=False)
+        state = answer.stdout
+    return state.strip().startswith("T")

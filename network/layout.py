@@ -76,8 +76,9 @@ def create_network(
     store: str = "sqlite",
     network: str = "blockrobot",
     settings: ChainSettings | None = None,
+    faults: bool = False,
 ) -> Genesis:
-    """Make a network of `nodes` nodes and return its genesis file's content.
+    """Make a network of `nodes` nodes and return its genesis file's content. `faults`: it may be broken on purpose.
 
     Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
     organisation is a custodian. `store` is `sqlite` or a MongoDB URI. Raises CONFIGURATION_INVALID for numbers that
@@ -117,7 +118,7 @@ def create_network(
     for number, entry in enumerate(genesis.nodes):
         authority = authorities[number % organisations][0]
         store_uri = store_uri_of(store, network, entry.name)
-        _create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri)
+        _create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri, faults=faults)
     (directory / "genesis.json").write_text(text, encoding="utf-8")
     return genesis
 
@@ -153,7 +154,14 @@ def _node_entry(name: str, organisation: str, port: int, keys: _NodeKeys) -> Nod
 
 
 def _create_node(
-    folder: Path, entry: NodeEntry, keys: _NodeKeys, authority: Authority, genesis_text: str, store_uri: str
+    folder: Path,
+    entry: NodeEntry,
+    keys: _NodeKeys,
+    authority: Authority,
+    genesis_text: str,
+    store_uri: str,
+    *,
+    faults: bool,
 ) -> None:
     folder.mkdir(parents=True, mode=0o700)  # ledger and custody tell who was where when
     config = NodeConfig(
@@ -170,6 +178,7 @@ def _create_node(
         custodian_key_path=None if keys.custodian is None else folder / "keys" / "custodian.key",
         custody_store=store_uri,
         log_level="info",
+        faults_enabled=faults,
     )
     certificate = issue_node_certificate(authority, entry.name, HOST)
     write_secret(config.tls_key_path, certificate.key_pem)

@@ -24,6 +24,7 @@ _SECTIONS: dict[str, frozenset[str]] = {
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "custody": frozenset({"store"}),
     "log": frozenset({"level"}),
+    "faults": frozenset({"enabled"}),
 }
 
 
@@ -44,6 +45,7 @@ class NodeConfig:
     custodian_key_path: Path | None
     custody_store: str
     log_level: str
+    faults_enabled: bool = False
 
     @property
     def ledger_dir(self) -> Path:
@@ -107,6 +109,12 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a port number {field!r}.")
         return value
 
+    def flag(self, field: str) -> bool:
+        value = self._table.get(field, False)
+        if not isinstance(value, bool):
+            raise _invalid(f"[{self._name}] needs true or false for {field!r}.")
+        return value
+
 
 def load_config(data_dir: Path) -> NodeConfig:
     """Read and check `node.toml` of a data directory.
@@ -123,7 +131,7 @@ def load_config(data_dir: Path) -> NodeConfig:
     unknown = sorted(set(document) - set(_SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log = (_Section(document, name) for name in _SECTIONS)
+    node, listen, keys, custody, log, faults = (_Section(document, name) for name in _SECTIONS)
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")
@@ -145,6 +153,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         custodian_key_path=data_dir / custodian if custodian else None,
         custody_store=custody.text("store", "sqlite"),
         log_level=level,
+        faults_enabled=faults.flag("enabled"),
     )
 
 
@@ -175,6 +184,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[log]",
         f'level = "{config.log_level}"',
+        *(["", "[faults]", "enabled = true"] if config.faults_enabled else []),
     ]
     return "\n".join(lines) + "\n"
 

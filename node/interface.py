@@ -25,11 +25,14 @@ EXPIRED_REMEMBERED_MAX_COUNT = 16_384
 
 
 class WallClock:
-    """The machine's clock."""
+    """The machine's clock. `offset_ms` is what it is wrong by, on purpose (`node/faults.py`)."""
+
+    def __init__(self) -> None:
+        self.offset_ms = 0
 
     def now_ms(self) -> int:
         """Return milliseconds since 1970 UTC."""
-        return time.time_ns() // 1_000_000
+        return time.time_ns() // 1_000_000 + self.offset_ms
 
 
 class DecodedSnapshot:
@@ -77,6 +80,10 @@ class DecodedSnapshot:
         """Return the receipts of the block of this height, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(data, Receipts).receipts
+
+    def epoch_proof(self, number: int) -> bytes | None:
+        """Return the encoded `EpochProof` that began epoch `number` (1 or above), or None."""
+        return self._snapshot.epoch_proof(number)
 
     def locate(self, txid: bytes) -> TransactionPlace | None:
         """Return where a finalized transaction stands, or None."""

@@ -13,7 +13,7 @@ import logging.handlers
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import structlog
@@ -60,13 +60,13 @@ def configure_logging(config: NodeConfig) -> None:
     )
 
 
-async def run_node(config: NodeConfig) -> None:
+async def run_node(config: NodeConfig, make_node: Callable[[NodeConfig], Node] = Node) -> None:
     """Run a node until SIGTERM or SIGINT. Raises BlockRobotError if it cannot start."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    async with Node(config):
+    async with make_node(config):
         await stop.wait()
 
 
@@ -79,25 +79,22 @@ def _new_event_loop() -> asyncio.AbstractEventLoop:
     return loop
 
 
-def _run(data_dir: Path) -> None:
+def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
     os.umask(0o077)  # what a node writes is for its own user
     config = load_config(data_dir)
     lock = DirectoryLock(data_dir)
     try:
         configure_logging(config)
         with asyncio.Runner(loop_factory=_new_event_loop) as runner:
-            runner.run(run_node(config))
+            runner.run(run_node(config, make_node))
     finally:
         lock.release()
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run_process(data_dir: Path, make_node: Callable[[NodeConfig], Node] = Node) -> int:
     """Run the node of a data directory; return the exit code: 0 after a clean stop, 1 if it could not run."""
-    parser = argparse.ArgumentParser(prog="python -m node.main", description="Run one BlockRobot node.")
-    parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
-    options = parser.parse_args(arguments)
     try:
-        _run(options.data_dir.resolve())
+        _run(data_dir.resolve(), make_node)
     except BlockRobotError as error:
         sys.stderr.write(f"{error.code}: {error.detail} {error.next_step}\n")
         return 1
@@ -106,6 +103,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stderr.write(f"INTERNAL: The node stopped on a fault ({type(error).__name__}); its log has the details.\n")
         return 1
     return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what the command line names; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m node.main", description="Run one BlockRobot node.")
+    parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
+    return run_process(parser.parse_args(arguments).data_dir)
 
 
 if __name__ == "__main__":

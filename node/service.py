@@ -6,7 +6,9 @@ Must never decide anything itself.
 from __future__ import annotations
 
 import gc
+from collections.abc import Callable
 from contextlib import AsyncExitStack
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -18,6 +20,9 @@ from node.api import ApiServices, create_api
 from node.api.server import serve_api
 from node.assembly import Assembly, CustodyPlace, Surroundings, begin_ledger
 from node.config import NodeConfig, load_genesis, load_key
+from node.disk import SystemDisk
+from node.engine import Outbox
+from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.interface import WallClock
 from node.journal import Journal
 from node.machine import ViewRunner
@@ -53,12 +58,27 @@ async def open_ledger(config: NodeConfig, genesis: Genesis) -> LmdbStore:
 class Node:
     """A running node, as an async context manager: entered when it serves, left when all is closed."""
 
-    def __init__(self, config: NodeConfig) -> None:
-        """Read genesis and keys. Raises CONFIGURATION_INVALID or GENESIS_INVALID."""
+    def __init__(
+        self,
+        config: NodeConfig,
+        *,
+        clock: WallClock | None = None,
+        wrap_outbox: Callable[[Outbox, Assembly], Outbox] | None = None,
+    ) -> None:
+        """Read genesis and keys. Another clock, or an outbox around the node's own, is for tests of the network.
+
+        Raises CONFIGURATION_INVALID, GENESIS_INVALID, FAULT_INVALID, FILE_UNUSABLE.
+        """
         self.config = config
         self.genesis = load_genesis(config)
         self._entry = self.genesis.node(config.name)
-        self._clock = WallClock()
+        self._clock = clock or WallClock()
+        self._wrap_outbox = wrap_outbox
+        self._faults: FaultSwitch | None = None
+        self._token = ""
+        if config.faults_enabled:
+            self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
+            self._token = read_or_make_token(config.data_dir)
         self._stack = AsyncExitStack()
         path = config.producer_key_path
         self._key = None if path is None else load_key(path, self._entry.producer_key, "producer")
@@ -84,10 +104,13 @@ class Node:
 
     async def _open(self) -> None:
         """Open the files and make all parts; nothing is said to anybody yet."""
-        config, genesis, stack = self.config, self.genesis, self._stack
+        config, genesis, stack, faults, wrap = self.config, self.genesis, self._stack, self._faults, self._wrap_outbox
         ledger = await open_ledger(config, genesis)
         stack.push_async_callback(ledger.close)
-        journal = Journal.open(config.journal_path)
+        if faults is not None:
+            ledger.require_space = partial(faults.require_space, "ledger")
+        disk = None if faults is None else FillableDisk(SystemDisk(), faults, "journal")
+        journal = Journal.open(config.journal_path, disk=disk)
         stack.callback(journal.close)
         self._parts = Assembly(
             Surroundings(
@@ -96,9 +119,12 @@ class Node:
                 ledger=ledger,
                 journal=journal,
                 clock=self._clock,
-                open_network=lambda handler: PeerNetwork(config, genesis, handler),
+                open_network=lambda handler: PeerNetwork(
+                    config, genesis, handler, None if faults is None else faults.shaper
+                ),
                 key=self._key,
                 custody=await self._open_custody(),
+                wrap_outbox=None if wrap is None else lambda outbox: wrap(outbox, self._parts),
             )
         )
         stack.push_async_callback(self._parts.stop)
@@ -112,10 +138,14 @@ class Node:
         if path is None:
             return None
         key = load_key(path, self._entry.custodian_key, "custodian")
-        store = open_store(config.custody_store, config.custody_dir)
+        store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
         return CustodyPlace(key, store, erase_keys)
+
+    def _require_custody_space(self) -> None:
+        if self._faults is not None:
+            self._faults.require_space("custody")
 
     async def _start(self) -> None:
         """Bind the ports, then begin to take part, then let clients in."""
@@ -135,7 +165,7 @@ class Node:
             custody=parts.custody,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
-        await self._serve(create_operator_listener(parts), operator_socket)
+        await self._serve(create_operator_listener(parts, self._faults, self._token), operator_socket)
         log.info("node_started", name=config.name, height=parts.feed.height)
 
     async def _serve(self, application: web.Application, listener: Any) -> None:

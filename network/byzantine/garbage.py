@@ -13,7 +13,7 @@ from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
 from node.engine import Outbox
-from node.p2p.wire import FrameKind
+from node.p2p.wire import FRAME_MAX_BYTES, FrameKind
 
 MESSAGES_PER_TICK_COUNT = 10
 RAW_EVERY_TICKS_COUNT = 20
@@ -55,8 +55,9 @@ class Garbage(Behaviour):
         for _ in range(MESSAGES_PER_TICK_COUNT):
             self._inner.broadcast(self._chance.choice(self._makers())())
         if self._ticks_count % RAW_EVERY_TICKS_COUNT == 0:
-            size = self._chance.randint(0, RAW_MAX_BYTES)
-            self._own.send_raw(self._chance.choice(_RAW_KINDS), self._chance.randbytes(size))
+            kind = self._chance.choice(_RAW_KINDS)
+            size = self._chance.randint(0, min(RAW_MAX_BYTES, FRAME_MAX_BYTES[kind]))
+            self._own.send_raw(kind, self._chance.randbytes(size))
 
     def _makers(self) -> list[Callable[[], Message]]:
         made: list[Callable[[], Message]] = [self._strange_vote, self._strange_block, self._strange_notice]

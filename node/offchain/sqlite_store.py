@@ -166,8 +166,10 @@ def _drop_staged(database: sqlite3.Connection, record_id: bytes) -> None:
 class SqliteStore:
     """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
 
-    def __init__(self, directory: Path) -> None:
+    def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
+        """`require_space` is called before each write; the OSError that it raises is taken for the disk's own."""
         self._directory = directory
+        self._require_space = require_space
         self._database: sqlite3.Connection | None = None
         self._worker: ThreadPoolExecutor | None = None
 
@@ -220,6 +222,7 @@ class SqliteStore:
             database = self._opened()
             database.execute("BEGIN IMMEDIATE")
             try:
+                self._require_space()
                 work(database)
             except BaseException:
                 database.execute("ROLLBACK")

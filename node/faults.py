@@ -1,0 +1,221 @@
+"""The node's own fault switch: sick links, a wrong clock, a full disk. Must never be there unless node.toml allows it.
+
+What is switched on is kept in `faults.json` in the data directory and is still on after the node was killed: a cable that
+is out stays out. Set by `POST /faults` on the operator's listener, with the token of `operator.token`.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import secrets
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+import structlog
+
+from consensus.errors import BlockRobotError
+from node.disk import Disk, DiskFile
+from node.p2p.shaping import LinkFault, Shaper
+
+TOKEN_FILE_NAME = "operator.token"  # noqa: S105 - a file's name
+STATE_FILE_NAME = "faults.json"
+CLOCK_OFFSET_MAX_MS = 10 * 365 * 24 * 3_600_000
+LINKS_MAX_COUNT = 64
+DISKS = ("journal", "ledger", "custody")
+_TOKEN_BYTES = 32
+
+log = structlog.get_logger(__name__)
+
+
+class AdjustableClock(Protocol):
+    """A wall clock that can be set wrong."""
+
+    offset_ms: int
+
+
+class FaultRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What `POST /faults` takes. What is not named stays as it is; `clear` first ends everything that is on.
+
+    `links` by peer (null: sound again); `clock_offset_ms` from the true time; `disk`: which disk is full.
+    """
+
+    clear: bool = False
+    seed: int | None = None
+    links: dict[str, LinkFault | None] = {}
+    clock_offset_ms: int | None = None
+    disk: dict[str, bool] = {}
+
+
+class _Kept(msgspec.Struct, frozen=True):
+    seed: int
+    links: dict[str, LinkFault]
+    clock_offset_ms: int
+    disk: list[str]
+
+
+class FaultSwitch:
+    """All faults of one node. `request` changes them on the event loop; disks ask from any thread."""
+
+    def __init__(self, own_name: str, folder: Path, clock: AdjustableClock) -> None:
+        """Take up what was on when the node last ran. Raises FAULT_INVALID if the file of it is damaged."""
+        self._path = folder / STATE_FILE_NAME
+        self._clock = clock
+        self._full: frozenset[str] = frozenset()
+        self.shaper = Shaper(own_name)
+        if self._path.exists():
+            self._restore()
+
+    def _restore(self) -> None:
+        try:
+            kept = msgspec.json.decode(self._path.read_bytes(), type=_Kept)
+        except (OSError, msgspec.MsgspecError):
+            raise BlockRobotError("FAULT_INVALID", f"{self._path.name} cannot be read; remove it to be rid.") from None
+        links: dict[str, LinkFault | None] = dict(kept.links)
+        disk = dict.fromkeys(kept.disk, True)
+        self._apply(FaultRequest(seed=kept.seed, links=links, clock_offset_ms=kept.clock_offset_ms, disk=disk))
+
+    def request(self, body: bytes) -> Mapping[str, Any]:
+        """Do what a request's JSON asks, all of it or nothing; return what is on now. Raises FAULT_INVALID."""
+        try:
+            wanted = msgspec.json.decode(body, type=FaultRequest)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise BlockRobotError("FAULT_INVALID", f"The request is not understood: {error}.") from None
+        self._apply(wanted)
+        state = self.describe()
+        self._keep()
+        log.warning("faults_changed", **state)
+        return state
+
+    def _apply(self, wanted: FaultRequest) -> None:
+        self._check(wanted)
+        if wanted.clear:
+            self.shaper.clear()
+            self._clock.offset_ms = 0
+            self._full = frozenset()
+        if wanted.seed is not None:
+            self.shaper.reseed(wanted.seed)
+        for peer, fault in wanted.links.items():
+            self.shaper.set_link(peer, fault or LinkFault())
+        if wanted.clock_offset_ms is not None:
+            self._clock.offset_ms = wanted.clock_offset_ms
+        full = {name for name, is_full in wanted.disk.items() if is_full}
+        self._full = (self._full | full) - {name for name, is_full in wanted.disk.items() if not is_full}
+
+    def _check(self, wanted: FaultRequest) -> None:
+        unknown = sorted(set(wanted.disk) - set(DISKS))
+        if unknown:
+            raise BlockRobotError("FAULT_INVALID", f"There is no disk {unknown[0]!r}; there are {', '.join(DISKS)}.")
+        if len(self.shaper.faults) + len(wanted.links) > LINKS_MAX_COUNT:
+            raise BlockRobotError("FAULT_INVALID", f"At most {LINKS_MAX_COUNT} links can be sick at once.")
+        for fault in wanted.links.values():
+            if fault is not None:
+                fault.check()
+        if wanted.clock_offset_ms is not None and abs(wanted.clock_offset_ms) > CLOCK_OFFSET_MAX_MS:
+            raise BlockRobotError("FAULT_INVALID", "A clock is wrong by ten years at most.")
+
+    def _keep(self) -> None:
+        kept = _Kept(self.shaper.seed, dict(self.shaper.faults), self._clock.offset_ms, sorted(self._full))
+        temporary = self._path.with_suffix(".tmp")
+        temporary.write_bytes(msgspec.json.encode(kept))
+        temporary.replace(self._path)
+
+    def describe(self) -> dict[str, Any]:
+        """Return what is on, ready for JSON."""
+        return {
+            "links": {peer: msgspec.to_builtins(fault) for peer, fault in sorted(self.shaper.faults.items())},
+            "clock_offset_ms": self._clock.offset_ms,
+            "disk": sorted(self._full),
+            "seed": self.shaper.seed,
+            "frames_lost": self.shaper.lost_count,
+        }
+
+    # Disks
+
+    def require_space(self, disk: str) -> None:
+        """Raise OSError(ENOSPC), as the system does, while this disk is full."""
+        if disk in self._full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class FillableDisk:
+    """A `Disk` that can be full: then it takes no byte more, but gives back what it holds."""
+
+    def __init__(self, disk: Disk, switch: FaultSwitch, name: str) -> None:
+        self._disk = disk
+        self._switch = switch
+        self._name = name
+
+    def exists(self, path: Path) -> bool:
+        """Tell whether there is a file under this path."""
+        return self._disk.exists(path)
+
+    def open(self, path: Path, *, create: bool) -> DiskFile:
+        """Open a file; see `Disk.open`. A new one needs space."""
+        if create:
+            self._switch.require_space(self._name)
+        return _FillableFile(self._disk.open(path, create=create), self._switch, self._name)
+
+    def replace(self, source: Path, target: Path) -> None:
+        """Let `target` name the file that `source` named, atomically."""
+        self._disk.replace(source, target)
+
+    def remove(self, path: Path) -> None:
+        """Remove a file."""
+        self._disk.remove(path)
+
+    def sync_directory(self, directory: Path) -> None:
+        """Return once the directory's names are on the medium."""
+        self._disk.sync_directory(directory)
+
+
+class _FillableFile:
+    def __init__(self, file: DiskFile, switch: FaultSwitch, name: str) -> None:
+        self._file = file
+        self._switch = switch
+        self._name = name
+
+    def read_all(self) -> bytes:
+        return self._file.read_all()
+
+    def append(self, data: bytes) -> None:
+        self._switch.require_space(self._name)
+        self._file.append(data)
+
+    def truncate(self, size_bytes: int) -> None:
+        self._file.truncate(size_bytes)
+
+    def sync(self) -> None:
+        self._switch.require_space(self._name)
+        self._file.sync()
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def read_or_make_token(folder: Path) -> str:
+    """Return the operator's token of a data directory; make it (0600) if there is none. Raises FILE_UNUSABLE."""
+    path = folder / TOKEN_FILE_NAME
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+    except FileExistsError:
+        return _read_token(path)
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path.name} cannot be made: {error.strerror}.") from error
+    token = secrets.token_hex(_TOKEN_BYTES)
+    with os.fdopen(descriptor, "w", encoding="ascii") as file:
+        file.write(token)
+    return token
+
+
+def _read_token(path: Path) -> str:
+    try:
+        token = path.read_text(encoding="ascii").strip()
+        path.chmod(0o600)
+    except (OSError, UnicodeDecodeError):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path.name} cannot be read.") from None
+    if len(token) != 2 * _TOKEN_BYTES:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path.name} holds no token; remove it and start the node again.")
+    return token

@@ -1,0 +1,168 @@
+"""Makes links slow, lossy or dead on purpose: delay, jitter, loss, bandwidth, a cut. Must never reorder what one carries.
+
+It works on whole frames on their way out, above TLS: a lost frame is one that was never written, so that the stream
+below stays in step. Chance is drawn from a seed for each peer, so that a link with the same seed and the same frames
+loses the same ones. One shaper for each node; the other direction is the peer's own.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Mapping
+from random import Random
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import tagged_hash
+from node.p2p.wire import HEADER_SIZE_BYTES, FrameKind
+
+DELAY_MAX_MS = 60_000.0
+QUEUE_MAX_BYTES = 32 * 1024 * 1024
+_KIND_PLACE = HEADER_SIZE_BYTES - 1
+
+
+class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is wrong with one direction of a link. Each frame waits `delay_ms` and up to `jitter_ms` more.
+
+    `loss` is the share of frames that vanish, `bandwidth_bytes_per_s` is 0 for no limit, `cut` lets nothing through.
+    """
+
+    delay_ms: float = 0.0
+    jitter_ms: float = 0.0
+    loss: float = 0.0
+    bandwidth_bytes_per_s: int = 0
+    cut: bool = False
+
+    def check(self) -> None:
+        """Raise FAULT_INVALID for a figure that makes no sense."""
+        times = (self.delay_ms, self.jitter_ms)
+        if not all(math.isfinite(value) and 0 <= value <= DELAY_MAX_MS for value in times):
+            raise BlockRobotError("FAULT_INVALID", f"A delay lies between 0 and {DELAY_MAX_MS:.0f} ms.")
+        if not (math.isfinite(self.loss) and 0 <= self.loss < 1):
+            raise BlockRobotError(
+                "FAULT_INVALID", "The loss is a share from 0 to below 1; for all of it, cut the link."
+            )
+        if self.bandwidth_bytes_per_s < 0:
+            raise BlockRobotError("FAULT_INVALID", "A bandwidth is a number of bytes in a second, or 0 for no limit.")
+
+    @property
+    def is_sound(self) -> bool:
+        """Tell whether nothing is wrong with the link."""
+        return self == SOUND
+
+    def describe(self) -> str:
+        """Say in a few words what is wrong."""
+        if self.cut:
+            return "cut"
+        delay = f"{self.delay_ms:g}" + (f"-{self.delay_ms + self.jitter_ms:g}" if self.jitter_ms else "")
+        parts = [f"{delay} ms"] if self.delay_ms or self.jitter_ms else []
+        parts += [f"{self.loss:.1%} lost"] if self.loss else []
+        parts += [f"{self.bandwidth_bytes_per_s / 1000:g} kB/s"] if self.bandwidth_bytes_per_s else []
+        return ", ".join(parts) or "sound"
+
+
+SOUND = LinkFault()
+
+
+class _Link:
+    """One direction to one peer: what waits on it, and until when it is busy."""
+
+    def __init__(self, chance: Random) -> None:
+        self.chance = chance
+        self.waiting_bytes = 0
+        self.busy_until_s = 0.0
+        self.last_due_s = 0.0
+
+
+class Shaper:
+    """Every direction out of one node. On the event loop only."""
+
+    def __init__(self, own_name: str, seed: int = 0) -> None:
+        self._own_name = own_name
+        self._seed = seed
+        self._faults: dict[str, LinkFault] = {}
+        self._links: dict[str, _Link] = {}
+        self.lost_count = 0
+
+    @property
+    def faults(self) -> Mapping[str, LinkFault]:
+        """The links with something wrong, by peer."""
+        return self._faults
+
+    @property
+    def seed(self) -> int:
+        """What chance is drawn from."""
+        return self._seed
+
+    def reseed(self, seed: int) -> None:
+        """Begin every link's chance anew from this seed."""
+        self._seed = seed
+        for peer, link in self._links.items():
+            link.chance = self._chance_of(peer)
+
+    def set_link(self, peer: str, fault: LinkFault) -> None:
+        """Say what is wrong with the direction to a peer. Raises FAULT_INVALID."""
+        fault.check()
+        if fault.is_sound:
+            self._faults.pop(peer, None)
+        else:
+            self._faults[peer] = fault
+
+    def clear(self) -> None:
+        """All links are sound."""
+        self._faults.clear()
+
+    # LinkShaper
+
+    def admits(self, peer: str) -> bool:
+        """Tell whether a connection to this peer can be made at all."""
+        return not self._faults.get(peer, SOUND).cut
+
+    def waiting_bytes(self, peer: str) -> int:
+        """How much is on its way to this peer."""
+        link = self._links.get(peer)
+        return 0 if link is None else link.waiting_bytes
+
+    def deliver(self, peer: str, frame: bytes, send: Callable[[bytes], None]) -> None:
+        """Call `send` now, later or never. A greeting is never lost: it is part of making the connection."""
+        fault = self._faults.get(peer)
+        link = self._links.get(peer)
+        if fault is None and (link is None or not link.waiting_bytes):
+            send(frame)
+            return
+        if link is None:
+            link = self._links[peer] = _Link(self._chance_of(peer))
+        if self._is_lost(fault or SOUND, link, frame):
+            self.lost_count += 1
+            return
+        loop = asyncio.get_running_loop()
+        due_s = self._due(fault or SOUND, link, len(frame), loop.time())
+        link.waiting_bytes += len(frame)
+        loop.call_at(due_s, self._arrive, peer, link, frame, send)
+
+    def _is_lost(self, fault: LinkFault, link: _Link, frame: bytes) -> bool:
+        if fault.cut or link.waiting_bytes + len(frame) > QUEUE_MAX_BYTES:
+            return True
+        return frame[_KIND_PLACE] != FrameKind.HELLO and fault.loss > 0 and link.chance.random() < fault.loss
+
+    def _due(self, fault: LinkFault, link: _Link, size_bytes: int, now_s: float) -> float:
+        """When the last byte of a frame is through: in turn, and never before the frame ahead of it."""
+        start_s = max(now_s, link.busy_until_s)
+        rate = fault.bandwidth_bytes_per_s
+        link.busy_until_s = start_s + size_bytes / rate if rate else now_s
+        wait_ms = fault.delay_ms + (link.chance.uniform(0, fault.jitter_ms) if fault.jitter_ms else 0.0)
+        link.last_due_s = max(link.last_due_s, link.busy_until_s + wait_ms / 1000)
+        return link.last_due_s
+
+    def _arrive(self, peer: str, link: _Link, frame: bytes, send: Callable[[bytes], None]) -> None:
+        link.waiting_bytes -= len(frame)
+        if self._faults.get(peer, SOUND).cut:
+            self.lost_count += 1
+            return
+        send(frame)
+
+    def _chance_of(self, peer: str) -> Random:
+        text = f"{self._seed} {self._own_name} {peer}"
+        return Random(int.from_bytes(tagged_hash("blockrobot/link-chance", text.encode()), "big"))  # noqa: S311
