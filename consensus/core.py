@@ -15,17 +15,17 @@ from consensus.committing import Commit, choose_commit, have_contradiction
 from consensus.effects import Effect, Message
 from consensus.errors import BlockRobotError
 from consensus.events import Event
+from consensus.hearing import Hearing
 from consensus.limits import VOTE_ROUNDS_AHEAD_MAX_COUNT
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
-from consensus.standing import Standing
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
 
 _LATE_VOTE_ROUNDS = 2
 
 
-class Core(Standing):
+class Core(Hearing):
     """One node's part in consensus. Without a key, or with one outside the schedule, it only follows.
 
-    It is made as `Standing` is, and driven by `handle`.
+    It is made as `Standing` is, and driven by `handle`. On start it asks what others last heard of it (R33).
     """
 
     # Events
@@ -40,7 +40,7 @@ class Core(Standing):
         self._settle()
         return self._effects
 
-    def _dispatch(self, event: Event) -> None:
+    def _dispatch(self, event: Event) -> None:  # noqa: PLR0912 - one line for each event
         match event:
             case events.VoteReceived(vote=vote):
                 self._on_vote(vote)
@@ -55,6 +55,10 @@ class Core(Standing):
             case events.NoticeReceived(notice=notice):
                 self._accept_qc(notice.qc)
                 self._accept_tc(notice.entered_by)
+            case events.WordsAsked(request=request, sender=sender):
+                self._on_words_asked(request, sender)
+            case events.WordsAnswered(answer=answer, sender=sender):
+                self._on_words_answered(answer, sender)
             case events.TimerFired(kind=kind, round=round_number):
                 self._on_timer(kind, round_number)
             case events.WorkChanged(pending=pending):
@@ -76,6 +80,8 @@ class Core(Standing):
             self._effects += self._pacemaker.stop()
         if self.halted or self.has_ended:
             return
+        if self._end_silence():
+            self._speak_again()
         self._lead()
         branch = self._certified_branch()
         delay_ms = self._pacemaker.round_delay_ms(
@@ -91,6 +97,8 @@ class Core(Standing):
     def _on_started(self) -> None:
         """R13: say again what was said, byte for byte, and execute the journal's blocks."""
         self._effects += self._pacemaker.heartbeat()
+        self._effects += self._voter.returning.begin(self._now_ms)
+        self._doubt_own_memory()
         self._effects += [effects.Broadcast(message) for message in self._last_words()]
         last_vote, last_timeout = self._voter.last_vote, self._voter.last_timeout
         if last_vote is not None and last_vote.round > self.high_qc.round:
@@ -109,11 +117,14 @@ class Core(Standing):
     def _greet(self, index: int) -> None:
         if index != self.index:
             self._effects += [effects.SendTo(index=index, message=message) for message in self._last_words()]
+            self._effects += self._voter.returning.ask(index)
 
     def _on_timer(self, kind: str, round_number: int) -> None:
         self._pacemaker.fired(kind)
         if kind == effects.TIMER_FETCH:
             self._fetcher.retry()
+        elif kind == effects.TIMER_ASK:
+            self._effects += self._voter.returning.ask_again()
         elif kind == effects.TIMER_PROPOSE:
             self._leading.retry()
             if self._pacemaker.is_manual:
@@ -143,6 +154,7 @@ class Core(Standing):
                 self._note_certified(node)
             elif qc.block_id in self._tree.orphans:
                 self._check_fork(self._tree.orphans[qc.block_id])
+        self._hear_qc(qc)
         if qc.round > self.high_qc.round:
             self.high_qc = qc
             self._dirty = True
@@ -154,6 +166,7 @@ class Core(Standing):
         """R7: a TC leads into the next round, if the QC that it speaks of is known here."""
         if tc is None or tc.round < self.round or not self._genuine.of_tc(tc):
             return
+        self._hear_tc(tc)
         if tc.highest_qc_round <= self.high_qc.round:
             self._pacemaker.note_tc(tc)
             self._enter(tc.round + 1, tc)
@@ -162,6 +175,7 @@ class Core(Standing):
         self.round = round_number
         self.entered_by = entered_by
         self._timeouts.clear()
+        self._witness.enter(round_number)
 
     def _answer_stale(self, index: int | None, *, always: bool) -> None:
         """R6: bring a peer that is behind up to date; for anything but timeouts once a round and peer."""
@@ -192,6 +206,7 @@ class Core(Standing):
             node = make_node(block, self._now_ms)
         except BlockRobotError:
             return None
+        self._hear_proposal(block, node.header, node.block_id)
         self._check_fork(node)
         is_old = node.header.round < self._tree.root_round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
@@ -261,6 +276,25 @@ class Core(Standing):
         if branch is not None and self._voter.may_vote(node, branch, self.round, self._now_ms):
             self._vote(branch, is_own=False)
 
+    def _speak_again(self) -> None:
+        """R33, R35: the producer may sign again: perhaps this round's block waits for its vote."""
+        for node in list(self._tree.nodes.values()):
+            if node.execution is Execution.VALID and node.header.round == self.round:
+                self._try_vote(node)
+
+    def _on_words_answered(self, answer: WordsAnswer, sender: int | None) -> None:
+        """R33: others say what they last heard of this producer, and how far they are."""
+        if sender == self.index or not self._genuine.has_producer(sender) or sender is None:
+            return
+        if not self._voter.returning.is_answer(answer) or not self._accept_qc(answer.qc):
+            return
+        proven_round, tc = 1 + answer.qc.round, answer.entered_by
+        if tc is not None and self._genuine.of_tc(tc):
+            proven_round = max(proven_round, 1 + tc.round)
+            self._accept_tc(tc)
+        if self._hear_answer(answer, sender, proven_round):
+            self._speak_again()
+
     def _vote(self, branch: list[BlockNode], *, is_own: bool) -> None:
         vote, words = self._voter.vote(branch, self.high_qc, self.entered_by, is_own=is_own)
         self._effects += words
@@ -269,6 +303,7 @@ class Core(Standing):
     def _on_vote(self, vote: Vote) -> None:
         if vote.epoch != self.epoch or not self._genuine.has_producer(vote.index):
             return
+        self._hear_vote(vote)
         if vote.round <= self.high_qc.round:
             if 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS and self._genuine.of_vote(vote):
                 self._answer_stale(vote.index, always=False)
@@ -297,6 +332,7 @@ class Core(Standing):
         if timeout.index == self.index or not self._genuine.of_timeout(timeout):
             return
         self._pacemaker.note_word_of(timeout.index)
+        self._hear_timeout(timeout)
         if timeout.qc.round > self.high_qc.round and not self._accept_qc(timeout.qc):
             return
         self._accept_tc(timeout.entered_by)

@@ -9,15 +9,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from consensus.block import Block, FinalityProof, QuorumCertificate, TimeoutCertificate
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.evidence import Evidence
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 
-Message = Proposal | Vote | Timeout | CertificateNotice
+Message = Proposal | Vote | Timeout | CertificateNotice | WordsRequest | WordsAnswer
 
 TIMER_ROUND = "round"
 TIMER_RESEND = "resend"
 TIMER_HEARTBEAT = "heartbeat"
 TIMER_PROPOSE = "propose"
 TIMER_FETCH = "fetch"
+TIMER_ASK = "ask"
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +117,21 @@ class BlockCertified:
 
 
 @dataclass(frozen=True, slots=True)
+class EvidenceFound:
+    """A producer said two different things in one round (R30). The driver brings it before the contract `producers`."""
+
+    evidence: Evidence
+
+
+@dataclass(frozen=True, slots=True)
+class SilenceChanged:
+    """This producer signs nothing, for this reason and until then; or, both empty, it may sign again (for the log)."""
+
+    reason: str
+    until: str
+
+
+@dataclass(frozen=True, slots=True)
 class Halt:
     """A certified block cannot be executed here: stop signing, serve reads, raise the alarm."""
 
@@ -132,5 +149,7 @@ Effect = (
     | SetTimer
     | CancelTimer
     | BlockCertified
+    | EvidenceFound
+    | SilenceChanged
     | Halt
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from consensus.block import Block, QuorumCertificate
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,24 @@ class NoticeReceived:
     """A peer's highest certificates."""
 
     notice: CertificateNotice
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class WordsAsked:
+    """A producer that just started asks what was last heard of it. `sender` is the index behind the connection."""
+
+    request: WordsRequest
+    sender: int | None
+    now_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class WordsAnswered:
+    """A producer's answer to `WordsRequest`. `sender` is the index behind the connection."""
+
+    answer: WordsAnswer
+    sender: int | None
     now_ms: int
 
 
@@ -119,6 +137,8 @@ Event = (
     | VoteReceived
     | TimeoutReceived
     | NoticeReceived
+    | WordsAsked
+    | WordsAnswered
     | BlockExecuted
     | BlockBuilt
     | BlocksFetched

@@ -5,7 +5,7 @@ from __future__ import annotations
 from consensus.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.block_rules import check_block
 from consensus.errors import BlockRobotError
-from consensus.messages import TIMEOUT_TAG, VOTE_TAG, Timeout, Vote, timeout_parts, vote_parts
+from consensus.messages import TIMEOUT_TAG, VOTE_TAG, Timeout, Vote, Word, is_genuine, timeout_parts, vote_parts
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.schedule import Schedule, verify_qc, verify_tc
 from consensus.signature_cache import SignatureCheck
@@ -55,6 +55,10 @@ class Genuineness:
             return False
         parts = timeout_parts(self._chain_id, timeout.epoch, timeout.round, timeout.qc.round)
         return self._check(self._schedule.producers[timeout.index], TIMEOUT_TAG, timeout.signature, *parts)
+
+    def of_word(self, word: Word, index: int) -> bool:
+        """Tell whether this producer of the epoch signed the word."""
+        return is_genuine(word, self._chain_id, self._schedule.producers[index])
 
     def of_block(self, block: Block, header: Header) -> bool:
         """Tell whether the block is well formed, its leader's, and carries genuine certificates (R14)."""

@@ -18,6 +18,18 @@ KIND_VOTE = "vote"
 KIND_TIMEOUT = "timeout"
 KIND_BLOCK = "block"
 KIND_STATE = "state"
+KIND_SILENCE = "silence"
+
+SILENCE_RESTORED = "restored"
+SILENCE_OUTDATED = "outdated"
+
+
+class SilenceMark(Wire, frozen=True):
+    """Why a producer must stay silent: until a block above `above_round` of `epoch` is final (None: not known yet)."""
+
+    reason: str
+    epoch: int
+    above_round: int | None
 
 
 class JournalRecord(Wire, frozen=True):
@@ -32,6 +44,7 @@ class JournalRecord(Wire, frozen=True):
     proposed_id: bytes | None
     vote: Vote | None
     timeout: Timeout | None
+    silence: SilenceMark | None
 
 
 @dataclass(slots=True)
@@ -44,6 +57,7 @@ class JournalState:
     vote: Vote | None = None
     timeout: Timeout | None = None
     proposed_id: bytes | None = None
+    silence: SilenceMark | None = None
     blocks: dict[bytes, Block] = field(default_factory=dict)
 
 
@@ -59,15 +73,40 @@ def encode_block_record(epoch: int, block: Block) -> bytes:
         proposed_id=None,
         vote=None,
         timeout=None,
+        silence=None,
     )
     return encode(record)
 
 
+def encode_silence_record(epoch: int, last_voted_round: int, mark: SilenceMark | None) -> bytes:
+    """Return a record that begins a silence, changes it, or ends it (None)."""
+    record = JournalRecord(
+        kind=KIND_SILENCE,
+        epoch=epoch,
+        last_voted_round=last_voted_round,
+        blocks=(),
+        high_qc=None,
+        entered_by=None,
+        proposed_id=None,
+        vote=None,
+        timeout=None,
+        silence=mark,
+    )
+    return encode(record)
+
+
+def encode_restored_record() -> bytes:
+    """Return the record that an operator's `--restored` puts behind the journal, or into a new one in its place."""
+    return encode_silence_record(0, 0, SilenceMark(reason=SILENCE_RESTORED, epoch=0, above_round=None))
+
+
 def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:
-    """Merge the records of `epoch`, in order. Raises ENCODING_* for bytes that are no record."""
+    """Merge the records of `epoch`, in order; a silence lasts over epochs. Raises ENCODING_* for what is no record."""
     state = JournalState()
     for data in records:
         record = decode(data, JournalRecord)
+        if record.kind in (KIND_SILENCE, KIND_STATE):
+            state.silence = record.silence
         if record.epoch != epoch:
             continue
         _merge(state, record)

@@ -76,6 +76,7 @@ class Journalist:
                 proposed_id=proposed_id,
                 vote=vote,
                 timeout=timeout,
+                silence=None,
             )
         )
 
@@ -95,5 +96,6 @@ class Journalist:
             proposed_id=state.proposed_id,
             vote=state.vote,
             timeout=state.timeout,
+            silence=state.silence,
         )
         return (*(encode_block_record(self._epoch, node.block) for node in kept), encode(record))

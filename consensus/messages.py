@@ -14,6 +14,14 @@ VOTE_TAG = "blockrobot/vote"
 TIMEOUT_TAG = "blockrobot/timeout"
 PROPOSAL_TAG = "blockrobot/proposal"
 
+WORD_PROPOSAL = "proposal"
+WORD_VOTE = "vote"
+WORD_TIMEOUT = "timeout"
+
+SPEAKING = "speaking"
+ASKING = "asking"
+SILENT = "silent"
+
 
 class Vote(Wire, frozen=True):
     """One producer's vote for one block of one round."""
@@ -45,6 +53,39 @@ class Proposal(Wire, frozen=True):
 class CertificateNotice(Wire, frozen=True):
     """The answer to a stale timeout: the highest QC and the TC by which the sender entered its round."""
 
+    qc: QuorumCertificate
+    entered_by: TimeoutCertificate | None
+
+
+class Word(Wire, frozen=True):
+    """Any signed word of a producer, cut down to what was signed. A timeout names no block, the others no QC round."""
+
+    kind: str
+    epoch: int
+    round: int
+    block_id: bytes
+    qc_round: int
+    signature: bytes
+
+
+class WordsRequest(Wire, frozen=True):
+    """A producer that just started asks what was last heard of it (R33). `asked_at_ms` comes back in the answer."""
+
+    epoch: int
+    asked_at_ms: int
+
+
+class WordsAnswer(Wire, frozen=True):
+    """What the sender holds of the asker (`word`), and of itself: whether it speaks, the last round that it signed in.
+
+    `speech` is SPEAKING, ASKING or SILENT. `qc` and `entered_by` prove that the sender may have been in that round.
+    """
+
+    epoch: int
+    asked_at_ms: int
+    speech: str
+    signed_round: int
+    word: Word | None
     qc: QuorumCertificate
     entered_by: TimeoutCertificate | None
 
@@ -107,3 +148,20 @@ def is_valid_block_signature(
 ) -> bool:
     """Tell whether `public_key` proposed the block of this id in this round."""
     return verify(public_key, PROPOSAL_TAG, signature, *proposal_parts(chain_id, epoch, round_number, block_id))
+
+
+def is_genuine(word: Word, chain_id: bytes, public_key: bytes) -> bool:
+    """Tell whether the word was signed by `public_key`. Never raises for anything a peer can send."""
+    if not 0 <= word.epoch < 1 << 32 or not 0 < word.round < 1 << 53 or not 0 <= word.qc_round < 1 << 53:
+        return False
+    if word.kind == WORD_TIMEOUT:
+        parts = timeout_parts(chain_id, word.epoch, word.round, word.qc_round)
+        return verify(public_key, TIMEOUT_TAG, word.signature, *parts)
+    if word.kind == WORD_VOTE:
+        return verify(
+            public_key, VOTE_TAG, word.signature, *vote_parts(chain_id, word.epoch, word.round, word.block_id)
+        )
+    if word.kind == WORD_PROPOSAL:
+        parts = proposal_parts(chain_id, word.epoch, word.round, word.block_id)
+        return verify(public_key, PROPOSAL_TAG, word.signature, *parts)
+    return False

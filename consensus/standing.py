@@ -21,6 +21,7 @@ from consensus.schedule import Schedule
 from consensus.settings import ChainSettings
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.voter import Voter
+from consensus.witness import Witness
 
 _LATE_VOTE_ROUNDS = 2
 
@@ -40,16 +41,19 @@ class Standing:
         round_zero_id: bytes,
         journal: Sequence[bytes] = (),
         check: SignatureCheck | None = None,
+        before: Standing | None = None,
     ) -> None:
         """Begin above `finalized`, the head of the synced store, certified by `finalized_qc`, in the schedule's epoch.
 
         `round_zero_id` is the block that round 0 of the epoch certifies: genesis, or the boundary before (R23).
-        `journal` holds the records read back, in order. Raises ENCODING_* for a record that is none.
+        `journal` holds the records read back, in order. `before` is this process's core of the epoch before, if there
+        is one: who speaks in it need not ask (R36). Raises ENCODING_* for a record that is none.
         """
         if finalized_qc.epoch != schedule.epoch:
             raise AssertionError("the certificate of the finalized head is of another epoch")
         self._schedule = schedule
-        self._genuine = Genuineness(chain_id, schedule, round_zero_id, check or SignatureCache())
+        check = check or SignatureCache()
+        self._genuine = Genuineness(chain_id, schedule, round_zero_id, check)
         self._tree = BlockTree(finalized, finalized_qc)
         self._votes = VoteCollector(schedule.quorum)
         self._timeouts = TimeoutCollector(schedule.quorum)
@@ -57,6 +61,10 @@ class Standing:
         self._leading = Leading(settings, self._pacemaker)
         restored = read_journal(journal, schedule.epoch)
         self._voter = Voter(settings, chain_id, schedule, key, restored)
+        if before is not None:
+            returning = before._voter.returning
+            self._voter.returning = returning.next(schedule, self._voter.index, settings.base_timeout_ms)
+        self._witness = Witness(chain_id, schedule, self._voter.index, check)
         self._fetcher = Fetcher(self._voter.index, settings.base_timeout_ms)
         self._retry_ms = max(1, settings.base_timeout_ms // 4)
         self._effects: list[Effect] = []
@@ -69,6 +77,7 @@ class Standing:
         self._noticed: dict[int, int] = {}
         self.halted = ""
         self._restore(restored, finalized_qc)
+        self._recall(restored, finalized, finalized_qc)
         self._note_end()
 
     def _restore(self, restored: JournalState, finalized_qc: QuorumCertificate) -> None:
@@ -86,6 +95,19 @@ class Standing:
         for node in nodes:
             if self._tree.may_add(node.block_id, node.header):
                 self._tree.add(node)
+
+    def _recall(self, restored: JournalState, finalized: Block, finalized_qc: QuorumCertificate) -> None:
+        """R33: the certificates at hand name the newest words of others; and one's own, should the journal lack them."""
+        self._witness.enter(self.round)
+        self._witness.note_blocks([finalized, *restored.blocks.values()])
+        for qc in (finalized_qc, self.high_qc):
+            self._witness.note_qc(qc)
+        if self.entered_by is not None:
+            self._witness.note_tc(self.entered_by)
+        head, is_alone = finalized.header, len(self._schedule.producers) == 1 and self.index is not None
+        if is_alone and head.epoch == self.epoch and head.round > 0:
+            # Alone, it certified the head's child too: it has nobody to ask what it said above that.
+            self._voter.last_voted_round = max(self._voter.last_voted_round, head.round + 1)
 
     def _note_end(self) -> None:
         """R22: with its boundary final this epoch is over."""

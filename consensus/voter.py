@@ -13,8 +13,9 @@ from consensus.effects import Broadcast, Effect, Persist
 from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalState
 from consensus.journalling import Journalist
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
-from consensus.messages import Proposal, Timeout, Vote, sign_timeout, sign_vote
+from consensus.messages import WORD_TIMEOUT, Proposal, Timeout, Vote, Word, sign_timeout, sign_vote
 from consensus.primitives.keys import PrivateKey
+from consensus.returning import Returning
 from consensus.schedule import Schedule
 from consensus.settings import ChainSettings
 
@@ -38,12 +39,26 @@ class Voter:
         self.last_vote = restored.vote
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
+        self.returning = Returning(schedule, self.index, settings.base_timeout_ms, restored.silence)
         self.has_ended = False
 
     def may_speak(self, round_number: int) -> bool:
-        """R4: tell whether nothing was said yet in this round or a later one, the epoch goes on, the disk keeps up."""
-        is_allowed = self.index is not None and not self.has_ended and not self.journalist.is_behind
-        return is_allowed and round_number > self.last_voted_round
+        """R4: tell whether nothing was said yet in this round or a later one, and the producer may sign at all."""
+        return self.index is not None and not self._is_barred and round_number > self.last_voted_round
+
+    @property
+    def _is_barred(self) -> bool:
+        """True if this producer may sign nothing: its epoch is over (R22), its disk is behind (R12), it forgot (R33)."""
+        return self.has_ended or self.journalist.is_behind or self.returning.bars
+
+    def remembers(self, word: Word) -> bool:
+        """R34: tell whether this producer knows that it said this, or said something in a later round."""
+        if word.round != self.last_voted_round:
+            return word.round < self.last_voted_round
+        if word.kind == WORD_TIMEOUT:
+            return self.has_timed_out(word.round)
+        vote = self.last_vote
+        return vote is not None and (vote.round, vote.block_id) == (word.round, word.block_id)
 
     def has_timed_out(self, round_number: int) -> bool:
         """Tell whether this producer gave the round up."""
@@ -99,7 +114,7 @@ class Voter:
         self, round_number: int, high_qc: QuorumCertificate, entered_by: TimeoutCertificate | None
     ) -> tuple[Timeout, list[Effect]] | None:
         """R6: give the round up; from now on this producer votes for nothing in it. None if it may not sign."""
-        is_silent = self.has_ended or self.journalist.is_behind or self.has_timed_out(round_number)
+        is_silent = self._is_barred or self.has_timed_out(round_number)
         if self._key is None or self.index is None or is_silent:
             return None
         timeout = sign_timeout(
@@ -143,5 +158,6 @@ class Voter:
             vote=self.last_vote,
             timeout=self.last_timeout,
             proposed_id=self.proposed_id,
+            silence=self.returning.mark,
         )
         return self.journalist.snapshot(tree, state)

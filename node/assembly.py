@@ -22,7 +22,6 @@ from consensus.block import FinalityProof
 from consensus.core import Core
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.transaction import Transaction
@@ -37,7 +36,6 @@ from node.execution import ExecutedBlock, Executor, Machine
 from node.finality import FinalityFeed, LedgerWriter
 from node.interface import FinalizedLedger, Pool
 from node.journal import JournalEntry
-from node.journal_age import require_newest_journal
 from node.machine import genesis_block
 from node.mempool import Mempool
 from node.metrics import NodeMetrics
@@ -107,8 +105,10 @@ async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
             raise BlockRobotError("DATA_DIRECTORY_INVALID", "The ledger is that of another genesis file.")
 
 
-def make_core(surroundings: Surroundings, head: Head, journal: Sequence[bytes] = ()) -> Core:
-    """Return a core that goes on from this head, with the records of the voting journal read back in order."""
+def make_core(
+    surroundings: Surroundings, head: Head, before: Core | None = None, journal: Sequence[bytes] = ()
+) -> Core:
+    """Return a core that goes on from this head: after the core of the epoch `before`, or with the voting journal."""
     return Core(
         head.start.epoch.settings,
         surroundings.genesis.chain_id,
@@ -119,27 +119,23 @@ def make_core(surroundings: Surroundings, head: Head, journal: Sequence[bytes] =
         round_zero_id=head.start.round_zero_id,
         journal=journal,
         check=surroundings.check,
+        before=before,
     )
 
 
 def restore_core(surroundings: Surroundings) -> tuple[Core, EpochStart]:
-    """Return the core as ledger and journal left it, and how its epoch began.
-
-    Raises JOURNAL_OUTDATED if the journal is older than the ledger, STORAGE_DAMAGED.
-    """
+    """Return the core as ledger and journal left it, and how its epoch began. Raises STORAGE_DAMAGED."""
     with surroundings.ledger.snapshot() as snapshot:
-        head, finality = read_head(snapshot, surroundings.genesis), snapshot.finality
-    core = make_core(surroundings, head, [entry.record for entry in surroundings.journal.entries])
-    if finality and head.block.header.epoch == core.epoch:
-        require_newest_journal(decode(finality, FinalityProof), core.index, core.last_voted_round)
-    return core, head.start
+        head = read_head(snapshot, surroundings.genesis)
+    journal = [entry.record for entry in surroundings.journal.entries]
+    return make_core(surroundings, head, journal=journal), head.start
 
 
 class Assembly:
     """One node's parts. Made on the event loop, started once, stopped once; it is the node's `NodeStatus` too."""
 
     def __init__(self, surroundings: Surroundings) -> None:
-        """Make all parts; nothing is said to anybody yet. Raises JOURNAL_OUTDATED, STORAGE_*, GENESIS_INVALID."""
+        """Make all parts; nothing is said to anybody yet. Raises STORAGE_*, GENESIS_INVALID."""
         self.surroundings = around = surroundings
         self.genesis = genesis = around.genesis
         self._entry = genesis.node(around.name)
@@ -315,6 +311,7 @@ class Assembly:
             "mempool": len(self.mempool),
             "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
             "fault": core.halted or self.engine.fault,
+            "silent": None if core.silence is None else core.silence._asdict(),
             "version": version("blockrobot"),
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }

@@ -23,6 +23,7 @@ from consensus.effects import (
     CancelTimer,
     CommitBlocks,
     Effect,
+    EvidenceFound,
     ExecuteBlock,
     FetchBlocks,
     Halt,
@@ -30,9 +31,11 @@ from consensus.effects import (
     Persist,
     SendTo,
     SetTimer,
+    SilenceChanged,
 )
 from consensus.errors import BlockRobotError
 from consensus.events import BlockBuilt, BlockExecuted, Event, FinalizedElsewhere, Started, TimerFired, WorkChanged
+from consensus.evidence import Evidence
 from consensus.messages import Timeout
 from consensus.primitives.encoding import encode
 from consensus.transaction import Transaction
@@ -100,9 +103,10 @@ class FinalizedSink(Protocol):
         ...
 
 
-CoreFactory = Callable[[Head], Core]
-"""Makes the core of the epoch that a head begins."""
+CoreFactory = Callable[[Head, Core], Core]
+"""Makes the core of the epoch that a head begins, after the core of the epoch before."""
 EpochListener = Callable[[EpochStart], None]
+EvidenceListener = Callable[[Evidence], None]
 
 
 class Engine:
@@ -129,6 +133,7 @@ class Engine:
         self.epoch = start
         self._make_core = make_core
         self._epoch_listeners: list[EpochListener] = []
+        self._evidence_listeners: list[EvidenceListener] = []
         self.fault = ""
         self._executor = executor
         self._mempool = mempool
@@ -159,6 +164,10 @@ class Engine:
     def add_epoch_listener(self, listener: EpochListener) -> None:
         """Call `listener` whenever an epoch begins here, before anything of it is handled."""
         self._epoch_listeners.append(listener)
+
+    def add_evidence_listener(self, listener: EvidenceListener) -> None:
+        """Call `listener` with each proof that a producer said two things in one round."""
+        self._evidence_listeners.append(listener)
 
     async def stop(self) -> None:
         """Stop timers and wait for a running execution."""
@@ -245,8 +254,18 @@ class Engine:
                 self._cancel_timer(kind)
             case BlockCertified(block_id=block_id):
                 self._note_certified(block_id)
+            case EvidenceFound(evidence=evidence):
+                self._show_evidence(evidence)
+            case SilenceChanged(reason=reason, until=until):
+                log.warning("silent" if reason else "speaks", reason=reason, until=until)
             case Halt(reason=reason):
                 log.critical("halted", reason=reason)
+
+    def _show_evidence(self, evidence: Evidence) -> None:
+        producer = evidence.producer.hex()
+        log.warning("evidence_found", kind=evidence.kind, producer=producer, epoch=evidence.epoch, round=evidence.round)
+        for listener in self._evidence_listeners:
+            listener(evidence)
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
         """Journal, then speak. On a slow disk the sync is done in a thread, so that the event loop goes on."""
@@ -393,7 +412,7 @@ class Engine:
         self._effects.clear()
         self._events = deque(event for event in self._events if callable(event))
         qc = genesis_certificate(start.round_zero_id, start.number)
-        self.core, self.epoch = self._make_core(Head(start, boundary.block, qc)), start
+        self.core, self.epoch = self._make_core(Head(start, boundary.block, qc), self.core), start
         self._executor.begin_epoch(start.schedule)
         self._branch, self._branch_txids, self._unstored = {}, frozenset(), {}
         self._pending = False

@@ -23,8 +23,10 @@ from consensus.events import (
     ProposalReceived,
     TimeoutReceived,
     VoteReceived,
+    WordsAnswered,
+    WordsAsked,
 )
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer, WordsRequest
 from consensus.primitives.encoding import decode, encode
 from node.engine import Engine
 from node.epochs import EpochStart, Handover, verify_following
@@ -46,6 +48,8 @@ _KINDS: dict[type[Message], FrameKind] = {
     Vote: FrameKind.VOTE,
     Timeout: FrameKind.TIMEOUT,
     CertificateNotice: FrameKind.NOTICE,
+    WordsRequest: FrameKind.WORDS_REQUEST,
+    WordsAnswer: FrameKind.WORDS_ANSWER,
 }
 _WORDS = frozenset(_KINDS.values())
 
@@ -174,6 +178,12 @@ class Peers:
         if kind is FrameKind.TIMEOUT:
             timeout = decode(payload, Timeout)
             return TimeoutReceived(timeout=timeout, sender=sender, now_ms=now_ms), timeout.epoch
+        if kind is FrameKind.WORDS_REQUEST:
+            request = decode(payload, WordsRequest)
+            return WordsAsked(request=request, sender=sender, now_ms=now_ms), request.epoch
+        if kind is FrameKind.WORDS_ANSWER:
+            answer = decode(payload, WordsAnswer)
+            return WordsAnswered(answer=answer, sender=sender, now_ms=now_ms), answer.epoch
         notice = decode(payload, CertificateNotice)
         return NoticeReceived(notice=notice, now_ms=now_ms), notice.qc.epoch
 

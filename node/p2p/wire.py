@@ -40,6 +40,8 @@ class FrameKind(IntEnum):
     RESPONSE = 9
     EPOCH = 10
     REFUSAL = 11
+    WORDS_REQUEST = 12
+    WORDS_ANSWER = 13
 
 
 class RequestKind(IntEnum):
@@ -63,6 +65,8 @@ FRAME_MAX_BYTES: dict[int, int] = {
     FrameKind.RESPONSE: BULK_FRAME_MAX_BYTES,
     FrameKind.EPOCH: EPOCH_FRAME_MAX_BYTES,
     FrameKind.REFUSAL: 128,
+    FrameKind.WORDS_REQUEST: 64,
+    FrameKind.WORDS_ANSWER: SMALL_FRAME_MAX_BYTES,
 }
 GOSSIP_KINDS = frozenset({FrameKind.TRANSACTIONS, FrameKind.HEIGHT})
 

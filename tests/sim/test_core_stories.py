@@ -11,10 +11,11 @@ DELAY_MS = 10
 
 
 def even(cluster, delay_ms=DELAY_MS):
-    """Every message takes the same time, so that delays can be counted."""
+    """Every message takes the same time, so that delays can be counted; all have asked for their last words (R33)."""
     cluster.links = Links(delay_min=delay_ms, delay_max=delay_ms)
     cluster.execution_ms = 0.0
     cluster.start()
+    cluster.run(2 * delay_ms + 1)
     return cluster
 
 

@@ -26,10 +26,22 @@ from consensus.events import (
     TimeoutReceived,
     TimerFired,
     VoteReceived,
+    WordsAnswered,
     WorkChanged,
 )
 from consensus.genesis import ChainSettings
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, sign_block, sign_timeout, sign_vote
+from consensus.messages import (
+    SPEAKING,
+    CertificateNotice,
+    Proposal,
+    Timeout,
+    Vote,
+    Word,
+    WordsAnswer,
+    sign_block,
+    sign_timeout,
+    sign_vote,
+)
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.schedule import Schedule
@@ -61,6 +73,7 @@ class Peers:
     def __init__(self, count: int = 4, blocks_per_turn: int = 1) -> None:
         self.keys = make_keys(count)
         self.schedule = Schedule(0, tuple(key.public_key for key in self.keys), blocks_per_turn)
+        self.signers = tuple(range(self.schedule.quorum))
 
     def block(
         self,
@@ -115,7 +128,7 @@ class Peers:
     def qc(self, block: Block, voters: tuple[int, ...] | None = None) -> QuorumCertificate:
         if block.header.round == 0:
             return GENESIS_QC
-        chosen = range(self.schedule.quorum) if voters is None else voters
+        chosen = self.signers if voters is None else voters
         votes = tuple(IndexedSignature(index=i, signature=self.vote(i, block).signature) for i in chosen)
         return QuorumCertificate(epoch=0, round=block.header.round, block_id=block.block_id, votes=votes)
 
@@ -130,7 +143,7 @@ class Peers:
 
     def tc(self, round_number: int, *qc_rounds: int, signers: tuple[int, ...] | None = None) -> TimeoutCertificate:
         """Return a TC whose signers named these QC rounds (the last one also for the rest)."""
-        chosen = tuple(range(self.schedule.quorum)) if signers is None else signers
+        chosen = self.signers if signers is None else signers
         named = list(qc_rounds or (0,))
         entries = []
         for place, index in enumerate(chosen):
@@ -142,7 +155,10 @@ class Peers:
 
 
 class OneCore(Peers):
-    """The core of producer `index` (a follower if it is None) and everybody else's keys."""
+    """The core of producer `index` (a follower if it is None) and everybody else's keys.
+
+    Certificates are signed by others where that is possible: a word of its own that it never said would silence it.
+    """
 
     def __init__(
         self,
@@ -152,10 +168,13 @@ class OneCore(Peers):
         settings: ChainSettings | None = None,
         journal: list[bytes] | None = None,
         start: bool = True,
+        answered: bool = True,
     ) -> None:
         self.settings = settings or ChainSettings()
         super().__init__(count, self.settings.blocks_per_turn)
         self.index = index
+        others = [peer for peer in range(count) if peer != index]
+        self.signers = tuple(sorted([*others, index or 0][: self.schedule.quorum]))
         self.now_ms = NOW_MS
         self.journal: list[bytes] = list(journal or [])
         self.core = Core(
@@ -170,6 +189,9 @@ class OneCore(Peers):
             check=CHECK,
         )
         self.started = self.handle(Started(now_ms=self.now_ms)) if start else []
+        if start and answered and index is not None:
+            for peer in others[: self.schedule.quorum - 1]:
+                self.started += self.answer_from(peer)
 
     def handle(self, event: Event) -> list[Effect]:
         """Give the core one event; what it persists goes to `journal`."""
@@ -205,6 +227,28 @@ class OneCore(Peers):
     ) -> list[Effect]:
         timeout = self.timeout(index, round_number, qc, entered_by)
         return self.handle(TimeoutReceived(timeout=timeout, sender=index, now_ms=self.now_ms))
+
+    def answer_from(
+        self,
+        peer: int,
+        *,
+        word: Word | None = None,
+        speech: str = SPEAKING,
+        signed_round: int = 0,
+        qc: QuorumCertificate = GENESIS_QC,
+        entered_by: TimeoutCertificate | None = None,
+    ) -> list[Effect]:
+        """A peer says what it last heard of this producer (nothing, unless said), and how far it is itself."""
+        answer = WordsAnswer(
+            epoch=0,
+            asked_at_ms=self.now_ms,
+            speech=speech,
+            signed_round=signed_round,
+            word=word,
+            qc=qc,
+            entered_by=entered_by,
+        )
+        return self.handle(WordsAnswered(answer=answer, sender=peer, now_ms=self.now_ms))
 
     def notice(self, qc: QuorumCertificate, entered_by: TimeoutCertificate | None = None) -> list[Effect]:
         notice = CertificateNotice(qc=qc, entered_by=entered_by)

@@ -51,7 +51,7 @@ def test_a_proposal_and_the_own_vote_are_one_record_and_one_sync():
 
 
 def test_a_vote_brings_those_ancestors_that_the_journal_lacks():
-    node = OneCore()
+    node = OneCore(6, count=7)
     one, two, three = node.chain(1, 2, 3)
     node.fire("heartbeat", 0)
     node.fire("round")
@@ -101,7 +101,7 @@ def test_a_crash_before_the_sync_leaves_nothing_said():
 
 
 def test_the_journal_brings_back_round_certificates_and_blocks():
-    node = OneCore()
+    node = OneCore(6, count=7)
     one, three = node.chain(1, 3)
     node.receive(one)
     node.receive(three)
@@ -135,7 +135,7 @@ def test_a_snapshot_says_the_same_as_the_journal():
 
 
 def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
-    node = OneCore()
+    node = OneCore(6, count=7)
     one, two, three, four = node.chain(1, 2, 3, 4)
     for block in (one, two, three, four):
         node.receive(block)
@@ -148,7 +148,7 @@ def test_a_block_leaves_the_journal_only_when_the_synced_store_holds_it():
 
 
 def test_a_restart_from_a_snapshot_goes_on_as_from_the_journal():
-    node = OneCore()
+    node = OneCore(6, count=7)
     for block in node.chain(1, 2, 3):
         node.receive(block)
     node.journal = list(node.core.journal_snapshot())
@@ -158,7 +158,7 @@ def test_a_restart_from_a_snapshot_goes_on_as_from_the_journal():
 
 
 def test_a_block_that_was_forgotten_is_not_journalled_again():
-    node = OneCore()
+    node = OneCore(6, count=7)
     blocks = node.chain(1, 2, 3, 4)
     for block in blocks[:3]:
         node.receive(block)
@@ -172,7 +172,7 @@ def test_a_block_that_was_forgotten_is_not_journalled_again():
 
 def test_a_node_whose_store_lags_too_far_signs_nothing(monkeypatch):
     monkeypatch.setattr("consensus.journalling.UNSTORED_BLOCKS_MAX_COUNT", 1)
-    node = OneCore()
+    node = OneCore(6, count=7)
     one, two, three, four = node.chain(1, 2, 3, 4)
     for block in (one, two, three):
         node.receive(block)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from consensus.effects import TIMER_PROPOSE, Broadcast, BuildBlock, ExecuteBlock, Persist, SetTimer
+from consensus.effects import TIMER_ASK, TIMER_PROPOSE, Broadcast, BuildBlock, ExecuteBlock, Persist, SetTimer
 from consensus.errors import BlockRobotError
 from consensus.events import BlockBuilt, ProposalReceived
 from consensus.genesis import ChainSettings, parse_production
@@ -147,7 +147,7 @@ def test_a_due_heartbeat_makes_the_leader_propose():
 def test_after_64_unfinalized_blocks_the_leader_proposes_an_empty_one():
     full = UNFINALIZED_BLOCKS_MAX_COUNT
     last_round = 2 * full - 1
-    node = OneCore((last_round + 2) % 4)
+    node = OneCore(1, settings=ChainSettings(blocks_per_turn=last_round + 1))
     blocks = node.chain(*range(1, 2 * full, 2))
     for block in blocks[:-1]:
         node.receive(block)
@@ -182,7 +182,8 @@ def test_interval_production_keeps_its_cadence_with_and_without_work():
 
 def test_manual_production_starts_no_timer_and_proposes_when_pushed():
     node = OneCore(1, settings=ChainSettings(production="manual"))
-    assert of_type(node.started + node.work(), SetTimer) == []
+    timers = of_type(node.started + node.work(), SetTimer)
+    assert [timer.kind for timer in timers] == [TIMER_ASK]
     assert len(orders(node.fire(TIMER_PROPOSE))) == 1
 
 

@@ -8,6 +8,7 @@ from consensus.effects import Broadcast, ExecuteBlock, Persist
 from consensus.events import BlockExecuted, ProposalReceived
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
 from consensus.messages import Proposal, Vote
+from consensus.settings import ChainSettings
 from tests.unit.consensus.one_core import GENESIS, NOW_MS, TRANSACTION, OneCore, of_type, said
 
 
@@ -98,22 +99,22 @@ def test_a_tc_of_another_round_does_not_do():
 
 def test_a_block_that_forgets_a_qc_named_in_its_tc_gets_no_vote():
     """R5: one signer of the TC knew the QC of round 1; a block on genesis would leave it behind."""
-    node = OneCore()
+    node = OneCore(0)
     one = node.block(1)
     node.receive(one)
     node.notice(node.qc(one))
     forgetful = node.block(3, tc=node.tc(2, 0, 0, 1))
     assert said(node.receive(forgetful), Vote) == []
     faithful = node.block(3, one, tc=node.tc(2, 0, 0, 1))
-    assert said(node.receive(faithful), Vote) == [node.vote(3, faithful)]
+    assert said(node.receive(faithful), Vote) == [node.vote(0, faithful)]
 
 
 def test_a_block_on_the_highest_qc_named_in_its_tc_gets_a_vote():
-    node = OneCore()
+    node = OneCore(0)
     one = node.block(1)
     node.receive(one)
     three = node.block(3, one, tc=node.tc(2, 0, 1, 1))
-    assert said(node.receive(three), Vote) == [node.vote(3, three)]
+    assert said(node.receive(three), Vote) == [node.vote(0, three)]
 
 
 @pytest.mark.parametrize(("ahead_ms", "votes"), [(5_000, 1), (5_001, 0)])
@@ -133,7 +134,7 @@ def test_a_block_from_a_fast_clock_is_followed_once_it_is_certified():
 
 def test_above_64_unfinalized_blocks_only_an_empty_one_gets_a_vote():
     """Every second round is lost, so no two certified blocks are of consecutive rounds and nothing becomes final."""
-    node = OneCore()
+    node = OneCore(settings=ChainSettings(blocks_per_turn=256))
     full = UNFINALIZED_BLOCKS_MAX_COUNT
     blocks = node.chain(*range(1, 2 * full, 2))
     for block in blocks:
