@@ -2,7 +2,7 @@
 
 org/name -> {name, ca_certificate, status, since_height}; node/name -> {name, organisation, host, p2p_port, api_url,
 producer_key, producer_possession, custodian_key, status, since_height}; revoked/org/serial -> {height}; key/K -> the node
-that holds or held it; organisations, nodes -> sorted names of the active; proposal/txid -> {contract, kind, arguments,
+that holds or held it; organisations, nodes -> sorted names of the active; nodes-of/org -> names of its active; proposal/txid -> {contract, kind, arguments,
 organisation, approvals, time, expires_ms, height, status, closed_height}; open -> [[txid, organisation, expires_ms]];
 closed -> txids of the last 32 that are open no more.
 
@@ -22,8 +22,9 @@ CERTIFICATE_BEGIN = "-----BEGIN CERTIFICATE-----"
 KEYS_MAX_COUNT = 16
 ORGANISATIONS_MAX_COUNT = 32
 NODES_MAX_COUNT = 64
-OPEN_MAX_COUNT = 32
-OPEN_OF_ONE_MAX_COUNT = 8
+NODES_OF_ONE_MAX_COUNT = 24
+OPEN_MAX_COUNT = 160
+OPEN_OF_ONE_MAX_COUNT = 4
 EXPIRED_AT_ONCE_MAX_COUNT = 2
 CLOSED_KEPT_MAX_COUNT = 32
 PROPOSAL_LIFETIME_MS = 604800000
@@ -59,6 +60,7 @@ def genesis(organisations: list, nodes: list):
         names.append(name)
     state.put(b"organisations", sorted(names))
     names = []
+    owned = {}
     for name, organisation, host, p2p_port, api_url, producer_key, producer_possession, custodian_key in nodes:
         entry = {
             "name": name,
@@ -72,7 +74,10 @@ def genesis(organisations: list, nodes: list):
         }
         put_node(entry)
         names.append(name)
+        owned[organisation] = owned.get(organisation, []) + [name]
     state.put(b"nodes", sorted(names))
+    for organisation, own in owned.items():
+        state.put(b"nodes-of/" + organisation.encode(), sorted(own))
 
 
 def put_node(entry: dict):
@@ -202,6 +207,8 @@ def check_new_node(node: dict):
     used = state.has(b"node/" + node["name"].encode())
     require(not used, "NODE_NAME_USED", "There is, or was, a node of this name; its certificates name it.")
     require(len(names) < NODES_MAX_COUNT, "NODES_TOO_MANY", "A network has at most 64 nodes.")
+    own = state.get(nodes_of(node["organisation"]), [])
+    require(len(own) < NODES_OF_ONE_MAX_COUNT, "NODES_TOO_MANY", "An organisation has at most 24 nodes.")
     host = node["host"]
     require(0 < len(host) and len(host) <= HOST_MAX_CHARS and host.isascii(), "HOST_WRONG", "That is no host.")
     require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
@@ -237,7 +244,9 @@ def take_effect(kind: str, arguments: dict):
         state.put(revocation_key(arguments), {"height": ctx.height})
     elif kind == "add_node":
         put_node(arguments)
+        own = nodes_of(arguments["organisation"])
         state.put(b"nodes", sorted(state.get(b"nodes") + [arguments["name"]]))
+        state.put(own, sorted(state.get(own, []) + [arguments["name"]]))
         if len(arguments["custodian_key"]) > 0:
             told = [arguments["custodian_key"], arguments["name"], arguments["organisation"]]
             call("identity", "add_custodian", told[0], told[1], told[2])
@@ -245,6 +254,10 @@ def take_effect(kind: str, arguments: dict):
         remove_nodes([require_node(arguments["name"])])
     else:
         rekey(arguments)
+
+
+def nodes_of(organisation: str) -> bytes:
+    return b"nodes-of/" + organisation.encode()
 
 
 def put_keys(name: str, admins: list, registrars: list):
@@ -272,28 +285,27 @@ def remove_organisation(name: str):
     state.put(b"org/" + name.encode(), entry)
     state.put(b"organisations", [other for other in active_organisations() if other != name])
     call("identity", "remove_organisation", name)
-    leaving = []
-    for node_name in state.get(b"nodes"):
-        entry = state.get(b"node/" + node_name.encode())
-        if entry["organisation"] == name:
-            leaving.append(entry)
-    remove_nodes(leaving)
+    remove_nodes([state.get(b"node/" + node_name.encode()) for node_name in state.get(nodes_of(name), [])])
 
 
 def remove_nodes(entries: list):
-    names = state.get(b"nodes")
+    """Take the nodes (of one organisation) out, with what they produced and kept."""
+    leaving = [entry["name"] for entry in entries]
     custodian_keys = []
     producer_keys = []
     for entry in entries:
         entry["status"] = "removed"
         entry["since_height"] = ctx.height
         state.put(b"node/" + entry["name"].encode(), entry)
-        names.remove(entry["name"])
         if len(entry["custodian_key"]) > 0:
             custodian_keys.append(entry["custodian_key"])
         if len(entry["producer_key"]) > 0:
             producer_keys.append(entry["producer_key"])
-    state.put(b"nodes", names)
+    places = [b"nodes"]
+    if len(entries) > 0:
+        places.append(nodes_of(entries[0]["organisation"]))
+    for place in places:
+        state.put(place, [name for name in state.get(place) if name not in leaving])
     if len(custodian_keys) > 0:
         call("identity", "remove_custodians", custodian_keys)
     call("producers", "remove_keys", producer_keys, active_organisations())
@@ -334,7 +346,10 @@ def close(proposal_id: bytes, proposal: dict, status: str):
 
 
 def make_room(organisation: str):
-    """Close some of what has expired (a call's gas is bounded); refuse one proposal too many."""
+    """Close some of what has expired (a call's gas is bounded); refuse one proposal too many.
+
+    There is room for all that 32 organisations may have open, so that no few of them can shut the others out.
+    """
     own = 0
     count = 0
     expired = 0
@@ -347,8 +362,8 @@ def make_room(organisation: str):
             count += 1
             if proposer == organisation:
                 own += 1
-    require(own < OPEN_OF_ONE_MAX_COUNT, "PROPOSALS_TOO_MANY", "An organisation has at most 8 open proposals.")
-    require(count < OPEN_MAX_COUNT, "PROPOSALS_TOO_MANY", "There are at most 32 open proposals.")
+    require(own < OPEN_OF_ONE_MAX_COUNT, "PROPOSALS_TOO_MANY", "An organisation has at most 4 open proposals.")
+    require(count < OPEN_MAX_COUNT, "PROPOSALS_TOO_MANY", "There are at most 160 open proposals.")
 
 
 def open_proposal(contract: str, kind: str, arguments: dict) -> bool:

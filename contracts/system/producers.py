@@ -82,10 +82,11 @@ def is_electable(entry: dict, organisations: list) -> bool:
     return entry["status"] == "candidate" and is_majority(entry["votes"], organisations) and is_ready(entry)
 
 
-def elect(organisations: list):
+def elect(organisations: list, by_decision: bool):
     """Seat the candidates with the most votes, and write the epoch anew if that changes anything.
 
-    Ties go to the older candidacy, then to the smaller key. Who stays keeps its place in the order of turns.
+    Ties go to the older candidacy, then to the smaller key. Who stays keeps its place in the order of turns. Evidence may
+    leave only suspended producers, which then all lead; no decision of organisations may.
     """
     epoch = state.get(b"epoch")
     maximum = state.get(b"max_producers")
@@ -98,6 +99,7 @@ def elect(organisations: list):
             votes = min(VOTES_MAX_COUNT, voices(entry["votes"], organisations))
             ranked.append(u32(VOTES_MAX_COUNT - votes) + u64(entry["since_ms"]) + key)
     chosen = [rank[12:] for rank in sorted(ranked)[:maximum]]
+    require(len(chosen) > 0 or not by_decision, "LAST_PRODUCER", "One producer that is not suspended must remain.")
     suspended = []
     if len(chosen) < TOLERANT_MIN_COUNT:
         seated = [key for key in epoch["producers"] if key in entries and entries[key]["status"] == "suspended"]
@@ -138,15 +140,6 @@ def put_epoch(epoch: dict, producers: list, leaderless: list, settings: dict):
     }
     state.put(b"epoch", next)
     emit("epoch", {"number": number, "height": ctx.height, "producers": len(producers)})
-
-
-def require_leading(organisations: list):
-    """Refuse what would leave only suspended producers."""
-    leading = False
-    for key in state.get(b"keys"):
-        if is_electable(state.get(b"candidate/" + key), organisations):
-            leading = True
-    require(leading, "LAST_PRODUCER", "At least one producer that is not suspended must remain.")
 
 
 def require_candidate(key: bytes) -> dict:
@@ -216,7 +209,7 @@ def decide(key: bytes, entry: dict, organisations: list):
         entry["reinstated_epoch"] = epoch["number"] + 1
         state.put(b"candidate/" + key, entry)
         emit("reinstated", {"key": key, "name": entry["name"]})
-    elect(organisations)
+    elect(organisations, False)
 
 
 @export
@@ -228,8 +221,7 @@ def withdraw(key: bytes):
     entry["votes"] = [name for name in entry["votes"] if name != organisation]
     state.put(b"candidate/" + key, entry)
     emit("withdrawn", {"key": key, "organisation": organisation})
-    require_leading(organisations)
-    elect(organisations)
+    elect(organisations, True)
 
 
 @export
@@ -247,17 +239,19 @@ def remove(key: bytes):
     state.put(b"candidate/" + key, entry)
     emit("removal_approved", {"key": key, "organisation": organisation})
     if organisation == entry["organisation"] or is_majority(entry["removals"], organisations):
-        drop(key, entry)
-    require_leading(organisations)
-    elect(organisations)
+        drop([key])
+    elect(organisations, True)
 
 
-def drop(key: bytes, entry: dict):
-    entry["status"] = "removed"
-    entry["votes"] = []
-    state.put(b"candidate/" + key, entry)
-    state.put(b"keys", [other for other in state.get(b"keys") if other != key])
-    emit("removed", {"key": key, "name": entry["name"]})
+def drop(keys: list):
+    """Take candidates out for good; their entries stay, for evidence that may come to light."""
+    for key in keys:
+        entry = state.get(b"candidate/" + key)
+        entry["status"] = "removed"
+        entry["votes"] = []
+        state.put(b"candidate/" + key, entry)
+        emit("removed", {"key": key, "name": entry["name"]})
+    state.put(b"keys", [key for key in state.get(b"keys") if key not in keys])
 
 
 # What producers and candidates say
@@ -279,7 +273,7 @@ def ready(height: int, state_root: bytes):
     emit("ready", {"key": ctx.caller, "name": entry["name"], "height": height})
     organisations = call("membership", "active_organisations")
     if entry["status"] == "candidate" and is_majority(entry["votes"], organisations):
-        elect(organisations)
+        elect(organisations, True)
 
 
 def is_signed(tag: str, key: bytes, message: bytes, signature: bytes) -> bool:
@@ -354,7 +348,7 @@ def accuse(
     }
     state.put(b"candidate/" + suspect, entry)
     emit("suspended", {"key": suspect, "name": entry["name"], "kind": kind, "epoch": epoch, "round": round})
-    elect(call("membership", "active_organisations"))
+    elect(call("membership", "active_organisations"), False)
 
 
 # What the other system contracts decide
@@ -390,9 +384,8 @@ def remove_keys(keys: list, organisations: list):
     for key in keys:
         entry = state.get(b"candidate/" + key)
         if entry is not None and entry["status"] != "removed":
-            drop(key, entry)
-    require_leading(organisations)
-    elect(organisations)
+            drop([key])
+    elect(organisations, True)
 
 
 @export
@@ -402,8 +395,7 @@ def change_setting(name: str, value: int | str):
     if name == "max_producers":
         state.put(b"max_producers", value)
         organisations = call("membership", "active_organisations")
-        require_leading(organisations)
-        elect(organisations)
+        elect(organisations, True)
         return
     epoch = state.get(b"epoch")
     settings = epoch["settings"].copy()

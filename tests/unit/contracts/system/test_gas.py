@@ -1,0 +1,98 @@
+"""What governance costs: every entry stays within a call's gas with 21 producers and 16 organisations, all else full."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.limits import CALL_GAS_MAX
+from consensus.possession import prove_possession
+from contracts.execution.registry import SYSTEM_CONTRACTS
+from tests.unit.contracts.system.consortium import (
+    CERTIFICATE,
+    Consortium,
+    admin_of,
+    key_of,
+    node_fields,
+    organisation_fields,
+    producer_of,
+)
+
+LONG_CERTIFICATE = CERTIFICATE + "A" * (4096 - len(CERTIFICATE))
+
+
+@pytest.fixture
+def chain() -> Consortium:
+    """16 organisations, 21 producers (some suspended, with evidence), 21 candidates, 40 open proposals and 32 closed."""
+    chain = Consortium(organisations=16, nodes=21)
+    admin = admin_of("org-01")
+    for number in range(32):
+        fields = {"organisation": "org-01", "serial": number.to_bytes(20, "big")}
+        chain.must(admin, "membership", "propose", "revoke_certificate", fields)
+    for number in range(22, 43):
+        chain.agree("add_node", node_fields(f"node-{number}", "org-02"))
+        chain.must(admin, "producers", "propose", producer_of(f"node-{number}").public_key)
+        chain.ready(f"node-{number}")
+    for number in (3, 4, 5):
+        chain.must(producer_of("node-01"), "producers", "accuse", *chain.evidence(producer_of(f"node-{number:02d}")))
+    for place in range(40):
+        fields = {**organisation_fields(f"new-{place}"), "ca_certificate": LONG_CERTIFICATE}
+        chain.must(admin_of(f"org-{place // 4 + 3:02d}"), "membership", "propose", "add_org", fields)
+    return chain
+
+
+def _spent(chain: Consortium, kind: str, arguments: dict[str, object]) -> list[int]:
+    first, *others = chain.majority()
+    proposed = chain.must(admin_of(first), "membership", "propose", kind, arguments)
+    approved = [chain.must(admin_of(name), "membership", "approve", proposed.txid) for name in others]
+    return [receipt.gas_used for receipt in (proposed, *approved)]
+
+
+def test_no_entry_comes_near_the_limit_of_a_call(chain: Consortium) -> None:
+    spent: dict[str, int] = {}
+    new = key_of("new")
+    rekeyed = {
+        "node": "node-06",
+        "producer_key": new.public_key,
+        "producer_possession": prove_possession(new, "node-06"),
+    }
+    for kind, arguments in (
+        ("add_org", {**organisation_fields("org-17"), "ca_certificate": LONG_CERTIFICATE}),
+        ("replace_ca", {"organisation": "org-03", "ca_certificate": LONG_CERTIFICATE}),
+        ("add_node", node_fields("node-43", "org-03", custodian=True)),
+        ("remove_node", {"name": "node-07"}),
+        ("rekey_producer", rekeyed),
+        ("revoke_certificate", {"organisation": "org-02", "serial": bytes(20)}),
+        ("remove_org", {"name": "org-17"}),
+        ("remove_org", {"name": "org-02"}),
+    ):
+        spent[kind] = max(_spent(chain, kind, arguments))
+    key = producer_of("node-08").public_key
+    admin = admin_of("org-16")
+    calls = [
+        ("producers", "withdraw", admin, [key]),
+        ("producers", "approve", admin, [key]),
+        ("producers", "remove", admin_of("org-08"), [key]),
+        ("producers", "propose", admin, [key]),
+        ("producers", "accuse", producer_of("node-01"), chain.evidence(producer_of("node-09"))),
+        ("producers", "ready", producer_of("node-09"), [chain.height, bytes(32)]),
+        ("settings", "propose", admin, ["production", "interval:100"]),
+    ]
+    for contract, entry, sender, arguments in calls:
+        spent[f"{contract}.{entry}"] = chain.must(sender, contract, entry, *arguments).gas_used
+    spent["settings.approve"] = chain.agree_setting("max_producers", 20).gas_used
+    whole_organisation = spent.pop("remove_org")
+    assert max(spent.values()) < CALL_GAS_MAX // 3, spent
+    assert whole_organisation < CALL_GAS_MAX * 3 // 4
+
+
+def test_old_proposals_are_cleared_away_within_the_limit(chain: Consortium) -> None:
+    chain.time_ms += 8 * 24 * 3600 * 1000
+    receipts = [chain.must(admin_of("org-01"), "settings", "propose", "heartbeat_ms", 1000 + n) for n in range(4)]
+    assert max(receipt.gas_used for receipt in receipts) < CALL_GAS_MAX // 2
+    assert len(chain.view("membership", "proposals")) == 40 - 8 + 4
+
+
+def test_the_views_stay_within_what_a_view_may_cost(chain: Consortium) -> None:
+    assert len(chain.view("membership", "proposals")) == 40
+    assert len(chain.view("producers", "candidates")) == 42
+    assert set(SYSTEM_CONTRACTS) <= set(chain.contracts)

@@ -1,0 +1,236 @@
+"""Membership: organisations and nodes come and go by a majority of the organisations, each with one voice."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from consensus.possession import prove_possession
+from tests.unit.contracts.system.consortium import (
+    CERTIFICATE,
+    DAY_MS,
+    Consortium,
+    admin_of,
+    data_of,
+    key_of,
+    node_fields,
+    organisation_fields,
+    producer_of,
+)
+
+
+def test_the_first_state_holds_every_organisation_and_node(consortium: Consortium) -> None:
+    assert consortium.active() == ["org-01", "org-02", "org-03"]
+    assert consortium.value("membership", b"org/org-02") == {
+        "name": "org-02",
+        "ca_certificate": CERTIFICATE,
+        "status": "active",
+        "since_height": 0,
+    }
+    node = consortium.value("membership", b"node/node-04")
+    assert node == {**node_fields("node-04", "org-01"), "status": "active", "since_height": 0}
+    assert consortium.view("membership", "list_nodes") == ["node-01", "node-02", "node-03", "node-04"]
+
+
+def test_a_new_organisation_enters_with_the_second_of_three_voices(consortium: Consortium) -> None:
+    proposed = consortium.must(admin_of("org-01"), "membership", "propose", "add_org", organisation_fields("org-04"))
+    assert consortium.active() == ["org-01", "org-02", "org-03"]
+    consortium.must(admin_of("org-03"), "membership", "approve", proposed.txid)
+    assert consortium.active() == ["org-01", "org-02", "org-03", "org-04"]
+    proposal = consortium.view("membership", "proposal", proposed.txid)
+    assert (proposal["status"], proposal["approvals"]) == ("executed", ["org-01", "org-03"])
+    assert consortium.view("membership", "proposals") == []
+    consortium.must(admin_of("org-04"), "settings", "propose", "heartbeat_ms", 9000)
+    assert consortium.view("identity", "admin_of", admin_of("org-04").public_key) == "org-04"
+    assert consortium.value("identity", b"registrar/" + key_of("org-04/registrar").public_key) == "org-04"
+
+
+def test_an_organisation_has_one_voice_whichever_admin_speaks(consortium: Consortium) -> None:
+    second = key_of("org-01/second-admin")
+    keys = {"organisation": "org-01", "admins": [admin_of("org-01").public_key, second.public_key], "registrars": []}
+    consortium.agree("replace_keys", keys)
+    proposed = consortium.must(admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-04"})
+    for key in (admin_of("org-01"), second):
+        consortium.refused("APPROVED_ALREADY", key, "membership", "approve", proposed.txid)
+    assert consortium.value("membership", b"node/node-04")["status"] == "active"
+
+
+def test_a_proposal_expires_after_seven_days(consortium: Consortium) -> None:
+    proposed = consortium.must(admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-04"})
+    consortium.time_ms += 7 * DAY_MS
+    consortium.refused("PROPOSAL_EXPIRED", admin_of("org-02"), "membership", "approve", proposed.txid)
+    consortium.must(admin_of("org-02"), "membership", "propose", "remove_node", {"name": "node-04"})
+    assert consortium.view("membership", "proposal", proposed.txid)["status"] == "expired"
+    consortium.refused("PROPOSAL_CLOSED", admin_of("org-02"), "membership", "approve", proposed.txid)
+
+
+def test_open_proposals_are_bounded_and_may_be_taken_back(consortium: Consortium) -> None:
+    def propose(number: int) -> list[Any]:
+        return ["revoke_certificate", {"organisation": "org-02", "serial": number.to_bytes(20, "big")}]
+
+    first = consortium.must(admin_of("org-01"), "membership", "propose", *propose(1))
+    for number in range(2, 5):
+        consortium.must(admin_of("org-01"), "membership", "propose", *propose(number))
+    consortium.refused("PROPOSALS_TOO_MANY", admin_of("org-01"), "membership", "propose", *propose(5))
+    consortium.refused("PROPOSALS_TOO_MANY", admin_of("org-01"), "settings", "propose", "heartbeat_ms", 9)
+    consortium.refused("NOT_THE_PROPOSER", admin_of("org-02"), "membership", "withdraw", first.txid)
+    consortium.must(admin_of("org-01"), "membership", "withdraw", first.txid)
+    consortium.must(admin_of("org-01"), "membership", "propose", *propose(5))
+    consortium.refused("PROPOSAL_CLOSED", admin_of("org-02"), "membership", "approve", first.txid)
+
+
+def test_only_the_last_closed_proposals_are_kept(consortium: Consortium) -> None:
+    ids = []
+    for number in range(40):
+        fields = {"organisation": "org-01", "serial": number.to_bytes(20, "big")}
+        ids.append(consortium.must(admin_of("org-01"), "membership", "propose", "revoke_certificate", fields).txid)
+    assert consortium.value("membership", b"closed") == ids[-32:]
+    assert consortium.view("membership", "proposal", ids[0]) is None
+    assert consortium.view("membership", "proposal", ids[-1])["status"] == "executed"
+
+
+def test_a_removed_organisation_leaves_with_its_nodes_keys_and_voice() -> None:
+    chain = Consortium(organisations=3, nodes=6)
+    assert chain.value("identity", b"registrar/" + key_of("org-02/registrar").public_key) == "org-02"
+    chain.agree("remove_org", {"name": "org-02"})
+    assert chain.active() == ["org-01", "org-03"]
+    assert chain.seats == ["node-01", "node-03", "node-04", "node-06"]
+    for name in ("node-02", "node-05"):
+        node = chain.value("membership", b"node/" + name.encode())
+        assert (node["status"], node["since_height"]) == ("removed", chain.height)
+        assert chain.candidate(producer_of(name).public_key)["status"] == "removed"
+    assert chain.value("identity", b"registrar/" + key_of("org-02/registrar").public_key) is None
+    assert key_of("node-02/custodian").public_key not in chain.value("identity", b"custodians")
+    chain.refused("NOT_AN_ADMIN", admin_of("org-02"), "producers", "approve", producer_of("node-01").public_key)
+
+
+def test_an_approval_of_a_removed_organisation_counts_no_more() -> None:
+    chain = Consortium(organisations=5, nodes=5)
+    proposed = chain.must(admin_of("org-05"), "settings", "propose", "heartbeat_ms", 7000)
+    chain.agree("remove_org", {"name": "org-05"})
+    for name in ("org-01", "org-02"):
+        chain.must(admin_of(name), "settings", "approve", proposed.txid)
+    assert chain.epoch.settings.heartbeat_ms == 30_000
+    chain.must(admin_of("org-03"), "settings", "approve", proposed.txid)
+    assert chain.epoch.settings.heartbeat_ms == 7000
+
+
+def test_the_last_organisation_with_an_admin_stays() -> None:
+    chain = Consortium(organisations=1, nodes=1)
+    chain.refused("LAST_ADMINS", admin_of("org-01"), "membership", "propose", "remove_org", {"name": "org-01"})
+
+
+def test_a_node_that_holds_the_last_producer_or_custodian_stays() -> None:
+    chain = Consortium(organisations=1, nodes=2)
+    chain.refused("LAST_CUSTODIAN", admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-01"})
+    chain.agree("remove_node", {"name": "node-02"})
+    chain.agree("add_node", node_fields("node-03", "org-01", custodian=True))
+    chain.refused("LAST_PRODUCER", admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-01"})
+    assert chain.seats == ["node-01"]
+
+
+def test_a_node_joins_as_custodian_and_leaves_by_its_own_name_for_ever(consortium: Consortium) -> None:
+    fields = node_fields("node-05", "org-02", custodian=True)
+    consortium.agree("add_node", fields)
+    assert fields["custodian_key"] in consortium.view("identity", "custodians")
+    assert consortium.epoch.number == 0, "a node is no producer before it is voted in"
+    consortium.agree("remove_node", {"name": "node-05"})
+    assert fields["custodian_key"] not in consortium.view("identity", "custodians")
+    again = node_fields("node-05", "org-02", key=key_of("another"))
+    consortium.refused("NODE_NAME_USED", admin_of("org-01"), "membership", "propose", "add_node", again)
+
+
+def test_a_node_must_prove_its_producer_key_and_share_none(consortium: Consortium) -> None:
+    good = node_fields("node-05", "org-02")
+    wrong = [
+        ("POSSESSION_WRONG", {"producer_possession": prove_possession(producer_of("node-05"), "node-06")}),
+        ("POSSESSION_WRONG", {"producer_possession": prove_possession(key_of("thief"), "node-05")}),
+        ("POSSESSION_WRONG", {"producer_possession": b""}),
+        ("POSSESSION_WRONG", {"producer_key": b""}),
+        ("KEY_TAKEN", {"producer_key": producer_of("node-01").public_key}),
+        ("KEY_TAKEN", {"custodian_key": key_of("node-01/custodian").public_key}),
+        ("KEY_TAKEN", {"custodian_key": good["producer_key"]}),
+        ("KEY_SIZE_WRONG", {"custodian_key": bytes(32)}),
+        ("ORGANISATION_UNKNOWN", {"organisation": "org-09"}),
+        ("NAME_WRONG", {"name": "Node 5"}),
+        ("NAME_WRONG", {"name": "n" * 41}),
+        ("HOST_WRONG", {"host": ""}),
+        ("PORT_WRONG", {"p2p_port": 65_536}),
+        ("URL_WRONG", {"api_url": "ftp://127.0.0.1"}),
+        ("FIELDS_WRONG", {"p2p_port": "4100"}),
+        ("FIELDS_WRONG", {"more": 1}),
+    ]
+    for code, change in wrong:
+        consortium.refused(code, admin_of("org-01"), "membership", "propose", "add_node", {**good, **change})
+    consortium.agree("add_node", good)
+
+
+def test_a_rekeyed_producer_keeps_its_place_and_the_old_key_counts_no_more(consortium: Consortium) -> None:
+    old, new = producer_of("node-02").public_key, key_of("new")
+    fields = {
+        "node": "node-02",
+        "producer_key": new.public_key,
+        "producer_possession": prove_possession(new, "node-02"),
+    }
+    receipt = consortium.agree("rekey_producer", fields)
+    assert consortium.epoch.producers[1] == new.public_key
+    assert consortium.boundaries == [(consortium.height, consortium.epoch)]
+    assert consortium.value("membership", b"node/node-02")["producer_key"] == new.public_key
+    assert consortium.candidate(old)["status"] == "removed"
+    assert consortium.candidate(new.public_key)["votes"] == ["org-01", "org-02", "org-03"]
+    assert data_of(receipt, "rekeyed")["new"] == new.public_key
+    height, root = consortium.height, consortium.state.state_root
+    consortium.refused("CANDIDATE_UNKNOWN", producer_of("node-02"), "producers", "ready", height, root)
+    consortium.refused("NODE_UNKNOWN", admin_of("org-01"), "producers", "propose", old)
+    back = {"node": "node-02", "producer_key": old, "producer_possession": fields["producer_possession"]}
+    consortium.refused("KEY_TAKEN", admin_of("org-01"), "membership", "propose", "rekey_producer", back)
+
+
+def test_an_organisation_revokes_its_own_certificate_alone_but_no_others(consortium: Consortium) -> None:
+    serial = (77).to_bytes(20, "big")
+    own = {"organisation": "org-01", "serial": serial}
+    consortium.must(admin_of("org-01"), "membership", "propose", "revoke_certificate", own)
+    assert consortium.value("membership", b"revoked/org-01/" + serial) == {"height": consortium.height}
+    consortium.refused("CERTIFICATE_REVOKED", admin_of("org-01"), "membership", "propose", "revoke_certificate", own)
+    others = {"organisation": "org-02", "serial": serial}
+    proposed = consortium.must(admin_of("org-01"), "membership", "propose", "revoke_certificate", others)
+    assert consortium.value("membership", b"revoked/org-02/" + serial) is None
+    consortium.must(admin_of("org-03"), "membership", "approve", proposed.txid)
+    assert consortium.value("membership", b"revoked/org-02/" + serial) == {"height": consortium.height}
+
+
+def test_a_certificate_authority_is_replaced(consortium: Consortium) -> None:
+    certificate = CERTIFICATE.replace("MIIB", "MIIC")
+    consortium.agree("replace_ca", {"organisation": "org-03", "ca_certificate": certificate})
+    entry = consortium.value("membership", b"org/org-03")
+    assert (entry["ca_certificate"], entry["since_height"]) == (certificate, consortium.height)
+    wrong = {"organisation": "org-03", "ca_certificate": "no certificate"}
+    consortium.refused("CERTIFICATE_WRONG", admin_of("org-01"), "membership", "propose", "replace_ca", wrong)
+
+
+def test_new_keys_of_an_organisation_put_the_old_ones_out_of_use(consortium: Consortium) -> None:
+    new = key_of("org-02/new-admin")
+    fields = {"organisation": "org-02", "admins": [new.public_key], "registrars": []}
+    consortium.agree("replace_keys", fields)
+    consortium.refused("NOT_AN_ADMIN", admin_of("org-02"), "settings", "propose", "heartbeat_ms", 1)
+    consortium.must(new, "settings", "propose", "heartbeat_ms", 1)
+    taken = {"organisation": "org-02", "admins": [admin_of("org-01").public_key], "registrars": []}
+    proposed = consortium.must(new, "membership", "propose", "replace_keys", taken)
+    consortium.refused("KEY_OF_ANOTHER", admin_of("org-01"), "membership", "approve", proposed.txid)
+
+
+def test_what_can_no_longer_take_effect_is_refused_when_the_majority_is_reached(consortium: Consortium) -> None:
+    proposed = consortium.must(admin_of("org-01"), "membership", "propose", "remove_node", {"name": "node-04"})
+    consortium.agree("remove_node", {"name": "node-04"})
+    consortium.refused("NODE_UNKNOWN", admin_of("org-02"), "membership", "approve", proposed.txid)
+    setting = consortium.must(admin_of("org-01"), "settings", "propose", "heartbeat_ms", 1000).txid
+    consortium.refused("PROPOSAL_OF_ANOTHER", admin_of("org-02"), "membership", "approve", setting)
+
+
+@pytest.mark.parametrize(
+    "arguments", [["nothing", {}], ["add_org", {}], ["add_org", {"name": 1}], ["remove_org", {"x": ""}]]
+)
+def test_nonsense_is_refused_with_a_sentence(consortium: Consortium, arguments: list[Any]) -> None:
+    receipt = consortium.send(admin_of("org-01"), "membership", "propose", *arguments)
+    assert receipt.code in {"KIND_UNKNOWN", "FIELDS_WRONG"}

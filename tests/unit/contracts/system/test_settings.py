@@ -1,0 +1,83 @@
+"""Settings: a value takes effect with a majority, and none is taken that would stop the chain."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from consensus.settings import ChainSettings, check_settings
+from tests.unit.contracts.system.consortium import Consortium, admin_of
+
+
+def test_a_setting_takes_effect_with_the_second_of_three_voices(consortium: Consortium) -> None:
+    proposed = consortium.must(admin_of("org-02"), "settings", "propose", "base_timeout_ms", 800)
+    assert consortium.epoch.number == 0
+    consortium.refused("APPROVED_ALREADY", admin_of("org-02"), "settings", "approve", proposed.txid)
+    consortium.must(admin_of("org-03"), "settings", "approve", proposed.txid)
+    assert consortium.epoch.settings == ChainSettings(base_timeout_ms=800)
+    assert consortium.boundaries == [(consortium.height, consortium.epoch)]
+    assert consortium.view("settings", "in_force")["base_timeout_ms"] == 800
+    consortium.refused("PROPOSAL_CLOSED", admin_of("org-01"), "settings", "approve", proposed.txid)
+
+
+def test_a_value_that_is_in_force_already_makes_no_new_epoch(consortium: Consortium) -> None:
+    consortium.agree_setting("production", "on-demand")
+    assert consortium.boundaries == []
+
+
+def test_every_setting_of_a_chain_may_be_changed(consortium: Consortium) -> None:
+    names = consortium.view("settings", "names")
+    assert names == [*ChainSettings.__struct_fields__, "max_producers"]
+    values = [600, 9000, 20_000, 7, 4000, 3, "interval:250"]
+    for name, value in zip(ChainSettings.__struct_fields__, values, strict=True):
+        consortium.agree_setting(name, value)
+    assert msgspec.structs.astuple(consortium.epoch.settings) == tuple(values)
+    assert consortium.epoch.number == len(values)
+
+
+WRONG: list[tuple[str, Any]] = [
+    ("base_timeout_ms", 0),
+    ("base_timeout_ms", 8001),
+    ("base_timeout_ms", -1),
+    ("base_timeout_ms", "500"),
+    ("timeout_cap_ms", 499),
+    ("timeout_cap_ms", 3_600_001),
+    ("heartbeat_ms", 0),
+    ("heartbeat_ms", 1 << 200),
+    ("min_block_interval_ms", -1),
+    ("max_clock_drift_ms", 0),
+    ("blocks_per_turn", 0),
+    ("blocks_per_turn", 1001),
+    ("max_producers", 0),
+    ("max_producers", 22),
+    ("max_producers", "4"),
+    ("production", "manual"),
+    ("production", 1),
+    ("production", ""),
+    ("production", "interval"),
+    ("production", "interval:"),
+    ("production", "interval:0"),
+    ("production", "interval:-5"),
+    ("production", "interval:3600001"),
+    ("production", "interval:00000001"),
+    ("production", "on-demand "),
+]
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG)
+def test_a_value_out_of_range_is_refused(consortium: Consortium, name: str, value: Any) -> None:
+    consortium.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", name, value)
+
+
+def test_an_unknown_setting_is_refused(consortium: Consortium) -> None:
+    consortium.refused("SETTING_UNKNOWN", admin_of("org-01"), "settings", "propose", "colour", 1)
+
+
+def test_two_proposals_that_together_contradict_each_other_do_not_both_take_effect(consortium: Consortium) -> None:
+    low = consortium.must(admin_of("org-01"), "settings", "propose", "timeout_cap_ms", 600).txid
+    high = consortium.must(admin_of("org-01"), "settings", "propose", "base_timeout_ms", 700).txid
+    consortium.must(admin_of("org-02"), "settings", "approve", low)
+    consortium.refused("VALUE_WRONG", admin_of("org-02"), "settings", "approve", high)
+    check_settings(consortium.epoch.settings)
