@@ -48,6 +48,7 @@ class FinalityDocument(Answer, frozen=True):
     header: str
     child_header: str
     child_qc: str
+    through: list[str]
 
 
 class EvidenceDocument(Answer, frozen=True):
@@ -106,6 +107,12 @@ class FinalityAnswer(Answer, frozen=True):
     finality: FinalityDocument | None
 
 
+class EpochsAnswer(Answer, frozen=True):
+    """The steps into the next epochs."""
+
+    epochs: list[str]
+
+
 class HeadersAnswer(Answer, frozen=True):
     """Consecutive headers."""
 
@@ -157,4 +164,5 @@ def read_finality(document: FinalityDocument) -> FinalityProof:
         header_bytes=read_hex(document.header),
         child_header_bytes=read_hex(document.child_header),
         child_qc=decode(read_hex(document.child_qc), QuorumCertificate),
+        through=tuple(read_hex(header) for header in document.through),
     )

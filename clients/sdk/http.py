@@ -16,6 +16,7 @@ import msgspec
 
 from clients.sdk.announcements import AnnouncementPage, read_announcements
 from clients.sdk.answers import (
+    EpochsAnswer,
     FinalityAnswer,
     ProofsAnswer,
     QueryAnswer,
@@ -36,11 +37,10 @@ from clients.sdk.custody import CustodyClient
 from clients.sdk.receipts import FinalReceipt
 from clients.sdk.sessions import Sessions
 from clients.sdk.transactions import Clock, SystemClock, TransactionBuilder
-from clients.sdk.trust import ProvedState, Trust
+from clients.sdk.trust import ProvedState, Trust, open_light_client
 from consensus.block import Header
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.light_client import LightClient
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.keys import PrivateKey
 from consensus.transaction import Transaction
@@ -67,7 +67,8 @@ class NetworkClient:
     """A client of one network. Use as an async context manager, or call `close`.
 
     `urls` maps node names of the genesis file to addresses; without it the addresses of the file are used.
-    `pinned` is what the property `pinned` was last time: the newest header that this client has verified.
+    `pinned` is what the property `pinned` was last time: the newest header that this client has verified, and the epochs
+    that led there. When the network's producers change, the client follows by itself.
     """
 
     def __init__(
@@ -82,7 +83,7 @@ class NetworkClient:
         self.genesis = genesis
         self.clock = clock or SystemClock()
         self.transactions = TransactionBuilder(genesis.chain_id, self.clock)
-        self.light_client = LightClient(genesis, pinned)
+        self.light_client = open_light_client(genesis, pinned)
         self._trust = Trust(genesis, self.light_client)
         self._nodes = resolve_addresses(genesis, urls)
         self._connections = Connections(genesis, self._nodes)
@@ -110,7 +111,7 @@ class NetworkClient:
     @property
     def pinned(self) -> bytes:
         """What to persist and give to the next client, so that no node can show it an older state."""
-        return self.light_client.pinned_header_bytes
+        return self._trust.pin
 
     @property
     def nodes(self) -> tuple[NodeAddress, ...]:
@@ -171,7 +172,7 @@ class NetworkClient:
         for offset in range(len(self._nodes)):
             index = (first + offset) % len(self._nodes)
             try:
-                result = await work(self._nodes[index])
+                result = await self._through_epochs(self._nodes[index], work)
             except BlockRobotError as error:
                 if not _may_ask_another(error):
                     raise
@@ -181,6 +182,23 @@ class NetworkClient:
             self._first = index
             return result
         raise failure or BlockRobotError("NODE_UNREACHABLE")
+
+    async def _through_epochs(self, node: NodeAddress, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
+        """Do the work; while its proofs are of later epochs, follow the chain there by what the same node can prove."""
+        while True:
+            entered = self._trust.epoch
+            try:
+                return await work(node)
+            except BlockRobotError as error:
+                if error.code != "PROOF_OTHER_EPOCH":
+                    raise
+                if not await self._follow_epochs(node) and self._trust.epoch == entered:
+                    raise
+
+    async def _follow_epochs(self, node: NodeAddress) -> bool:
+        """Fetch the next steps through the epochs, on a connection of no key; tell whether they led further."""
+        content = await self.ask_node(node, "GET", "/v1/epochs", query={"after": self._trust.epoch})
+        return self._trust.follow(read_answer(content, EpochsAnswer))
 
     async def _ask_until_fresh(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
         """As `ask_any`, but give nodes that lag behind what this client has seen a moment to catch up."""

@@ -1,6 +1,7 @@
 """What the client believes, and why: the genesis file, and whatever proofs lead to from there.
 
-Must never believe a node's word, and never go back behind the newest header it has verified (the pin).
+Must never believe a node's word, and never go back behind the newest header it has verified (the pin). The pin holds
+that header and the steps through the epochs, so that the next run need not ask for them again.
 """
 
 from __future__ import annotations
@@ -10,16 +11,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clients.sdk.answers import EvidenceDocument, FinalityDocument, ProofsAnswer, read_finality, read_hex
+from clients.sdk.answers import (
+    EpochsAnswer,
+    EvidenceDocument,
+    FinalityDocument,
+    ProofsAnswer,
+    read_finality,
+    read_hex,
+)
 from clients.sdk.receipts import FinalReceipt, final_receipt
-from consensus.block import Header, Receipt
+from consensus.block import EpochProof, FinalityProof, Header, Receipt
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.light_client import LightClient, verify_finality
-from consensus.primitives.encoding import decode, decode_value, encode
+from consensus.primitives.encoding import Wire, decode, decode_value, encode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import verify_merkle_proof
 from consensus.primitives.trie import Proof, verify_proof
+from consensus.schedule import Schedule
 
 HEADERS_MAX_COUNT = 256
 
@@ -33,15 +42,64 @@ class ProvedState:
     values: dict[bytes, Any]
 
 
+class Pin(Wire, frozen=True):
+    """What a client keeps between runs: the bytes of the newest header it verified, the epochs that it followed."""
+
+    header_bytes: bytes
+    epochs: tuple[EpochProof, ...]
+
+
+def open_light_client(genesis: Genesis, pinned: bytes | None) -> LightClient:
+    """Return a light client at genesis, or where the client was that kept this pin.
+
+    Raises ENCODING_*, PROOF_INVALID and the like for a pin of another chain.
+    """
+    if pinned is None:
+        return LightClient(genesis)
+    pin = decode(pinned, Pin)
+    return LightClient(genesis, pin.header_bytes, pin.epochs)
+
+
 class Trust:
     """Checks answers with a light client, and follows evidence down from final headers."""
 
     def __init__(self, genesis: Genesis, light_client: LightClient) -> None:
         self._light_client = light_client
-        self._schedule = genesis.schedule
+        self._genesis = genesis
         self._chain_id = genesis.chain_id
-        self._genesis_id = genesis.block_id
         self._genesis_header = genesis.block().header
+
+    @property
+    def pin(self) -> bytes:
+        """The `Pin`, encoded."""
+        client = self._light_client
+        return encode(Pin(header_bytes=client.pinned_header_bytes, epochs=client.epochs))
+
+    @property
+    def epoch(self) -> int:
+        """The number of the newest epoch that was entered."""
+        return self._light_client.epoch.number
+
+    def follow(self, answer: EpochsAnswer) -> bool:
+        """Follow the chain through the epochs of an answer; tell whether that led further.
+
+        Raises PROOF_INVALID, CERTIFICATE_INVALID, PROOF_OTHER_EPOCH, ENCODING_*.
+        """
+        before = self.epoch
+        for proof in answer.epochs:
+            self._light_client.advance(decode(read_hex(proof), EpochProof))
+        return self.epoch > before
+
+    def _final(self, proof: FinalityProof) -> Header:
+        """Return the header that a proof of an epoch already entered shows to be final. Raises PROOF_OTHER_EPOCH."""
+        epoch, steps = decode(proof.header_bytes, Header).epoch, self._light_client.epochs
+        if not 0 <= epoch <= len(steps):
+            raise BlockRobotError("PROOF_OTHER_EPOCH", f"The proof is of epoch {epoch}.")
+        schedule, first_id = self._genesis.schedule, self._genesis.block_id
+        if epoch:
+            step = steps[epoch - 1]
+            schedule, first_id = Schedule.of(step.epoch), sha256(step.finality.header_bytes)
+        return verify_finality(proof, schedule, self._chain_id, first_id)
 
     def finality(self, document: FinalityDocument | None) -> Header:
         """Check a finality proof (None stands for genesis) and pin its header.
@@ -96,7 +154,7 @@ class Trust:
         proof = read_finality(evidence.finality)
         if proof.header_bytes != chain[-1]:
             raise BlockRobotError("PROOF_INVALID", "The evidence proves another block final.")
-        final = verify_finality(proof, self._schedule, self._chain_id, self._genesis_id)
+        final = self._final(proof)
         if final.height >= self._light_client.header.height:
             self._light_client.accept(proof)
         for lower, upper in itertools.pairwise(chain):

@@ -14,6 +14,7 @@ from consensus.primitives.encoding import encode
 
 PROOF_KEYS_MAX_COUNT = 128
 PAGE_MAX_COUNT = 100
+EPOCHS_PAGE_MAX_COUNT = 16
 
 HexBytes = Annotated[str, msgspec.Meta(pattern="^([0-9a-f]{2})*$", description="bytes in lower-case hexadecimal")]
 Hex32 = Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$", description="32 bytes in lower-case hexadecimal")]
@@ -64,11 +65,15 @@ class ReceiptDocument(Document, frozen=True):
 
 
 class Finality(Document, frozen=True):
-    """The proof that a block is final: its header, its child of the next round, the child's certificate."""
+    """The proof that a block is final: its header, its child of the next round, the child's certificate.
+
+    `through` holds the headers between the header and the certified pair; only boundaries of epochs have any.
+    """
 
     header: HexBytes
     child_header: HexBytes
     child_qc: HexBytes
+    through: list[HexBytes]
 
 
 class TransactionEvidence(Document, frozen=True):
@@ -132,6 +137,12 @@ class FinalityAnswer(Document, frozen=True):
 
     height: int
     finality: Finality | None
+
+
+class EpochsAnswer(Document, frozen=True):
+    """The proofs that began the epochs after the one asked for, in order: a page of them."""
+
+    epochs: list[HexBytes]
 
 
 class HeadersAnswer(Document, frozen=True):
@@ -246,4 +257,5 @@ def finality_document(proof: FinalityProof | None) -> Finality | None:
         header=proof.header_bytes.hex(),
         child_header=proof.child_header_bytes.hex(),
         child_qc=encode(proof.child_qc).hex(),
+        through=[header.hex() for header in proof.through],
     )

@@ -2,17 +2,18 @@
 
 A header is final if its child has the next round and is certified; the certificate of a child stands in the
 grandchild's header. So the proof for a block deep in the chain is made from the blocks above it, and only the newest
-one needs the proof that the node keeps. Headers in between are handed over, so the client can follow the parent ids.
+one, and the boundaries of epochs, need the proofs that the node keeps. Headers in between are handed over, so the
+client can follow the parent ids.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from consensus.block import Block, FinalityProof, Receipt
+from consensus.block import Block, EpochProof, FinalityProof, Receipt
 from consensus.errors import BlockRobotError
 from consensus.limits import UNFINALIZED_BLOCKS_MAX_COUNT
-from consensus.primitives.encoding import encode
+from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.merkle import merkle_proof
 from node.api.documents import Finality, TransactionEvidence, finality_document
@@ -22,13 +23,18 @@ _HEADERS_MAX_COUNT = 2 * UNFINALIZED_BLOCKS_MAX_COUNT
 
 
 def _proof_from_blocks(block: Block, snapshot: LedgerSnapshot) -> FinalityProof | None:
-    """Return the two-chain proof of `block` out of the two blocks above it, or None if they make none."""
+    """Return the proof of `block`: a boundary's own, or one out of the two blocks above it, or None if they make none."""
     header = block.header
+    if header.is_boundary:
+        data = snapshot.epoch_proof(header.epoch + 1)
+        return None if data is None else decode(data, EpochProof).finality
     child, grandchild = snapshot.block(header.height + 1), snapshot.block(header.height + 2)
     if child is None or grandchild is None:
         return None
     child_header, qc = child.header, grandchild.header.qc
-    if child_header.round != header.round + 1 or child_header.epoch != header.epoch or qc.block_id != child.block_id:
+    if child_header.round != header.round + 1 or qc.block_id != child.block_id:
+        return None
+    if child_header.epoch != header.epoch or qc.epoch != header.epoch:
         return None
     return FinalityProof(header_bytes=block.header_bytes, child_header_bytes=child.header_bytes, child_qc=qc)
 

@@ -31,6 +31,8 @@ organisation's CA, plain HTTP on loopback only.
   lasts ten minutes, and ends when its key loses its standing on the finalized state.
 - **Finality**: a `finality` object shows that a header is final. Check it against the genesis file, and every value
   against the header's state root; `consensus/light_client.py` does both. While only genesis is final it is null.
+- **Epochs**: producers and settings change at boundary blocks. A proof of another epoch than the client is in
+  (`PROOF_OTHER_EPOCH`) needs the steps between: `GET /v1/epochs?after=N` has them, each checked with the one before.
 - **Limits**: callers without a session share a bucket of requests per address; a route's limit of body size stands
   beside it."""
 

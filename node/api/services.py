@@ -68,6 +68,10 @@ class LedgerSnapshot(Protocol):
         """Return the receipts of the block of this height, in its order, or None."""
         ...
 
+    def epoch_proof(self, number: int) -> bytes | None:
+        """Return the encoded `EpochProof` that began epoch `number` (1 or above), or None."""
+        ...
+
     def locate(self, txid: bytes) -> TransactionPlace | None:
         """Return where a finalized transaction stands, or None."""
         ...

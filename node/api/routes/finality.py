@@ -1,17 +1,40 @@
-"""The newest finalized header and the headers below it. Must never serve a header that is not final."""
+"""The newest finalized header, the headers below it, and the epochs. Must never serve a header that is not final.
+
+The epochs are for anyone, as the genesis file is: a receipt is told to whoever knows its transaction, and cannot be
+checked without knowing who certified its block.
+"""
 
 from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import MEMBER_OR_OWNER
-from node.api.documents import PAGE_MAX_COUNT, FinalityAnswer, HeadersAnswer, finality_document
+from node.api.access import ANYONE, MEMBER_OR_OWNER
+from node.api.documents import (
+    EPOCHS_PAGE_MAX_COUNT,
+    PAGE_MAX_COUNT,
+    EpochsAnswer,
+    FinalityAnswer,
+    HeadersAnswer,
+    finality_document,
+)
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 
 
 async def _get_finality(call: Call) -> web.StreamResponse:
     with call.services.ledger.snapshot() as snapshot:
         return json_answer(FinalityAnswer(height=snapshot.header.height, finality=finality_document(snapshot.finality)))
+
+
+async def _get_epochs(call: Call) -> web.StreamResponse:
+    first = call.int_of("after") + 1
+    epochs: list[str] = []
+    with call.services.ledger.snapshot() as snapshot:
+        for number in range(first, first + EPOCHS_PAGE_MAX_COUNT):
+            proof = snapshot.epoch_proof(number)
+            if proof is None:
+                break
+            epochs.append(proof.hex())
+    return json_answer(EpochsAnswer(epochs=epochs))
 
 
 async def _get_headers(call: Call) -> web.StreamResponse:
@@ -35,6 +58,16 @@ ROUTES = (
         MEMBER_OR_OWNER,
         _get_finality,
         Answer(JSON, FinalityAnswer, "Height and proof."),
+    ),
+    Route(
+        "GET",
+        "/v1/epochs",
+        "getEpochs",
+        "The proofs by which a client that trusts no node follows the chain into its next epochs.",
+        ANYONE,
+        _get_epochs,
+        Answer(JSON, EpochsAnswer, "The proofs, oldest first."),
+        parameters=(Parameter("after", "query", "The epoch that the client is in.", maximum=(1 << 32) - 1, default=0),),
     ),
     Route(
         "GET",

@@ -5,16 +5,19 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import msgspec
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from clients.sdk import NetworkClient
+from consensus.block import EpochProof
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
-from consensus.primitives.encoding import encode_value
+from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.transaction import Transaction
+from node.interface import DecodedSnapshot
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     OWNER,
@@ -312,6 +315,51 @@ async def test_no_node_can_take_a_client_back_in_time() -> None:
     await behind.extend()
     assert (await waiting).height == 2
     await network.close()
+
+
+async def test_a_client_follows_the_chain_into_other_hands_by_itself(nodes: Any) -> None:
+    client, ledger = nodes.client(), nodes["n0"].node.ledger
+    before = make_transaction(client)
+    await client.submit(before)
+    await nodes["n0"].node.pool.finalize()
+    for _ in range(3):
+        await ledger.extend()
+        await ledger.change_epoch()
+    await ledger.extend()
+    assert (await client.newest_header(SUBJECT)).epoch == 3
+    after = make_transaction(client)
+    await client.submit(after)
+    await nodes["n0"].node.pool.finalize()
+    await ledger.change_epoch()
+    assert (await client.wait_final(before.txid)).height == 1
+    assert (await client.wait_final(after.txid)).height == 9
+    later = nodes.client(pinned=client.pinned)
+    assert later.light_client.epoch == client.light_client.epoch
+    assert await later.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert (await later.wait_final(before.txid)).height == 1
+
+
+async def test_a_receipt_of_a_later_epoch_is_proved_to_a_client_without_a_session(nodes: Any) -> None:
+    client, ledger = nodes.client(), nodes["n0"].node.ledger
+    await ledger.change_epoch()
+    transaction = make_transaction(client)
+    await client.submit(transaction)
+    await nodes["n0"].node.pool.finalize()
+    assert (await client.wait_final(transaction.txid)).height == 2
+    assert client.light_client.epoch.number == 1
+
+
+async def test_a_forged_step_into_another_epoch_is_refused(nodes: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    client, ledger = nodes.client(), nodes["n0"].node.ledger
+    await ledger.change_epoch()
+    await ledger.extend()
+    with ledger.store.snapshot() as snapshot:
+        genuine = decode(snapshot.epoch_proof(1), EpochProof)
+    stolen = msgspec.structs.replace(genuine.epoch, producers=(SUBJECT.public_key,))
+    forged = encode(msgspec.structs.replace(genuine, epoch=stolen))
+    monkeypatch.setattr(DecodedSnapshot, "epoch_proof", lambda _self, number: forged if number == 1 else None)
+    assert await refusal_of(client.newest_header(SUBJECT)) == "PROOF_INVALID"
+    assert client.light_client.epoch.number == 0
 
 
 async def test_announcements_are_proved_complete(nodes: Any) -> None:

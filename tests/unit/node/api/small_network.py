@@ -7,8 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+import msgspec
+
 from consensus.block import (
     Block,
+    EpochProof,
     FinalityProof,
     Header,
     IndexedSignature,
@@ -27,6 +30,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload
 from consensus.records.commitments import ciphertext_leaves
+from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, decode_transaction
 from contracts.state.view import MemoryState
 from node.api.services import ApiServices, LedgerSnapshot, PoolStatus, SubmitResult
@@ -37,6 +41,7 @@ from node.storage.memory_store import MemoryStore
 
 NOW_MS = 1_760_000_000_000
 PRODUCERS = tuple(PrivateKey(sha256(b"producer" + bytes([index]))) for index in range(4))
+LATER_PRODUCERS = tuple(PrivateKey(sha256(b"later producer" + bytes([index]))) for index in range(4))
 SUBJECT = PrivateKey(sha256(b"subject"))
 ROBOT = PrivateKey(sha256(b"robot"))
 REGISTRAR = PrivateKey(sha256(b"registrar"))
@@ -129,6 +134,7 @@ class SmallLedger:
         block = self.genesis.block()
         self.header = block.header
         self.qc = genesis_certificate(self.genesis.block_id)
+        self.epoch = self.genesis.epoch
         self._first = FinalizedBlock(
             height=0,
             block_id=block.block_id,
@@ -146,21 +152,31 @@ class SmallLedger:
 
     def _certify(self, header: Header) -> QuorumCertificate:
         block_id = sha256(encode(header))
-        votes = [sign_vote(key, self.genesis.chain_id, 0, header.round, block_id, i) for i, key in enumerate(PRODUCERS)]
+        known = {key.public_key: key for key in (*PRODUCERS, *LATER_PRODUCERS)}
+        keys = [known[public_key] for public_key in self.epoch.producers]
+        chain_id, epoch = self.genesis.chain_id, self.epoch.number
+        votes = [sign_vote(key, chain_id, epoch, header.round, block_id, i) for i, key in enumerate(keys)]
         return QuorumCertificate(
-            epoch=0,
+            epoch=epoch,
             round=header.round,
             block_id=block_id,
             votes=tuple(IndexedSignature(index=v.index, signature=v.signature) for v in votes[:3]),
         )
 
-    def _header(self, parent: Header, qc: QuorumCertificate, receipts: tuple[Receipt, ...], gap: int) -> Header:
+    def _header(
+        self,
+        parent: Header,
+        qc: QuorumCertificate,
+        receipts: tuple[Receipt, ...],
+        gap: int,
+        next_epoch: Epoch | None = None,
+    ) -> Header:
         return Header(
             version=1,
             chain_id=self.genesis.chain_id,
-            epoch=0,
+            epoch=self.epoch.number,
             height=parent.height + 1,
-            round=parent.round + 1 + gap,
+            round=(parent.round if parent.epoch == self.epoch.number else 0) + 1 + gap,
             parent_id=sha256(encode(parent)),
             qc=qc,
             tc=None,
@@ -169,9 +185,18 @@ class SmallLedger:
             transactions_root=compute_transactions_root([receipt.txid for receipt in receipts]),
             receipts_root=compute_receipts_root(receipts),
             state_root=self.state.state_root,
-            next_schedule_hash=None,
+            next_schedule_hash=None if next_epoch is None else compute_epoch_hash(next_epoch),
             gas_used=0,
+            is_closing=parent.is_boundary and parent.epoch == self.epoch.number,
         )
+
+    async def change_epoch(self, **changes: Any) -> Header:
+        """Finalize a boundary: other producers decide from here on, unless `changes` of the epoch say otherwise."""
+        producers = {"producers": tuple(key.public_key for key in LATER_PRODUCERS)}
+        epoch = msgspec.structs.replace(self.epoch, **(producers | changes | {"number": self.epoch.number + 1}))
+        header = await self.extend(next_epoch=epoch)
+        self.epoch, self.qc = epoch, genesis_certificate(sha256(encode(header)), epoch.number)
+        return header
 
     async def extend(
         self,
@@ -180,10 +205,11 @@ class SmallLedger:
         writes: dict[bytes, bytes | None] | None = None,
         *,
         gap: int = 0,
+        next_epoch: Epoch | None = None,
     ) -> Header:
         """Finalize one block. `gap` rounds are lost before it."""
         update = self.state.apply(writes or {})
-        header = self._header(self.header, self.qc, receipts, gap)
+        header = self._header(self.header, self.qc, receipts, gap, next_epoch)
         qc = self._certify(header)
         child = self._header(header, qc, (), 0)
         proof = FinalityProof(
@@ -202,6 +228,7 @@ class SmallLedger:
             transactions=[(t.txid, t.body.valid_until_ms) for t in transactions],
             state_writes=writes or {},
             page_writes=update.pages,
+            epoch_proof_bytes=b"" if next_epoch is None else encode(EpochProof(finality=proof, epoch=next_epoch)),
         )
         position = await self.store.commit([stored], encode(proof))
         self.header, self.qc = header, qc

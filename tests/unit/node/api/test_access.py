@@ -31,6 +31,7 @@ ALLOWED = {
     "createSessionChallenge": {"nobody", *EVERYBODY_KNOWN},
     "createSession": {"nobody", *EVERYBODY_KNOWN},
     "deleteSession": EVERYBODY_KNOWN,
+    "getEpochs": {"nobody", *EVERYBODY_KNOWN},
     "getFinality": EVERYBODY_KNOWN,
     "getHeaders": EVERYBODY_KNOWN,
     "proveState": EVERYBODY_KNOWN,

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from consensus.block import ContractEvent, FinalityProof, QuorumCertificate, Receipt
+from consensus.block import ContractEvent, EpochProof, FinalityProof, QuorumCertificate, Receipt
 from consensus.genesis import genesis_from_json
 from consensus.light_client import LightClient
 from consensus.primitives.encoding import decode, decode_value, encode, encode_value, u64
@@ -17,6 +17,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, check_clip_upload
 from consensus.transaction import Transaction, sign_transaction
+from node.api.documents import EPOCHS_PAGE_MAX_COUNT
 from tests.unit.node.api.small_network import (
     ACCESS_ID,
     NOW_MS,
@@ -47,12 +48,27 @@ def body_of(*wires: bytes) -> bytes:
     return msgspec.msgpack.encode(list(wires))
 
 
-def proof_of(document: dict[str, str]) -> FinalityProof:
+def proof_of(document: dict[str, Any]) -> FinalityProof:
     return FinalityProof(
         header_bytes=bytes.fromhex(document["header"]),
         child_header_bytes=bytes.fromhex(document["child_header"]),
         child_qc=decode(bytes.fromhex(document["child_qc"]), QuorumCertificate),
+        through=tuple(bytes.fromhex(header) for header in document["through"]),
     )
+
+
+async def test_anyone_follows_the_chain_through_its_epochs(api: Any, node: SmallNode) -> None:
+    assert await (await api.get("/v1/epochs")).json() == {"epochs": []}
+    for _ in range(EPOCHS_PAGE_MAX_COUNT + 2):
+        await node.ledger.change_epoch()
+    light_client = LightClient(node.ledger.genesis)
+    for expected in (EPOCHS_PAGE_MAX_COUNT, 2, 0):
+        answer = await (await api.get(f"/v1/epochs?after={light_client.epoch.number}")).json()
+        assert len(answer["epochs"]) == expected
+        for proof in answer["epochs"]:
+            light_client.advance(decode(bytes.fromhex(proof), EpochProof))
+    assert light_client.epoch == node.ledger.epoch
+    assert light_client.header == node.ledger.header
 
 
 async def test_anyone_reads_the_genesis_file(api: Any, node: SmallNode) -> None:
