@@ -55,29 +55,26 @@ def genesis(organisations: list, nodes: list):
     """Write the first organisations [[name, CA certificate]] and nodes [[name, organisation, host, ...]]."""
     names = []
     for name, ca_certificate in organisations:
-        entry = {"name": name, "ca_certificate": ca_certificate, "status": "active", "since_height": 0}
-        state.put(b"org/" + name.encode(), entry)
+        put_organisation(name, ca_certificate, "active")
         names.append(name)
     state.put(b"organisations", sorted(names))
     names = []
     owned = {}
     for name, organisation, host, p2p_port, api_url, producer_key, producer_possession, custodian_key in nodes:
-        entry = {
-            "name": name,
-            "organisation": organisation,
-            "host": host,
-            "p2p_port": p2p_port,
-            "api_url": api_url,
-            "producer_key": producer_key,
-            "producer_possession": producer_possession,
-            "custodian_key": custodian_key,
-        }
+        entry = {"name": name, "organisation": organisation, "host": host, "p2p_port": p2p_port, "api_url": api_url}
+        entry.update({"producer_key": producer_key, "producer_possession": producer_possession})
+        entry["custodian_key"] = custodian_key
         put_node(entry)
         names.append(name)
         owned[organisation] = owned.get(organisation, []) + [name]
     state.put(b"nodes", sorted(names))
     for organisation, own in owned.items():
         state.put(b"nodes-of/" + organisation.encode(), sorted(own))
+
+
+def put_organisation(name: str, ca_certificate: str, status: str):
+    entry = {"name": name, "ca_certificate": ca_certificate, "status": status, "since_height": ctx.height}
+    state.put(b"org/" + name.encode(), entry)
 
 
 def put_node(entry: dict):
@@ -234,12 +231,10 @@ def take_effect(kind: str, arguments: dict):
     elif kind == "remove_org":
         remove_organisation(arguments["name"])
     elif kind == "replace_ca":
-        entry = require_organisation(arguments["organisation"])
-        entry["ca_certificate"] = arguments["ca_certificate"]
-        entry["since_height"] = ctx.height
-        state.put(b"org/" + arguments["organisation"].encode(), entry)
+        put_organisation(arguments["organisation"], arguments["ca_certificate"], "active")
     elif kind == "replace_keys":
-        put_keys(arguments["organisation"], arguments["admins"], arguments["registrars"])
+        name = arguments["organisation"]
+        call("identity", "put_organisation", name, arguments["admins"], arguments["registrars"])
     elif kind == "revoke_certificate":
         state.put(revocation_key(arguments), {"height": ctx.height})
     elif kind == "add_node":
@@ -248,8 +243,8 @@ def take_effect(kind: str, arguments: dict):
         state.put(b"nodes", sorted(state.get(b"nodes") + [arguments["name"]]))
         state.put(own, sorted(state.get(own, []) + [arguments["name"]]))
         if len(arguments["custodian_key"]) > 0:
-            told = [arguments["custodian_key"], arguments["name"], arguments["organisation"]]
-            call("identity", "add_custodian", told[0], told[1], told[2])
+            name = arguments["name"]
+            call("identity", "add_custodian", arguments["custodian_key"], name, arguments["organisation"])
     elif kind == "remove_node":
         remove_nodes([require_node(arguments["name"])])
     else:
@@ -260,29 +255,16 @@ def nodes_of(organisation: str) -> bytes:
     return b"nodes-of/" + organisation.encode()
 
 
-def put_keys(name: str, admins: list, registrars: list):
-    call("identity", "put_organisation", name, admins, registrars)
-
-
 def add_organisation(arguments: dict):
     name = arguments["name"]
-    entry = {
-        "name": name,
-        "ca_certificate": arguments["ca_certificate"],
-        "status": "active",
-        "since_height": ctx.height,
-    }
-    state.put(b"org/" + name.encode(), entry)
+    put_organisation(name, arguments["ca_certificate"], "active")
     state.put(b"organisations", sorted(active_organisations() + [name]))
-    put_keys(name, arguments["admins"], arguments["registrars"])
+    call("identity", "put_organisation", name, arguments["admins"], arguments["registrars"])
 
 
 def remove_organisation(name: str):
     """An organisation goes with its nodes, its admins and its registrars, and its voice counts no more."""
-    entry = require_organisation(name)
-    entry["status"] = "removed"
-    entry["since_height"] = ctx.height
-    state.put(b"org/" + name.encode(), entry)
+    put_organisation(name, require_organisation(name)["ca_certificate"], "removed")
     state.put(b"organisations", [other for other in active_organisations() if other != name])
     call("identity", "remove_organisation", name)
     remove_nodes([state.get(b"node/" + node_name.encode()) for node_name in state.get(nodes_of(name), [])])
@@ -498,12 +480,6 @@ def node_of_key(key: bytes) -> dict | None:
 def organisation(name: str) -> dict | None:
     """Return an organisation's state, or None."""
     return state.get(b"org/" + name.encode())
-
-
-@view
-def node(name: str) -> dict | None:
-    """Return a node's state, or None."""
-    return state.get(b"node/" + name.encode())
 
 
 @view

@@ -178,10 +178,10 @@ def test_a_block_is_a_boundary_only_by_what_it_writes() -> None:
 
 
 def test_candidates_are_bounded() -> None:
-    chain = Consortium(organisations=1, nodes=21)
+    chain = Consortium(organisations=2, nodes=21)
     admin = admin_of("org-01")
     for number in range(22, 43):
-        chain.agree("add_node", node_fields(f"node-{number}", "org-01"))
+        chain.agree("add_node", node_fields(f"node-{number}", f"org-0{number % 2 + 1}"))
         chain.must(admin, "producers", "propose", _key(f"node-{number}"))
     chain.agree("add_node", node_fields("node-43", "org-01"))
     chain.refused("CANDIDATES_TOO_MANY", admin, "producers", "propose", _key("node-43"))
