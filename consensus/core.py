@@ -273,7 +273,7 @@ class Core(Hearing):
     def _try_vote(self, node: BlockNode) -> None:
         """Vote for an executed block if the safety kernel lets it."""
         branch = self._tree.branch(node.block_id)
-        if branch is not None and self._voter.may_vote(node, branch, self.round, self._now_ms):
+        if branch and self._voter.may_vote(node, branch, self.round, self._now_ms):
             self._vote(branch, is_own=False)
 
     def _speak_again(self) -> None:

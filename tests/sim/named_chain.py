@@ -1,6 +1,11 @@
-"""The smallest chain that the core can be driven on: keys, transactions that are names, states that are hashes."""
+"""The smallest chain that the core can be driven on: keys, transactions that are names, states that are hashes.
+
+A transaction may also name the epoch that is to follow.
+"""
 
 from __future__ import annotations
+
+import msgspec
 
 from consensus.block import (
     HEADER_VERSION,
@@ -15,11 +20,14 @@ from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import TransactionWire, compute_txid
 
 CHAIN_ID = sha256(b"a chain of the simulator")
 EPOCH_START_MS = 1_800_000_000_000
 NO_RECEIPTS_ROOT = compute_receipts_root(())
+_CHANGE = b"change"
+_MARK_SIZE = len(_CHANGE) + 8
 
 
 def make_keys(count: int) -> list[PrivateKey]:
@@ -30,6 +38,18 @@ def make_keys(count: int) -> list[PrivateKey]:
 def make_transaction(number: int) -> bytes:
     """Return wire bytes that have a txid; nobody looks at their signature here."""
     return encode(TransactionWire(body=b"transaction %d" % number, signature=b""))
+
+
+def make_change(number: int, epoch: Epoch) -> bytes:
+    """Return a transaction that makes its block a boundary: the next epoch is this one, whatever its number."""
+    return encode(TransactionWire(body=_CHANGE + number.to_bytes(8, "big") + encode(epoch), signature=b""))
+
+
+def find_next_epoch(current: Epoch, transactions: tuple[bytes, ...]) -> Epoch | None:
+    """Return the epoch that a block with these transactions decides; the last one that names any counts."""
+    bodies = [decode(wire, TransactionWire).body for wire in transactions]
+    named = [decode(body[_MARK_SIZE:], Epoch) for body in bodies if body.startswith(_CHANGE)]
+    return msgspec.structs.replace(named[-1], number=current.number + 1) if named else None
 
 
 def txid_of(wire: bytes) -> bytes:
@@ -63,7 +83,20 @@ def execute(parent: Header, transactions: tuple[bytes, ...]) -> bytes:
     return sha256(parent.state_root + b"".join(transactions))
 
 
-def build_block(order: BuildBlock, parent: Header, transactions: tuple[bytes, ...], key: PrivateKey, now: int) -> Block:
+def hash_next_epoch(current: Epoch, transactions: tuple[bytes, ...]) -> bytes | None:
+    """Return what the header of a block with these transactions says about the next epoch."""
+    following = find_next_epoch(current, transactions)
+    return None if following is None else compute_epoch_hash(following)
+
+
+def build_block(
+    order: BuildBlock,
+    parent: Header,
+    transactions: tuple[bytes, ...],
+    key: PrivateKey,
+    now: int,
+    next_schedule_hash: bytes | None = None,
+) -> Block:
     """Return the signed block that a leader's executor would build."""
     header = Header(
         version=HEADER_VERSION,
@@ -78,9 +111,10 @@ def build_block(order: BuildBlock, parent: Header, transactions: tuple[bytes, ..
         timestamp_ms=max(order.parent_timestamp_ms + 1, now),
         transactions_root=compute_transactions_root([txid_of(wire) for wire in transactions]),
         receipts_root=NO_RECEIPTS_ROOT,
-        state_root=execute(parent, transactions),
-        next_schedule_hash=None,
+        state_root=parent.state_root if order.closing else execute(parent, transactions),
+        next_schedule_hash=next_schedule_hash,
         gas_used=0,
+        is_closing=order.closing,
     )
     data = encode(header)
     signature = sign_block(key, CHAIN_ID, order.epoch, order.round, sha256(data))

@@ -37,7 +37,7 @@ def heal(cluster: Cluster) -> None:
     cluster.crash_after_sync = 0.0
     for node in cluster.nodes:
         node.start_if_down()
-        cluster.reconnect(node.index)
+        cluster.reconnect(node.number)
 
 
 def live_through_chaos(seed: int, count: int = 4) -> Cluster:
