@@ -23,17 +23,49 @@ from consensus.block import (
 )
 from consensus.genesis import Genesis
 from consensus.messages import sign_block
-from consensus.primitives.encoding import encode, encode_value
+from consensus.primitives.encoding import decode_value, encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, sign_transaction
-from contracts.state.view import MemoryState
+from contracts.execution.results import BlockResult
+from contracts.state.trie import apply_batch
+from contracts.state.view import MemoryState, StateView
 from node.storage.ledger_store import FinalizedBlock, LedgerStore
 from tests.unit.node.hand_made_chain import KEYS, START_MS, IndexedSignature, make_genesis, sign_vote
 
 SENDER = PrivateKey(sha256(b"sender"))
+
+
+class WritingMachine:
+    """Executes transactions that say themselves what they write: their arguments are pairs of key and value."""
+
+    def build(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+    ) -> tuple[BlockResult, list[bytes]]:
+        return self.verify(parent, height, time_ms, transactions), []
+
+    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+        writes: dict[bytes, bytes | None] = {}
+        for item in transactions:
+            writes |= dict(decode_value(item.body.args))
+        update = apply_batch(parent, parent.state_root, writes)
+        receipts = receipts_of(transactions)
+        return BlockResult(
+            receipts=receipts.receipts,
+            writes=writes,
+            page_writes=update.pages,
+            state_root=update.root,
+            receipt_root=compute_receipts_root(receipts.receipts),
+            gas_used=10 * len(transactions),
+            left_out=(),
+        )
+
+
+def receipts_of(transactions: Sequence[Transaction]) -> Receipts:
+    event = ContractEvent("records", "recorded", encode_value({}))
+    return Receipts(tuple(Receipt(item.txid, True, "OK", "", None, 10, (event,)) for item in transactions))
 
 
 class WrittenChain:
@@ -52,13 +84,13 @@ class WrittenChain:
         self.epoch_proofs: list[bytes] = []
         self._qc = genesis_certificate(self.genesis.block_id)
 
-    def transaction(self, timestamp_ms: int) -> Transaction:
+    def transaction(self, timestamp_ms: int, writes: Sequence[tuple[bytes, bytes | None]] = ()) -> Transaction:
         return sign_transaction(
             SENDER,
             chain_id=self.genesis.chain_id,
             contract="records",
             entry="record",
-            arguments=[],
+            arguments=[[key, value] for key, value in writes],
             valid_until_ms=timestamp_ms + 60_000,
             salt=self.random.randbytes(8),
         )
@@ -77,9 +109,9 @@ class WrittenChain:
             writes[b"records\x00%d" % self.random.randrange(400)] = None
         parent = self.blocks[-1].header
         timestamp_ms = parent.timestamp_ms + later_ms
-        held = [self.transaction(timestamp_ms) for _ in range(transactions)]
-        event = ContractEvent("records", "recorded", encode_value({}))
-        receipts = Receipts(tuple(Receipt(item.txid, True, "OK", "", None, 10, (event,)) for item in held))
+        shares = [list(writes.items())[index::transactions] for index in range(transactions)]
+        held = [self.transaction(timestamp_ms, share) for share in shares]
+        receipts = receipts_of(held)
         update = self.state.apply(writes)
         block = self._sign(timestamp_ms, held, receipts, update.root, next_epoch)
         self.blocks.append(block)
@@ -101,7 +133,7 @@ class WrittenChain:
             transactions=[(item.txid, item.body.valid_until_ms) for item in held],
             state_writes=dict(writes),
             page_writes=update.pages,
-            events=[encode(event) for _ in held],
+            events=[encode(event) for receipt in receipts.receipts for event in receipt.events],
             epoch_proof_bytes=proof,
         )
         self.stored.append(stored)
