@@ -29,7 +29,9 @@ from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import require_contracts
 from contracts.execution.standing import require_standing
 from node.api.services import Clock
+from node.candidacy import Candidacy
 from node.custody import Custody
+from node.directory import Directory
 from node.engine import Engine, Outbox, VotingJournal
 from node.epochs import EpochStart, Head, read_head
 from node.execution import ExecutedBlock, Executor, Machine
@@ -45,7 +47,7 @@ from node.offchain.store import CustodyStore
 from node.p2p.network import PeerHandler
 from node.peers import Network, Peers
 from node.storage.ledger_store import LedgerStore, Position
-from node.sync import Synchroniser
+from node.sync import LAG_TOLERATED_BLOCKS, Synchroniser
 from node.transaction_cache import TransactionCache
 
 HOUSEKEEPING_INTERVAL_MS = 1_000
@@ -77,7 +79,8 @@ class Surroundings:
 
     `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
     `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
-    one process, and `wrap_outbox` may put something between the engine and the peers.
+    one process, and `wrap_outbox` may put something between the engine and the peers. `directory` is the one that the
+    network follows too; without one it begins with the genesis file.
     """
 
     genesis: Genesis
@@ -94,6 +97,7 @@ class Surroundings:
     check: SignatureCheck = field(default_factory=SignatureCache)
     transactions: TransactionCache = field(default_factory=TransactionCache)
     wrap_outbox: Callable[[Outbox], Outbox] | None = None
+    directory: Directory | None = None
 
 
 async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
@@ -138,7 +142,9 @@ class Assembly:
         """Make all parts; nothing is said to anybody yet. Raises STORAGE_*, GENESIS_INVALID."""
         self.surroundings = around = surroundings
         self.genesis = genesis = around.genesis
-        self._entry = genesis.node(around.name)
+        self.directory = around.directory or Directory.of_genesis(genesis)
+        self._directory_is_behind = False
+        self._read_directory()
         self._stack = AsyncExitStack()
         self._started_at = around.stopwatch()
         core, start = restore_core(around)
@@ -202,6 +208,22 @@ class Assembly:
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
+        self._candidacy = self._make_candidacy()
+
+    def _make_candidacy(self) -> Candidacy | None:
+        around = self.surroundings
+        if around.key is None:
+            return None
+        return Candidacy(
+            key=around.key,
+            chain_id=self.genesis.chain_id,
+            pool=self.pool,
+            reader=lambda: self.executor.reader,
+            schedule=lambda: self.engine.epoch.schedule,
+            is_close=lambda: self.sync.lag_blocks <= LAG_TOLERATED_BLOCKS and bool(self.network.connected),
+            clock=around.clock,
+            randomness=around.randomness,
+        )
 
     def _make_custody(self) -> Custody | None:
         around, place = self.surroundings, self.surroundings.custody
@@ -219,6 +241,7 @@ class Assembly:
             peers=self.network,
             clock=now_ms,
             randomness=around.randomness,
+            custodians=lambda: self.directory.custodians,
         )
         self.peers.clips = custody
         return custody
@@ -226,6 +249,7 @@ class Assembly:
     async def start(self) -> None:
         """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         stack = self._stack
+        self.writer.add_listener(self._follow_directory)
         self.writer.add_listener(self.engine.note_stored)
         self.writer.add_listener(self.feed.publish)
         self.writer.add_listener(self._metrics.note_finalized)
@@ -257,7 +281,27 @@ class Assembly:
 
     def _name_of_producer(self, key: bytes) -> str | None:
         """Return the name of the node that produces with this key, or None."""
-        return next((node.name for node in self.genesis.nodes if node.producer_key == key), None)
+        return self.directory.name_of_producer(key)
+
+    def _read_directory(self) -> None:
+        with self.surroundings.ledger.snapshot() as snapshot:
+            if snapshot.position is not None:
+                self.directory.refresh(snapshot, snapshot.position.height)
+
+    def _follow_directory(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
+        """Before anybody else hears of final blocks: who left with them is cut off, who came is dialled."""
+        writes = (block.overlay.writes for block in blocks)
+        if self._directory_is_behind or self.directory.needs_refresh(writes, position.height):
+            self._catch_up_with_directory()
+
+    def _catch_up_with_directory(self) -> None:
+        self._directory_is_behind = True
+        try:
+            self._read_directory()
+        except BlockRobotError as error:
+            log.error("directory_unreadable", code=error.code, detail=error.detail)
+        else:
+            self._directory_is_behind = False
 
     def _has_standing(self, transaction: Transaction) -> bool:
         reader = self.executor.reader
@@ -278,9 +322,13 @@ class Assembly:
         announced = -1
         while True:
             await asyncio.sleep(HOUSEKEEPING_INTERVAL_MS / 1000)
+            if self._directory_is_behind:
+                self._catch_up_with_directory()
             self.pool.purge_expired()
             self.peers.retry_unsettled()
             self.engine.note_work()
+            if self._candidacy is not None:
+                await self._candidacy.speak_if_due()
             if self.feed.height != announced:
                 announced = self.feed.height
                 self.peers.announce_height(announced)
@@ -290,7 +338,7 @@ class Assembly:
     def is_ready(self) -> bool:
         """Tell whether the node is in touch with a quorum, is not far behind, and can write."""
         in_touch = 1 + len(self.network.connected)
-        return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.is_running
+        return in_touch >= self.engine.epoch.schedule.quorum and self.engine.is_signing and not self.sync.closes_gap
 
     def describe(self) -> Mapping[str, Any]:
         """Return how the node is doing, ready for JSON."""
@@ -298,7 +346,9 @@ class Assembly:
         position = self.executor.reader.position
         return {
             "name": self.surroundings.name,
-            "organisation": self._entry.organisation,
+            "organisation": self._organisation(),
+            "membership": self._membership(),
+            "directory_height": self.directory.height,
             "chain_id": self.genesis.chain_id.hex(),
             "ready": self.is_ready(),
             "height": core.finalized.height + len(core.certified_branch()),
@@ -315,6 +365,16 @@ class Assembly:
             "version": version("blockrobot"),
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
+
+    def _organisation(self) -> str | None:
+        node = self.directory.content.nodes.get(self.surroundings.name)
+        return None if node is None else node.organisation
+
+    def _membership(self) -> str:
+        """Tell whether the network counts this node in, as far as the node's own chain says."""
+        if self.directory.node(self.surroundings.name) is not None:
+            return "active"
+        return "removed" if self.surroundings.name in self.directory.content.nodes else "unknown"
 
     def _leader_name(self) -> str | None:
         return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])

@@ -19,7 +19,7 @@ CONFIG_FILE = "node.toml"
 _PORT_MAX = 65_535
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 _SECTIONS: dict[str, frozenset[str]] = {
-    "node": frozenset({"name", "genesis"}),
+    "node": frozenset({"name", "genesis", "organisation"}),
     "listen": frozenset({"host", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
     "custody": frozenset({"store"}),
@@ -46,6 +46,8 @@ class NodeConfig:
     custody_store: str
     log_level: str
     faults_enabled: bool = False
+    organisation: str = ""
+    """Only for a node that joined later: whose it is. The genesis file says so of the first ones."""
 
     @property
     def ledger_dir(self) -> Path:
@@ -154,6 +156,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         custody_store=custody.text("store", "sqlite"),
         log_level=level,
         faults_enabled=faults.flag("enabled"),
+        organisation=node.optional_text("organisation") or "",
     )
 
 
@@ -169,6 +172,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "[node]",
         f'name = "{config.name}"',
         f'genesis = "{config.genesis_path.relative_to(config.data_dir)}"',
+        *([f'organisation = "{config.organisation}"'] if config.organisation else []),
         "",
         "[listen]",
         f'host = "{config.host}"',
@@ -190,7 +194,9 @@ def config_to_toml(config: NodeConfig) -> str:
 
 
 def load_genesis(config: NodeConfig) -> Genesis:
-    """Read the genesis file; check that it names this node and that each producer proves to hold its key.
+    """Read the genesis file; check that it names this node, and that each producer proves to hold its key.
+
+    A node that joined later is not named there: its configuration names its organisation.
 
     Raises GENESIS_INVALID or CONFIGURATION_INVALID.
     """
@@ -198,14 +204,14 @@ def load_genesis(config: NodeConfig) -> Genesis:
         genesis = genesis_from_json(config.genesis_path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise _invalid(f"the genesis file {config.genesis_path.name} is missing.") from None
-    if config.name not in {node.name for node in genesis.nodes}:
+    if not config.organisation and config.name not in {node.name for node in genesis.nodes}:
         raise _invalid(f"the genesis file names no node {config.name!r}.")
     require_possession(genesis)
     return genesis
 
 
-def load_key(path: Path, expected: bytes, role: str) -> PrivateKey:
-    """Read a raw 32-byte key file and check it against the genesis file's public key (33 bytes).
+def load_key(path: Path, expected: bytes | None, role: str) -> PrivateKey:
+    """Read a raw 32-byte key file and check it against the public key (33 bytes) that the network knows, if any.
 
     Raises CONFIGURATION_INVALID; the message never holds a byte of the file.
     """
@@ -217,6 +223,6 @@ def load_key(path: Path, expected: bytes, role: str) -> PrivateKey:
         key = PrivateKey(secret)
     except BlockRobotError:
         raise _invalid(f"the {role} key file {path.name} does not hold a key.") from None
-    if key.public_key != expected:
+    if expected is not None and key.public_key != expected:
         raise _invalid(f"the {role} key is not the one that the genesis file names for this node.")
     return key

@@ -107,6 +107,7 @@ class Custody:
         peers: PeerRequests,
         clock: Callable[[], int],
         randomness: Callable[[int], bytes] = secrets.token_bytes,
+        custodians: Callable[[], frozenset[str]] | None = None,
     ) -> None:
         self._genesis = genesis
         self._custodian = custodian
@@ -117,13 +118,19 @@ class Custody:
         self._peers = peers
         self._clock = clock
         self._randomness = randomness
-        self._others = frozenset(node.name for node in genesis.custodians) - {name}
+        self._name = name
+        self._custodians = custodians or (lambda: frozenset(node.name for node in genesis.custodians))
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
         self._wake_outbox = asyncio.Event()
         self._followed = asyncio.Condition()
         self._tasks: list[asyncio.Task[None]] = []
         self.checkpoint_height: int | None = None
+
+    @property
+    def _others(self) -> frozenset[str]:
+        """The names of the other custodians of the network, as it is now."""
+        return self._custodians() - {self._name}
 
     async def start(self) -> None:
         """Finish what a crash cut off, read the checkpoint and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
@@ -310,7 +317,8 @@ class Custody:
     async def _fetch(self) -> None:
         while True:
             await asyncio.sleep(FETCH_INTERVAL_MS / 1000)
-            links = [PeerLink(name, self._peers) for name in self._peers.connected if name in self._others]
+            others = self._others
+            links = [PeerLink(name, self._peers) for name in self._peers.connected if name in others]
             if not links:
                 continue
             try:

@@ -28,7 +28,7 @@ def create_operator_listener(status: NodeStatus, faults: FaultSwitch | None = No
     async def ready(_request: web.Request) -> web.Response:
         if status.is_ready():
             return web.json_response({"ready": True})
-        error = BlockRobotError("NODE_NOT_READY")
+        error = status.problem() or BlockRobotError("NODE_NOT_READY")
         problem = {"ready": False, "code": error.code, "detail": error.detail, "next_step": error.next_step}
         return web.json_response(problem, status=error.entry.status)
 

@@ -6,20 +6,25 @@ Must never decide anything itself.
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
 from functools import partial
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import structlog
 from aiohttp import web
 
+from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
 from node.api.server import serve_api
 from node.assembly import Assembly, CustodyPlace, Surroundings, begin_ledger
 from node.config import NodeConfig, load_genesis, load_key
+from node.directory import Directory
+from node.directory_file import newest_beginning
 from node.disk import SystemDisk
 from node.engine import Outbox
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
@@ -29,7 +34,7 @@ from node.machine import ViewRunner
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
-from node.p2p.network import PeerNetwork, bind_listener
+from node.p2p.network import PeerHandler, PeerNetwork, bind_listener
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 
 API_BODY_MAX_BYTES = 32 * 1024 * 1024
@@ -71,7 +76,6 @@ class Node:
         """
         self.config = config
         self.genesis = load_genesis(config)
-        self._entry = self.genesis.node(config.name)
         self._clock = clock or WallClock()
         self._wrap_outbox = wrap_outbox
         self._faults: FaultSwitch | None = None
@@ -80,8 +84,6 @@ class Node:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
             self._token = read_or_make_token(config.data_dir)
         self._stack = AsyncExitStack()
-        path = config.producer_key_path
-        self._key = None if path is None else load_key(path, self._entry.producer_key, "producer")
 
     async def __aenter__(self) -> Self:
         """Open, connect, serve. Raises DATA_DIRECTORY_IN_USE, PORT_IN_USE, JOURNAL_*, STORAGE_*."""
@@ -112,6 +114,9 @@ class Node:
         disk = None if faults is None else FillableDisk(SystemDisk(), faults, "journal")
         journal = Journal.open(config.journal_path, disk=disk)
         stack.callback(journal.close)
+        directory = Directory(newest_beginning(config.data_dir, genesis))
+        with ledger.snapshot() as snapshot:
+            directory.refresh(snapshot, 0 if snapshot.position is None else snapshot.position.height)
         self._parts = Assembly(
             Surroundings(
                 genesis=genesis,
@@ -119,25 +124,68 @@ class Node:
                 ledger=ledger,
                 journal=journal,
                 clock=self._clock,
-                open_network=lambda handler: PeerNetwork(
-                    config, genesis, handler, None if faults is None else faults.shaper
-                ),
-                key=self._key,
-                custody=await self._open_custody(),
+                open_network=partial(self._open_network, directory),
+                key=self._own_key(directory, config.producer_key_path, "producer"),
+                directory=directory,
+                custody=await self._open_custody(directory),
                 wrap_outbox=None if wrap is None else lambda outbox: wrap(outbox, self._parts),
             )
         )
         stack.push_async_callback(self._parts.stop)
 
-    async def _open_custody(self) -> CustodyPlace | None:
+    def _open_network(self, directory: Directory, handler: PeerHandler) -> PeerNetwork:
+        shaper = None if self._faults is None else self._faults.shaper
+        now_ms = self._clock.now_ms
+        self._network = PeerNetwork(self.config, self.genesis, handler, shaper, directory=directory, clock=now_ms)
+        return self._network
+
+    def reload_certificate(self) -> None:
+        """Take the node's certificate from its file now, if it changed; the node looks by itself once a second."""
+        self._network.reload_certificate()
+
+    # NodeStatus: how the parts are, and how the links are
+
+    def is_ready(self) -> bool:
+        """Tell whether the node takes part, and its certificate counts."""
+        return self._parts.is_ready() and self._network.own_problem() is None
+
+    def problem(self) -> BlockRobotError | None:
+        """Return why no peer would talk to this node, if that is so."""
+        return self._network.own_problem()
+
+    def describe(self) -> Mapping[str, Any]:
+        """Return how the node is doing, ready for JSON."""
+        links = self._network.describe()
+        return {**self._parts.describe(), **links, "ready": self.is_ready(), "now_ms": self._clock.now_ms()}
+
+    def metrics(self) -> bytes:
+        """Return the metrics in the Prometheus text format."""
+        return self._parts.metrics()
+
+    def _own_key(self, directory: Directory, path: Path | None, role: str) -> PrivateKey | None:
+        """Read one of the node's own keys. Raises CONFIGURATION_INVALID if it was never the node's.
+
+        The network may agree on a new key while this node is away: once there is a chain, a key that it does not know
+        (yet, or any more) is only worth a line in the log; it signs nothing that counts.
+        """
+        if path is None:
+            return None
+        node = directory.content.nodes.get(self.config.name)
+        agreed = None if node is None else node.producer_key if role == "producer" else node.custodian_key
+        key = load_key(path, agreed if directory.height == 0 else None, role)
+        if agreed is not None and key.public_key != agreed:
+            log.warning("key_not_agreed", role=role, height=directory.height)
+        return key
+
+    async def _open_custody(self, directory: Directory) -> CustodyPlace | None:
         """Open the custodian's store and erase keys, if this node is a custodian.
 
         Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED, CONFIGURATION_INVALID.
         """
-        config, path = self.config, self.config.custodian_key_path
-        if path is None:
+        config = self.config
+        key = self._own_key(directory, config.custodian_key_path, "custodian")
+        if key is None:
             return None
-        key = load_key(path, self._entry.custodian_key, "custodian")
         store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
@@ -165,7 +213,7 @@ class Node:
             custody=parts.custody,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
-        await self._serve(create_operator_listener(parts, self._faults, self._token), operator_socket)
+        await self._serve(create_operator_listener(self, self._faults, self._token), operator_socket)
         log.info("node_started", name=config.name, height=parts.feed.height)
 
     async def _serve(self, application: web.Application, listener: Any) -> None:

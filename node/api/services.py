@@ -149,6 +149,10 @@ class NodeStatus(Protocol):
         """Tell whether the node is in touch with a quorum and serves."""
         ...
 
+    def problem(self) -> BlockRobotError | None:
+        """Return why no peer would talk to this node, if that is so."""
+        ...
+
     def describe(self) -> Mapping[str, Any]:
         """Return name, height, round, peers and the like as a JSON-ready mapping."""
         ...

@@ -8,7 +8,7 @@ import ssl
 from pathlib import Path
 
 from consensus.primitives.encoding import encode
-from network.authority import Authority, create_authority, issue_node_certificate, write_secret
+from network.authority import Authority, create_authority, issue_node_certificate, load_authority, write_secret
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, encode_frame
 from tests.cluster.network_under_test import NetworkUnderTest
 
@@ -66,24 +66,12 @@ async def test_a_certificate_of_a_foreign_authority_is_refused(network: NetworkU
 async def test_an_organisation_cannot_pass_for_a_node_of_another(network: NetworkUnderTest, tmp_path: Path) -> None:
     """The university's authority issues a certificate in the name of the hospital's node."""
     assert network.genesis.node("node-1").organisation == "hospital"
-    university = _stored_authority(network, "university")
+    university = load_authority(network.folder / "organisations" / "university")
     assert await _knock(network, _client_context(tmp_path, university, "node-1"), b"") == b""
-    assert "PEER_REFUSED" in {line.get("code") for line in _log(network)}
+    assert "PEER_CERTIFICATE_FOREIGN" in {line.get("code") for line in _log(network)}
 
 
 async def test_a_name_that_is_no_node_is_refused(network: NetworkUnderTest, tmp_path: Path) -> None:
-    hospital = _stored_authority(network, "hospital")
+    hospital = load_authority(network.folder / "organisations" / "hospital")
     assert await _knock(network, _client_context(tmp_path, hospital, "node-9"), b"") == b""
     assert "PEER_REFUSED" in {line.get("code") for line in _log(network)}
-
-
-def _stored_authority(network: NetworkUnderTest, name: str) -> Authority:
-    from cryptography import x509
-    from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
-    from cryptography.hazmat.primitives.serialization import load_pem_private_key
-
-    folder = network.folder / "organisations" / name
-    key = load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
-    assert isinstance(key, EllipticCurvePrivateKey)
-    certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
-    return Authority(organisation=name, certificate=certificate, key=key)
