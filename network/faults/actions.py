@@ -1,0 +1,242 @@
+"""What can be done to a network, as values: each says in a line what it does. Must never do it itself."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from consensus.errors import BlockRobotError
+from network.byzantine import check_behaviour
+from network.faults.profiles import link_profile
+from node.faults import CLOCK_OFFSET_MAX_MS, DISKS
+from node.p2p.shaping import SOUND, LinkFault
+
+_UNITS_MS = {"ms": 1, "s": 1_000, "m": 60_000, "min": 60_000, "h": 3_600_000, "d": 86_400_000}
+_DURATION = re.compile(r"([+-]?)((?:\d+(?:\.\d+)?(?:ms|min|s|m|h|d))+)")
+_DURATION_PART = re.compile(r"(\d+(?:\.\d+)?)(ms|min|s|m|h|d)")
+_LINK = re.compile(r"\s*(\S+?)\s*(<->|->)\s*(\S+?)\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class Kill:
+    """SIGKILL: no last word, nothing flushed."""
+
+    node: str
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"kill {self.node}"
+
+
+@dataclass(frozen=True, slots=True)
+class Restart:
+    """Start a node honestly; one that runs is stopped cleanly first. Its other faults stay on."""
+
+    node: str
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"restart {self.node}"
+
+
+@dataclass(frozen=True, slots=True)
+class Pause:
+    """SIGSTOP: connections stay open, nothing is said."""
+
+    node: str
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"pause {self.node}"
+
+
+@dataclass(frozen=True, slots=True)
+class Resume:
+    """SIGCONT."""
+
+    node: str
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"resume {self.node}"
+
+
+@dataclass(frozen=True, slots=True)
+class Partition:
+    """Nodes of different groups hear nothing of each other. It replaces an earlier partition; one group joins all."""
+
+    groups: tuple[tuple[str, ...], ...]
+
+    def describe(self) -> str:
+        """Say what is done."""
+        if len(self.groups) == 1:
+            return "join " + ", ".join(self.groups[0])
+        return "partition " + " | ".join(", ".join(group) for group in self.groups)
+
+
+@dataclass(frozen=True, slots=True)
+class Heal:
+    """All faults of these nodes (of all, if none is named) end; who was killed stays down."""
+
+    nodes: tuple[str, ...] = ()
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return "heal " + (", ".join(self.nodes) or "everything")
+
+
+@dataclass(frozen=True, slots=True)
+class SetLink:
+    """What is wrong with the direction from one node to another, or with both directions."""
+
+    source: str
+    target: str
+    fault: LinkFault
+    is_both: bool = False
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"link {self.source} {'<->' if self.is_both else '->'} {self.target}: {self.fault.describe()}"
+
+
+@dataclass(frozen=True, slots=True)
+class Skew:
+    """Set a node's clock wrong by this much. A change of it is a jump, forward or back."""
+
+    node: str
+    offset_ms: int
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"skew {self.node} by {format_duration(self.offset_ms)}"
+
+
+@dataclass(frozen=True, slots=True)
+class FillDisk:
+    """A node's disk under this part is full, or free again."""
+
+    node: str
+    disk: str
+    is_full: bool = True
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"disk of {self.node} under its {self.disk}: {'full' if self.is_full else 'free again'}"
+
+
+@dataclass(frozen=True, slots=True)
+class GoByzantine:
+    """Restart a node as one that lies."""
+
+    node: str
+    behaviour: str
+    seed: int = 0
+
+    def describe(self) -> str:
+        """Say what is done."""
+        return f"byzantine {self.node}: {self.behaviour} (seed {self.seed})"
+
+
+Action = Kill | Restart | Pause | Resume | Partition | Heal | SetLink | Skew | FillDisk | GoByzantine
+
+
+@dataclass(frozen=True, slots=True)
+class ActionReader:
+    """Makes actions of what a person wrote, for these nodes. All of it raises FAULT_UNKNOWN and FAULT_INVALID."""
+
+    names: Sequence[str] = field(default=())
+
+    def node(self, name: str) -> str:
+        """Check a node's name."""
+        if name not in self.names:
+            raise BlockRobotError("FAULT_UNKNOWN", f"There is no node {name!r}; there are {', '.join(self.names)}.")
+        return name
+
+    def partition(self, text: str) -> Partition:
+        """Read groups such as `a,b | c,d`; nodes that are not named make one more group."""
+        groups = [tuple(self.node(name.strip()) for name in part.split(",")) for part in text.split("|")]
+        named = [name for group in groups for name in group]
+        if len(set(named)) != len(named):
+            raise BlockRobotError("FAULT_INVALID", "A node stands in two groups.")
+        rest = tuple(name for name in self.names if name not in named)
+        groups += [rest] if rest else []
+        if len(groups) < 2:
+            raise BlockRobotError(
+                "FAULT_INVALID", "A partition has two groups or more: `node-1,node-2 | node-3,node-4`."
+            )
+        return Partition(tuple(groups))
+
+    def link(self, text: str, fault: LinkFault) -> SetLink:
+        """Read `A -> B` or `A <-> B`."""
+        found = _LINK.fullmatch(text)
+        if found is None:
+            raise BlockRobotError("FAULT_INVALID", "A link is `A -> B` (one direction) or `A <-> B`.")
+        source, target = self.node(found[1]), self.node(found[3])
+        if source == target:
+            raise BlockRobotError("FAULT_INVALID", "A link joins two nodes.")
+        fault.check()
+        return SetLink(source, target, fault, is_both=found[2] == "<->")
+
+    def skew(self, name: str, offset: str) -> Skew:
+        """Read an offset such as `+1h`, `-90s` or `0`."""
+        offset_ms = 0 if offset.strip() in {"0", "+0", "-0"} else parse_duration(offset)
+        if abs(offset_ms) > CLOCK_OFFSET_MAX_MS:
+            raise BlockRobotError("FAULT_INVALID", "A clock is wrong by ten years at most.")
+        return Skew(self.node(name), offset_ms)
+
+    def disk(self, name: str, disk: str, *, is_full: bool) -> FillDisk:
+        """Check the name of a disk."""
+        if disk not in DISKS:
+            raise BlockRobotError("FAULT_UNKNOWN", f"There is no disk {disk!r}; there are {', '.join(DISKS)}.")
+        return FillDisk(self.node(name), disk, is_full)
+
+    def byzantine(self, name: str, behaviour: str, seed: int) -> GoByzantine:
+        """Check the name of a behaviour."""
+        check_behaviour(behaviour)
+        return GoByzantine(self.node(name), behaviour, seed)
+
+
+def make_link_fault(
+    *,
+    profile: str | None = None,
+    delay_ms: float | None = None,
+    jitter_ms: float | None = None,
+    loss: float | None = None,
+    bandwidth_kbytes_per_s: float | None = None,
+    cut: bool = False,
+) -> LinkFault:
+    """Return a profile's figures with those that are given in their place. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    base = SOUND if profile is None else link_profile(profile)
+    fault = LinkFault(
+        delay_ms=base.delay_ms if delay_ms is None else delay_ms,
+        jitter_ms=base.jitter_ms if jitter_ms is None else jitter_ms,
+        loss=base.loss if loss is None else loss,
+        bandwidth_bytes_per_s=(
+            base.bandwidth_bytes_per_s if bandwidth_kbytes_per_s is None else round(bandwidth_kbytes_per_s * 1000)
+        ),
+        cut=cut,
+    )
+    fault.check()
+    return fault
+
+
+def parse_duration(text: str) -> int:
+    """Return milliseconds of a duration such as `250ms`, `-90s`, `1h30m`. Raises FAULT_INVALID."""
+    found = _DURATION.fullmatch(text.strip())
+    if found is None:
+        raise BlockRobotError("FAULT_INVALID", f"{text!r} is no duration; write 250ms, 2s, -90s, 5m, 1h30m or 2d.")
+    total = sum(float(number) * _UNITS_MS[unit] for number, unit in _DURATION_PART.findall(found[2]))
+    return round(-total if found[1] == "-" else total)
+
+
+def format_duration(duration_ms: int) -> str:
+    """Return a duration as a person writes it, with its sign."""
+    if duration_ms == 0:
+        return "0"
+    sign, rest = ("+" if duration_ms > 0 else "-"), abs(duration_ms)
+    parts = []
+    for unit in ("d", "h", "m", "s", "ms"):
+        count, rest = divmod(rest, _UNITS_MS[unit])
+        parts += [f"{count}{unit}"] if count else []
+    return sign + "".join(parts)

@@ -1,0 +1,204 @@
+"""Does to a local cluster what an action says. Must never leave one half of a link's ends believing something else.
+
+A node that runs is told over its operator's listener, with the token of its data directory. One that does not is told by
+the file that it reads when it starts, so that a partition holds for whoever was down when it began.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+import msgspec
+
+from consensus.errors import CATALOGUE, BlockRobotError
+from network.cluster import Cluster
+from network.faults.actions import (
+    Action,
+    ActionReader,
+    FillDisk,
+    GoByzantine,
+    Heal,
+    Kill,
+    Partition,
+    Pause,
+    Restart,
+    Resume,
+    SetLink,
+    Skew,
+    format_duration,
+)
+from node.faults import TOKEN_FILE_NAME, FaultRequest, FaultSwitch
+from node.interface import WallClock
+from node.p2p.shaping import SOUND, LinkFault
+
+REQUEST_TIMEOUT_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class NodeFaults:
+    """What is wrong with one node on purpose. `switched` is its own switch's state, None if it does not say."""
+
+    name: str
+    running: bool
+    paused: bool
+    behaviour: str
+    switched: Mapping[str, Any] | None
+
+    def describe(self) -> list[str]:
+        """Say in a few words each what is on."""
+        said = [] if self.running else ["down"]
+        said += ["paused"] if self.paused else []
+        said += [f"byzantine: {self.behaviour}"] if self.behaviour else []
+        if self.switched is None:
+            return said
+        for peer, fault in self.switched["links"].items():
+            said.append(f"-> {peer}: {msgspec.convert(fault, LinkFault).describe()}")
+        if self.switched["clock_offset_ms"]:
+            said.append(f"clock {format_duration(self.switched['clock_offset_ms'])}")
+        return said + [f"{disk} disk full" for disk in self.switched["disk"]]
+
+
+class FaultControl:
+    """The faults of one cluster."""
+
+    def __init__(self, cluster: Cluster, seed: int = 0) -> None:
+        """`seed` is what the chance of sick links is drawn from, together with the link's ends."""
+        self.cluster = cluster
+        self.reader = ActionReader(tuple(cluster.names))
+        self._seed = seed
+
+    async def carry_out(self, action: Action) -> None:
+        """Do one thing. Raises FAULT_UNKNOWN, FAULTS_DISABLED, NODE_UNREACHABLE, CLUSTER_START_FAILED."""
+        match action:
+            case Kill(node=node):
+                await asyncio.to_thread(self._running(node).kill, node)
+            case Pause(node=node):
+                self._running(node).pause(node)
+            case Resume(node=node):
+                self._running(node).resume(node)
+            case Restart(node=node):
+                await self._restart(node, "", 0)
+            case GoByzantine(node=node, behaviour=behaviour, seed=seed):
+                self._require_allowed([node])
+                await self._restart(node, behaviour, seed)
+            case Partition(groups=groups):
+                await self._partition(groups)
+            case SetLink():
+                await self._set_link(action)
+            case Skew(node=node, offset_ms=offset_ms):
+                await self._tell(node, FaultRequest(clock_offset_ms=offset_ms))
+            case FillDisk(node=node, disk=disk, is_full=is_full):
+                await self._tell(node, FaultRequest(disk={disk: is_full}))
+            case Heal(nodes=nodes):
+                await self._heal(nodes)
+
+    async def state(self) -> list[NodeFaults]:
+        """Ask every node what is on."""
+        return list(await asyncio.gather(*(self._state_of(name) for name in self.cluster.names)))
+
+    async def _state_of(self, name: str) -> NodeFaults:
+        cluster = self.cluster
+        try:
+            switched = await self._switched(name)
+        except BlockRobotError:
+            switched = None
+        is_paused, behaviour = cluster.is_paused(name), cluster.behaviour(name)
+        return NodeFaults(name, cluster.is_running(name), is_paused, behaviour, switched)
+
+    def _running(self, name: str) -> Cluster:
+        if not self.cluster.is_running(self.reader.node(name)):
+            raise BlockRobotError("NODE_UNREACHABLE", f"{name} is not running.")
+        return self.cluster
+
+    def _require_allowed(self, names: Iterable[str]) -> None:
+        """Refuse before anything is done, if one of these nodes takes no faults. Raises FAULTS_DISABLED."""
+        for name in names:
+            if not self.cluster.config(self.reader.node(name)).faults_enabled:
+                raise BlockRobotError("FAULTS_DISABLED", f"{name} takes no faults: its node.toml does not allow them.")
+
+    async def _restart(self, name: str, behaviour: str, seed: int) -> None:
+        self.reader.node(name)
+        if self.cluster.is_running(name):
+            await asyncio.to_thread(self.cluster.stop, name)
+        self.cluster.start(name, behaviour=behaviour, seed=seed)
+
+    async def _heal(self, nodes: tuple[str, ...]) -> None:
+        chosen = nodes or tuple(self.cluster.names)
+        self._require_allowed(chosen)
+        for name in chosen:
+            if self.cluster.is_paused(name):
+                self.cluster.resume(name)
+        await asyncio.gather(*(self._tell(name, FaultRequest(clear=True)) for name in chosen))
+        if nodes:
+            others = [name for name in self.cluster.names if name not in nodes]
+            sound: dict[str, LinkFault | None] = dict.fromkeys(nodes)
+            await asyncio.gather(*(self._tell(name, FaultRequest(links=sound)) for name in others))
+        for name in chosen:
+            if self.cluster.behaviour(name):
+                await self._restart(name, "", 0)
+
+    async def _partition(self, groups: tuple[tuple[str, ...], ...]) -> None:
+        group_of = {self.reader.node(name): number for number, group in enumerate(groups) for name in group}
+        self._require_allowed(group_of)
+        states = dict(zip(group_of, await asyncio.gather(*(self._switched(name) for name in group_of)), strict=True))
+        wanted = {}
+        for name, state in states.items():
+            links: dict[str, LinkFault | None] = {}
+            for peer, number in group_of.items():
+                known = msgspec.convert(state["links"].get(peer, {}), LinkFault)
+                is_cut = number != group_of[name]
+                if peer != name and known.cut != is_cut:
+                    links[peer] = msgspec.structs.replace(known, cut=is_cut)
+            wanted[name] = FaultRequest(links=links)
+        await asyncio.gather(*(self._tell(name, request) for name, request in wanted.items()))
+
+    async def _set_link(self, action: SetLink) -> None:
+        self._require_allowed([action.source, action.target])
+        fault = None if action.fault == SOUND else action.fault
+        await self._tell(action.source, FaultRequest(links={action.target: fault}, seed=self._seed))
+        if action.is_both:
+            await self._tell(action.target, FaultRequest(links={action.source: fault}, seed=self._seed))
+
+    # Talking to one node
+
+    async def _switched(self, name: str) -> Mapping[str, Any]:
+        """Return what a node's switch says is on. Raises FAULTS_DISABLED, NODE_UNREACHABLE."""
+        self._require_allowed([name])
+        if not self.cluster.is_running(name):
+            return self._switch_of(name).describe()
+        return await self._ask(name, "GET", b"")
+
+    async def _tell(self, name: str, request: FaultRequest) -> None:
+        self._require_allowed([name])
+        body = msgspec.json.encode(request)
+        if self.cluster.is_running(name):
+            await self._ask(name, "POST", body)
+        else:
+            self._switch_of(name).request(body)
+
+    def _switch_of(self, name: str) -> FaultSwitch:
+        """Return the switch of a node that does not run, which only writes its file."""
+        return FaultSwitch(name, self.cluster.config(name).data_dir, WallClock())
+
+    async def _ask(self, name: str, method: str, body: bytes) -> Mapping[str, Any]:
+        config = self.cluster.config(name)
+        url = f"http://{config.host}:{config.operator_port}/faults"
+        try:
+            token = (config.data_dir / TOKEN_FILE_NAME).read_text(encoding="ascii").strip()
+            headers = {"Authorization": f"Bearer {token}"}
+            async with (
+                aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=REQUEST_TIMEOUT_S)) as session,
+                session.request(method, url, data=body, headers=headers) as response,
+            ):
+                answer: dict[str, Any] = await response.json()
+        except (OSError, aiohttp.ClientError, TimeoutError, ValueError):
+            hint = "it is paused; resume it first" if self.cluster.is_paused(name) else "it may still be starting"
+            raise BlockRobotError("NODE_UNREACHABLE", f"{name} does not answer: {hint}.") from None
+        if response.status == 200:
+            return answer
+        code = str(answer.get("code", ""))
+        raise BlockRobotError(code if code in CATALOGUE else "INTERNAL", f"{name}: {answer.get('detail', 'refused')}")

@@ -1,0 +1,40 @@
+"""Carries a fault plan out, step by step, on time. Must never go on past a step that failed without saying so."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from consensus.errors import BlockRobotError
+from network.faults.control import FaultControl
+from network.faults.plan import FaultPlan, Step
+
+
+@dataclass(frozen=True, slots=True)
+class StepDone:
+    """What became of a step: when it was done, after the plan's start, and what went wrong, if anything did."""
+
+    step: Step
+    at_ms: int
+    error: BlockRobotError | None
+
+
+async def run_plan(plan: FaultPlan, control: FaultControl, tell: Callable[[StepDone], None]) -> list[StepDone]:
+    """Carry a plan out and tell of each step as it is done; return all of them.
+
+    A step that fails (a node to be killed is down already) does not end the plan: its error is told and returned.
+    """
+    loop = asyncio.get_running_loop()
+    started_s = loop.time()
+    done: list[StepDone] = []
+    for step in plan.steps:
+        await asyncio.sleep(max(0.0, started_s + step.at_ms / 1000 - loop.time()))
+        error = None
+        try:
+            await control.carry_out(step.action)
+        except BlockRobotError as problem:
+            error = problem
+        done.append(StepDone(step, round((loop.time() - started_s) * 1000), error))
+        tell(done[-1])
+    return done
