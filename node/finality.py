@@ -25,12 +25,12 @@ FinalizedListener = Callable[[list[ExecutedBlock], FinalityProof, Position], Non
 
 
 class FinalityFeed:
-    """Who waits for a height or a transaction. All on the event loop."""
+    """Who waits for a height or a transaction, told in the order in which they came. All on the event loop."""
 
     def __init__(self, height: int) -> None:
         self.height = height
-        self._heights: set[asyncio.Future[None]] = set()
-        self._transactions: dict[bytes, set[asyncio.Future[bool]]] = {}
+        self._heights: dict[asyncio.Future[None], None] = {}
+        self._transactions: dict[bytes, dict[asyncio.Future[bool], None]] = {}
 
     def publish(self, blocks: list[ExecutedBlock], _proof: FinalityProof, position: Position) -> None:
         """Blocks were stored."""
@@ -60,11 +60,11 @@ class FinalityFeed:
             async with asyncio.timeout(timeout_ms / 1000):
                 while self.height <= height:
                     waiter = asyncio.get_running_loop().create_future()
-                    self._heights.add(waiter)
+                    self._heights[waiter] = None
                     try:
                         await waiter
                     finally:
-                        self._heights.discard(waiter)
+                        self._heights.pop(waiter, None)
         except TimeoutError:
             return False
         return True
@@ -72,7 +72,7 @@ class FinalityFeed:
     async def wait_final(self, txid: bytes, timeout_ms: int) -> bool:
         """Wait until the transaction is stored as final; tell whether it is, or the time ran out, or it expired."""
         waiter = asyncio.get_running_loop().create_future()
-        self._transactions.setdefault(txid, set()).add(waiter)
+        self._transactions.setdefault(txid, {})[waiter] = None
         try:
             async with asyncio.timeout(timeout_ms / 1000):
                 final: bool = await waiter
@@ -82,7 +82,7 @@ class FinalityFeed:
         finally:
             waiters = self._transactions.get(txid)
             if waiters is not None:
-                waiters.discard(waiter)
+                waiters.pop(waiter, None)
                 if not waiters:
                     del self._transactions[txid]
 

@@ -238,9 +238,9 @@ class Peers:
 
         Not while a long gap is being closed: the core asks again, and then needs only what lies above it.
         """
-        if self._sync.is_running:
+        if self._sync.closes_gap:
             return
-        connected = set(self._network.connected)
+        connected = self._network.connected
         signers = [self._names[index] for index in effect.producers]
         names = [name for name in signers if name is not None and name in connected]
         others = [name for name in connected if name not in names]

@@ -120,6 +120,7 @@ class Synchroniser:
         self._heights: dict[str, int] = {}
         self._epochs: dict[str, int] = {}
         self._fruitless: dict[str, float] = {}
+        self._has_proof = False
         self._check = SignatureCache() if check is None else check
         self._task: asyncio.Task[None] | None = None
         self.blocks_installed_count = 0
@@ -128,6 +129,16 @@ class Synchroniser:
     def is_running(self) -> bool:
         """Tell whether the node is catching up."""
         return self._task is not None and not self._task.done()
+
+    @property
+    def closes_gap(self) -> bool:
+        """Tell whether a gap that a peer has proved is being closed; what peers only claim does not count."""
+        return self.is_running and self._has_proof
+
+    @property
+    def lag_blocks(self) -> int:
+        """How many blocks the peers say that this node is behind the one that is farthest ahead (0 or more)."""
+        return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
     def note_height(self, peer: str, height: int) -> None:
         """A peer said how far it is: begin to catch up if that is far ahead."""
@@ -144,6 +155,7 @@ class Synchroniser:
 
     def _begin(self) -> None:
         if not self.is_running:
+            self._has_proof = False
             self._task = asyncio.get_running_loop().create_task(self._run(), name="sync")
 
     def forget(self, peer: str) -> None:
@@ -202,6 +214,7 @@ class Synchroniser:
             self._set_aside(peer)
             return
         self._check_batch(blocks, batch.proof)
+        self._has_proof = True
         executed: list[ExecutedBlock] = []
         for block in blocks:
             executed.append(await self._execute(block))

@@ -193,17 +193,17 @@ class SmallNodes:
     async def wait_epoch(self, number: int, *names: str, timeout_s: float = 60.0) -> None:
         """Wait until these nodes (or all) are in an epoch."""
         async with asyncio.timeout(timeout_s):
-            while any(self.nodes[name].core.epoch < number for name in names or self.nodes):
+            while any(self.nodes[name].core.epoch < number for name in names or self.nodes):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
 
     async def wait_height(self, height: int, *names: str, timeout_s: float = 60.0) -> None:
         """Wait until these nodes (or all) have stored a height."""
         async with asyncio.timeout(timeout_s):
-            while any(self.nodes[name].feed.height < height for name in names or self.nodes):
+            while any(self.nodes[name].feed.height < height for name in names or self.nodes):  # noqa: ASYNC110
                 await asyncio.sleep(0.01)
 
-    def roots(self) -> set[bytes]:
-        """The different state roots at the lowest height that all nodes have."""
+    def newest_common(self) -> set[bytes]:
+        """The ids of the blocks at the lowest height that all nodes have: one, if they agree."""
         height = min(node.feed.height for node in self.nodes.values())
         found = set()
         for node in self.nodes.values():
