@@ -21,6 +21,7 @@ import structlog
 from consensus.errors import BlockRobotError
 from node.config import NodeConfig, load_config
 from node.service import Node
+from node.snapshot.restoring import adopt_restored
 from node.storage.directory_lock import DirectoryLock
 
 LOG_FILE_MAX_BYTES = 16 * 1024 * 1024
@@ -85,6 +86,7 @@ def _run(data_dir: Path, make_node: Callable[[NodeConfig], Node]) -> None:
     lock = DirectoryLock(data_dir)
     try:
         configure_logging(config)
+        adopt_restored(config.ledger_dir)
         with asyncio.Runner(loop_factory=_new_event_loop) as runner:
             runner.run(run_node(config, make_node))
     finally:

@@ -5,15 +5,17 @@ Commands are imported when they are called, so that a wallet's process never loa
 
 from __future__ import annotations
 
-import importlib
-
 import click
+
+from network.cli.lazy_group import LazyGroup
 
 _COMMANDS = {
     "up": ("network.cli.cluster_commands", "up"),
     "down": ("network.cli.cluster_commands", "down"),
     "status": ("network.cli.cluster_commands", "status"),
     "logs": ("network.cli.cluster_commands", "logs"),
+    "node": ("network.cli.node_commands", "node"),
+    "fault": ("network.cli.fault_commands", "fault"),
     "demo": ("network.cli.demo_command", "demo"),
     "bench": ("network.cli.bench_commands", "bench"),
     "card": ("clients.registrar.cli", "card"),
@@ -24,23 +26,7 @@ _COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
-    """A group whose commands are imported on first use."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return the names of all commands."""
-        return list(_COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Import and return a command, or None for an unknown name."""
-        if cmd_name not in _COMMANDS:
-            return None
-        module, attribute = _COMMANDS[cmd_name]
-        command: click.Command = getattr(importlib.import_module(module), attribute)
-        return command
-
-
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, places=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="blockrobot")
 def main() -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""

@@ -1,0 +1,162 @@
+"""`blockrobot node prune` and `node diff`: a node's ledger, cut short or held against another's. Must never guess."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from network.cli.cluster_commands import folder_option
+from network.cli.node_commands import find_node
+from node.config import NodeConfig, load_genesis
+from node.difference import LedgerDiff, describe_difference
+from node.pruning import KEEP_BLOCKS_MIN_COUNT, prune_stopped_node
+from node.replaying import Base, base_of_genesis, base_of_snapshot, machine_of
+from node.snapshot.form import SnapshotFolder
+from node.storage.directory_lock import DirectoryLock
+from node.storage.lmdb_reader import LedgerFile
+
+
+@click.command()
+@click.argument("node")
+@click.option(
+    "--keep",
+    required=True,
+    type=click.IntRange(KEEP_BLOCKS_MIN_COUNT),
+    help="How many of the newest blocks keep their bodies.",
+)
+@folder_option
+@json_option
+@plain_errors
+def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
+    """Drop the bodies and receipts of a stopped node's old blocks; headers, certificates, state and audit stay.
+
+    A running node prunes by itself if its node.toml says `keep_blocks` under [storage].
+
+    Example: blockrobot node prune node-3 --keep 10000
+    """
+    config = find_node(node, folder)
+    lock = DirectoryLock(config.data_dir)
+    try:
+        result = asyncio.run(prune_stopped_node(config, keep))
+    finally:
+        lock.release()
+    if as_json:
+        print_json({"ok": True, "node": config.name, **result})
+        return
+    console.print(f"{config.name} has the bodies of blocks {result['earliest_height']} to {result['height']}.")
+    if result["held_back_by_custody"]:
+        console.print("Its custodian has not followed further; start the node, let it catch up, and prune again.")
+
+
+@click.command()
+@click.argument("first", metavar="A")
+@click.argument("second", metavar="B")
+@click.option("--base", type=click.Path(path_type=Path), help="A snapshot to replay from, where old blocks are pruned.")
+@click.option(
+    "--full", is_flag=True, help="Look at every page of both state tries, also where nothing seems to differ."
+)
+@folder_option
+@json_option
+@plain_errors
+def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | None, as_json: bool) -> None:
+    """Name the first block and state key on which nodes A and B differ, and the transaction that wrote it.
+
+    Both may be running or stopped. Exits 0 if nothing differs, 1 if something does.
+
+    Example: blockrobot node diff node-1 node-2
+    """
+    configs = (find_node(first, folder), find_node(second, folder))
+    if configs[0].data_dir == configs[1].data_dir:
+        raise click.UsageError("A and B are the same node.")
+    with console.status("Comparing ...") if not as_json and console.is_terminal else _Quiet() as status:
+
+        def progress(height: int) -> None:
+            status.update(f"Executing block {height} again ...")
+
+        report = _compare(configs, base, full=full, progress=progress)
+    if as_json:
+        print_json({"ok": report["same"], **report})
+    else:
+        _print_report(report)
+    if not report["same"]:
+        sys.exit(EXIT_FAILED)
+
+
+class _Quiet:
+    """A status line that nobody sees."""
+
+    def __enter__(self) -> _Quiet:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def update(self, _text: str) -> None:
+        """Say nothing."""
+
+
+def _compare(configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full: bool, progress: Any) -> dict[str, Any]:
+    genesis, other = (load_genesis(config) for config in configs)
+    if genesis.chain_id != other.chain_id:
+        raise BlockRobotError("SNAPSHOT_OTHER_CHAIN", "The two nodes have different genesis files.")
+
+    def open_base() -> Base:
+        return base_of_genesis(genesis) if base is None else base_of_snapshot(SnapshotFolder(base), genesis)
+
+    names = tuple(config.name for config in configs)
+    if names[0] == names[1]:
+        names = tuple(str(config.data_dir) for config in configs)
+    with (
+        LedgerFile(configs[0].ledger_dir) as one,
+        LedgerFile(configs[1].ledger_dir) as two,
+        one.snapshot() as first,
+        two.snapshot() as second,
+    ):
+        diff = LedgerDiff((first, second), machine_of(genesis), open_base, progress, full=full)
+        return describe_difference(diff.run(), (names[0], names[1]), (first, second))
+
+
+def _print_report(report: dict[str, Any]) -> None:
+    names, heights = report["nodes"], report["heights"]
+    for side in "AB":
+        console.print(f"{side} is {names[side]}, at height {heights[side]}.")
+    for note in report["notes"]:
+        console.print(note)
+    if report["kind"] == "none":
+        since = report["headers_compared_from"]
+        scope = f"headers from {since}, bodies from {report['bodies_compared_from']}"
+        if report["same"]:
+            console.print(f"They are the same: {scope}, and the whole state.")
+        else:
+            console.print(f"Their blocks are the same ({scope}); their states were not compared.")
+        return
+    least = " at most" if report["first_block_is_at_most"] else ""
+    console.print(f"They differ ({report['kind']}). First block: {report['first_block']}{least}.")
+    for side, header in report["headers"].items():
+        if header is not None:
+            console.print(f"  {side}: block {header['block_id']} of round {header['round']}, epoch {header['epoch']}")
+    if report.get("right"):
+        console.print(f"  {report['right']} has what the header names.")
+    for page in report["damaged_pages"]:
+        console.print(f"  damaged page of the state trie: {page}")
+    for key in report["keys"][:20]:
+        _print_key(key)
+    if len(report["keys"]) > 20 or not report["keys_are_all"]:
+        console.print("  ... and more keys; --json lists them.")
+
+
+def _print_key(key: dict[str, Any]) -> None:
+    console.print(f"Key {key['key']} of contract {key['contract']} (flat key {key['flat_key']}):", markup=False)
+    for side in "AB":
+        right = ", as the header proves" if key["right"] == side else ""
+        console.print(f"  {side}: {key['values'][side]}{right}", markup=False)
+        writer = key["written_by"][side]
+        if writer is not None and (side == "A" or writer != key["written_by"]["A"]):
+            told = f"transaction {writer['txid']} ({writer['call']})" if writer["txid"] else "the block itself"
+            console.print(f"     written in block {writer['height']} by {told}", markup=False)

@@ -1,0 +1,97 @@
+"""Drops the bodies of old blocks. Must never drop one whose effects the node's own custodian has not brought about.
+
+What stays of a pruned block is its header (with the certificate of its parent), the places of its transactions and the
+txids of the replay window; epoch proofs and the state, with the audit in it, are not touched.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from node.config import NodeConfig
+from node.offchain.open_store import open_store
+from node.snapshot.making import header_of_block
+from node.storage.ledger_store import LedgerStore
+from node.storage.lmdb_store import LmdbStore
+
+KEEP_BLOCKS_MIN_COUNT = 256
+"""A node serves at least so many blocks to peers that missed a few."""
+
+PRUNE_SLACK_COUNT = 64
+"""A running node prunes this many blocks at once, or none."""
+
+log = structlog.get_logger(__name__)
+
+
+async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
+    """Prune step by step, letting others work in between; return the earliest height that keeps its body."""
+    while True:
+        earliest = await ledger.prune(below_height, header_of_block)
+        position = ledger.position
+        if earliest >= min(below_height, 0 if position is None else position.height):
+            return earliest
+        await asyncio.sleep(0)
+
+
+def highest_prunable(head: int, keep: int, custody_height: int | None, *, is_custodian: bool) -> int:
+    """Return the height below which bodies may go: `keep` stay, and none that the custodian still has to follow."""
+    below = head - keep + 1
+    if is_custodian:
+        below = min(below, 0 if custody_height is None else custody_height + 1)
+    return max(0, below)
+
+
+class Pruner:
+    """Prunes a running node's ledger now and then. `custody_height` is None where there is no custodian yet."""
+
+    def __init__(
+        self, ledger: LedgerStore, keep: int, custody_height: Callable[[], int | None], *, is_custodian: bool
+    ) -> None:
+        self._ledger = ledger
+        self._keep = keep
+        self._custody_height = custody_height
+        self._is_custodian = is_custodian
+        self._done_below = 0
+
+    async def run_once(self) -> None:
+        """Prune if enough has piled up. A refusal of the store is logged; the next time may work."""
+        position = self._ledger.position
+        if not self._keep or position is None:
+            return
+        below = highest_prunable(position.height, self._keep, self._custody_height(), is_custodian=self._is_custodian)
+        if below < self._done_below + PRUNE_SLACK_COUNT:
+            return
+        try:
+            self._done_below = await prune_ledger(self._ledger, below)
+        except BlockRobotError as error:
+            log.warning("prune_failed", code=error.code, detail=error.detail)
+            return
+        log.info("ledger_pruned", earliest_height=self._done_below)
+
+
+async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
+    """Prune the ledger of a node that is not running; the data directory's lock must be held.
+
+    Returns `height`, `earliest_height` and whether the custodian's checkpoint kept it from dropping more. Raises
+    DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
+    """
+    is_custodian = config.custodian_key_path is not None
+    followed: int | None = None
+    if is_custodian:
+        async with open_store(config.custody_store, config.custody_dir) as store:
+            checkpoint = await store.checkpoint()
+            followed = None if checkpoint is None else checkpoint.height
+    ledger = LmdbStore.open(config.ledger_dir)
+    try:
+        head = 0 if ledger.position is None else ledger.position.height
+        below = highest_prunable(head, keep, followed, is_custodian=is_custodian)
+        earliest = await prune_ledger(ledger, below)
+    finally:
+        await ledger.close()
+    wanted = highest_prunable(head, keep, None, is_custodian=False)
+    return {"height": head, "earliest_height": earliest, "held_back_by_custody": earliest < wanted}
