@@ -13,6 +13,7 @@ from consensus.block import (
     TimeoutCertificate,
     TimeoutSignature,
     compute_transactions_root,
+    genesis_certificate,
 )
 from consensus.core import Core
 from consensus.effects import BuildBlock, CommitBlocks, Effect, ExecuteBlock, Message, Persist
@@ -44,7 +45,7 @@ from consensus.messages import (
 )
 from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
-from consensus.schedule import Schedule
+from consensus.schedule import Epoch, Schedule, compute_epoch_hash
 from consensus.signature_cache import SignatureCache
 from tests.sim.named_chain import (
     CHAIN_ID,
@@ -68,17 +69,20 @@ M = TypeVar("M", bound=Message)
 
 
 class Peers:
-    """All producers' keys: whatever they could sign, the test can."""
+    """All keys of one epoch's producers: whatever they could sign, the test can. `root` is where the epoch begins."""
 
-    def __init__(self, count: int = 4, blocks_per_turn: int = 1) -> None:
-        self.keys = make_keys(count)
-        self.schedule = Schedule(0, tuple(key.public_key for key in self.keys), blocks_per_turn)
+    def __init__(
+        self, count: int = 4, blocks_per_turn: int = 1, *, epoch: int = 0, root: Block = GENESIS, first_key: int = 0
+    ) -> None:
+        self.keys = make_keys(first_key + count)[first_key:]
+        self.schedule = Schedule(epoch, tuple(key.public_key for key in self.keys), blocks_per_turn)
+        self.epoch, self.root, self.root_qc = epoch, root, genesis_certificate(root.block_id, epoch)
         self.signers = tuple(range(self.schedule.quorum))
 
     def block(
         self,
         round_number: int,
-        parent: Block = GENESIS,
+        parent: Block | None = None,
         qc: QuorumCertificate | None = None,
         tc: TimeoutCertificate | None = None,
         *,
@@ -87,11 +91,12 @@ class Peers:
         **changes: object,
     ) -> Block:
         """Return the leader's signed block of a round; `changes` replace header fields before it is signed."""
+        parent = parent or self.root
         above = parent.header
         fields: dict[str, object] = {
             "version": HEADER_VERSION,
             "chain_id": CHAIN_ID,
-            "epoch": 0,
+            "epoch": self.epoch,
             "height": above.height + 1,
             "round": round_number,
             "parent_id": parent.block_id,
@@ -111,35 +116,53 @@ class Peers:
         signature = sign_block(key, CHAIN_ID, self.schedule.epoch, round_number, sha256(data))
         return Block(header_bytes=data, signature=signature, transactions=transactions)
 
+    def boundary(self, round_number: int, parent: Block | None = None, following: Epoch | None = None) -> Block:
+        """Return a block that ends the epoch; `following` is the next one (these producers again, unless said)."""
+        next_hash = compute_epoch_hash(following or self.following())
+        return self.block(round_number, parent, transactions=(TRANSACTION,), next_schedule_hash=next_hash)
+
+    def following(self, producers: tuple[bytes, ...] | None = None) -> Epoch:
+        """Return the epoch after this one, with these producers or others."""
+        keys = producers or self.schedule.producers
+        return Epoch(number=self.epoch + 1, producers=keys, leaderless=(), settings=ChainSettings())
+
+    def closing(
+        self, round_number: int, parent: Block, tc: TimeoutCertificate | None = None, **changes: object
+    ) -> Block:
+        """Return a closing block on a boundary or on another closing block."""
+        fields = {"is_closing": True, "state_root": parent.header.state_root, **changes}
+        return self.block(round_number, parent, tc=tc, **fields)  # type: ignore[arg-type]
+
     def chain(self, *rounds: int, transactions: tuple[bytes, ...] = ()) -> list[Block]:
         """Return blocks of these rounds, each on the one before; a gap of rounds is bridged by a TC."""
         blocks: list[Block] = []
-        parent = GENESIS
+        parent = self.root
         for number in rounds:
-            gap = number - parent.header.round > 1
-            tc = self.tc(number - 1, parent.header.round) if gap else None
+            below = 0 if parent is self.root else parent.header.round
+            tc = self.tc(number - 1, below) if number - below > 1 else None
             parent = self.block(number, parent, tc=tc, transactions=() if blocks else transactions)
             blocks.append(parent)
         return blocks
 
     def vote(self, index: int, block: Block) -> Vote:
-        return sign_vote(self.keys[index], CHAIN_ID, 0, block.header.round, block.block_id, index)
+        return sign_vote(self.keys[index], CHAIN_ID, self.epoch, block.header.round, block.block_id, index)
 
     def qc(self, block: Block, voters: tuple[int, ...] | None = None) -> QuorumCertificate:
-        if block.header.round == 0:
-            return GENESIS_QC
+        if block.block_id == self.root.block_id:
+            return self.root_qc
         chosen = self.signers if voters is None else voters
         votes = tuple(IndexedSignature(index=i, signature=self.vote(i, block).signature) for i in chosen)
-        return QuorumCertificate(epoch=0, round=block.header.round, block_id=block.block_id, votes=votes)
+        return QuorumCertificate(epoch=self.epoch, round=block.header.round, block_id=block.block_id, votes=votes)
 
     def timeout(
         self,
         index: int,
         round_number: int,
-        qc: QuorumCertificate = GENESIS_QC,
+        qc: QuorumCertificate | None = None,
         entered_by: TimeoutCertificate | None = None,
     ) -> Timeout:
-        return sign_timeout(self.keys[index], CHAIN_ID, round_number, index, qc, entered_by, 0)
+        key = self.keys[index]
+        return sign_timeout(key, CHAIN_ID, round_number, index, qc or self.root_qc, entered_by, self.epoch)
 
     def tc(self, round_number: int, *qc_rounds: int, signers: tuple[int, ...] | None = None) -> TimeoutCertificate:
         """Return a TC whose signers named these QC rounds (the last one also for the rest)."""
@@ -148,10 +171,10 @@ class Peers:
         entries = []
         for place, index in enumerate(chosen):
             number = named[min(place, len(named) - 1)]
-            qc = QuorumCertificate(epoch=0, round=number, block_id=bytes(32), votes=())
+            qc = QuorumCertificate(epoch=self.epoch, round=number, block_id=bytes(32), votes=())
             signature = self.timeout(index, round_number, qc).signature
             entries.append(TimeoutSignature(index=index, qc_round=number, signature=signature))
-        return TimeoutCertificate(epoch=0, round=round_number, timeouts=tuple(entries))
+        return TimeoutCertificate(epoch=self.epoch, round=round_number, timeouts=tuple(entries))
 
 
 class OneCore(Peers):
@@ -169,9 +192,11 @@ class OneCore(Peers):
         journal: list[bytes] | None = None,
         start: bool = True,
         answered: bool = True,
+        epoch: int = 0,
+        root: Block = GENESIS,
     ) -> None:
         self.settings = settings or ChainSettings()
-        super().__init__(count, self.settings.blocks_per_turn)
+        super().__init__(count, self.settings.blocks_per_turn, epoch=epoch, root=root)
         self.index = index
         others = [peer for peer in range(count) if peer != index]
         self.signers = tuple(sorted([*others, index or 0][: self.schedule.quorum]))
@@ -182,9 +207,9 @@ class OneCore(Peers):
             CHAIN_ID,
             self.schedule,
             None if index is None else self.keys[index],
-            finalized=GENESIS,
-            finalized_qc=GENESIS_QC,
-            round_zero_id=GENESIS.block_id,
+            finalized=root,
+            finalized_qc=self.root_qc,
+            round_zero_id=root.block_id,
             journal=self.journal,
             check=CHECK,
         )
@@ -222,7 +247,7 @@ class OneCore(Peers):
         self,
         index: int,
         round_number: int,
-        qc: QuorumCertificate = GENESIS_QC,
+        qc: QuorumCertificate | None = None,
         entered_by: TimeoutCertificate | None = None,
     ) -> list[Effect]:
         timeout = self.timeout(index, round_number, qc, entered_by)
@@ -235,17 +260,17 @@ class OneCore(Peers):
         word: Word | None = None,
         speech: str = SPEAKING,
         signed_round: int = 0,
-        qc: QuorumCertificate = GENESIS_QC,
+        qc: QuorumCertificate | None = None,
         entered_by: TimeoutCertificate | None = None,
     ) -> list[Effect]:
         """A peer says what it last heard of this producer (nothing, unless said), and how far it is itself."""
         answer = WordsAnswer(
-            epoch=0,
+            epoch=self.epoch,
             asked_at_ms=self.now_ms,
             speech=speech,
             signed_round=signed_round,
             word=word,
-            qc=qc,
+            qc=qc or self.root_qc,
             entered_by=entered_by,
         )
         return self.handle(WordsAnswered(answer=answer, sender=peer, now_ms=self.now_ms))
@@ -264,7 +289,7 @@ class OneCore(Peers):
     def built(self, order: BuildBlock, transactions: tuple[bytes, ...] = ()) -> list[Effect]:
         """Build the block that the core ordered, and give it back."""
         assert self.index is not None
-        parent = self.core.block(order.parent_id) or GENESIS
+        parent = self.core.block(order.parent_id) or self.root
         block = build_block(order, parent.header, transactions, self.keys[self.index], self.now_ms)
         return self.handle(BlockBuilt(round=order.round, block=block, now_ms=self.now_ms))
 
