@@ -53,6 +53,14 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("MEMPOOL_FULL", 503, "The node holds as many waiting transactions as it may.", "Try again in a few seconds.", retryable=True),
     ErrorEntry("SENDER_LIMIT", 429, "This sender has too many transactions waiting.", "Wait until some are final.", retryable=True),
     ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "Look it up by its txid later; do not sign it again before it expires.", retryable=True),
+    # Governance
+    ErrorEntry("GOVERNANCE_NOT_ADMIN", 403, "Only an admin of an active organisation may do that.", "Sign with the key of an admin who may: --as ORGANISATION; `blockrobot org list` shows the organisations."),
+    ErrorEntry("GOVERNANCE_APPROVED_ALREADY", 409, "The organisation has said so already; each has one voice.", "Let an admin of another organisation approve."),
+    ErrorEntry("GOVERNANCE_PROPOSAL_CLOSED", 404, "There is no open proposal with this id.", "List the open ones with `blockrobot org list` and `blockrobot settings list`, or propose it anew."),
+    ErrorEntry("GOVERNANCE_WOULD_STOP_CHAIN", 409, "The change would leave the network without what it cannot do without.", "Add what is to take its place first."),
+    ErrorEntry("GOVERNANCE_SETTING_REFUSED", 409, "The setting does not exist or does not take this value.", "See names, values and ranges with `blockrobot settings list`."),
+    ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
+    ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
     # API and sessions
     ErrorEntry("REQUEST_INVALID", 400, "The request does not have the described form.", "See /v1/openapi.json for the form."),
     ErrorEntry("REQUEST_TOO_LARGE", 413, "The request body is larger than this route takes.", "Send less at once."),

@@ -1,0 +1,310 @@
+"""What organisations decide together, and how one of them speaks. Must never show a value that was not proved.
+
+`read_*` answer from proofs of the finalized state; `Governor` signs an admin's calls and tells what took effect.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.http import PROOF_KEYS_MAX_COUNT, FinalReceipt, NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.settings import ChainSettings, Epoch
+
+MEMBERSHIP = b"membership\x00"
+PRODUCERS = b"producers\x00"
+ID_PREFIX_MIN_CHARS = 6
+_ERROR_OF = {
+    "NOT_AN_ADMIN": "GOVERNANCE_NOT_ADMIN",
+    "NOT_THE_PROPOSER": "GOVERNANCE_NOT_ADMIN",
+    "APPROVED_ALREADY": "GOVERNANCE_APPROVED_ALREADY",
+    "PROPOSAL_UNKNOWN": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_CLOSED": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_EXPIRED": "GOVERNANCE_PROPOSAL_CLOSED",
+    "PROPOSAL_OF_ANOTHER": "GOVERNANCE_PROPOSAL_CLOSED",
+    "LAST_PRODUCER": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "LAST_CUSTODIAN": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "LAST_ADMINS": "GOVERNANCE_WOULD_STOP_CHAIN",
+    "VALUE_WRONG": "GOVERNANCE_SETTING_REFUSED",
+    "SETTING_UNKNOWN": "GOVERNANCE_SETTING_REFUSED",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class OrganisationRow:
+    """An organisation: its CA certificate (PEM), whether it is active, and since which height that holds."""
+
+    name: str
+    ca_certificate: str
+    status: str
+    since_height: int
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRow:
+    """A node of the network as its organisation entered it. Keys are empty where it has no such role."""
+
+    name: str
+    organisation: str
+    host: str
+    p2p_port: int
+    api_url: str
+    producer_key: bytes
+    producer_possession: bytes
+    custodian_key: bytes
+    status: str
+    since_height: int
+
+
+@dataclass(frozen=True, slots=True)
+class ProposalRow:
+    """A proposal: its id (32 bytes), what it asks for, and which organisations stand behind it."""
+
+    id: bytes
+    contract: str
+    kind: str
+    arguments: Mapping[str, Any]
+    organisation: str
+    approvals: tuple[str, ...]
+    time: int
+    expires_ms: int
+    height: int
+    status: str
+    closed_height: int
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateRow:
+    """A candidate, seated or not. `turn` is its place in the schedule; `evidence` is empty if it was never accused."""
+
+    key: bytes
+    name: str
+    organisation: str
+    votes: tuple[str, ...]
+    removals: tuple[str, ...]
+    status: str
+    since_ms: int
+    ready_height: int
+    ready_ms: int
+    suspended_height: int
+    evidence: Mapping[str, Any]
+    turn: int | None
+    leads: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ProducersView:
+    """The epoch that is decided, the height at which it was, and all candidates: those with a seat first."""
+
+    height: int
+    timestamp_ms: int
+    epoch: Epoch
+    since_height: int
+    max_producers: int
+    candidates: tuple[CandidateRow, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class MembershipView:
+    """All active organisations and nodes, and the open proposals, at one height."""
+
+    height: int
+    timestamp_ms: int
+    organisations: tuple[OrganisationRow, ...]
+    nodes: tuple[NodeRow, ...]
+    proposals: tuple[ProposalRow, ...]
+
+    @property
+    def majority(self) -> int:
+        """How many organisations a proposal needs behind it."""
+        return len(self.organisations) // 2 + 1
+
+
+async def _proved(
+    client: NetworkClient, keys: Sequence[bytes], reader: PrivateKey
+) -> tuple[dict[bytes, Any], int, int]:
+    """Return proved values by flat key, with the height and time (ms) of the newest proof."""
+    values: dict[bytes, Any] = {}
+    height = timestamp_ms = 0
+    for first in range(0, len(keys), PROOF_KEYS_MAX_COUNT):
+        part = await client.state_values(keys[first : first + PROOF_KEYS_MAX_COUNT], reader)
+        values.update(part.values)
+        height, timestamp_ms = part.height, part.timestamp_ms
+    return values, height, timestamp_ms
+
+
+def _epoch_of(value: Mapping[str, Any]) -> Epoch:
+    return Epoch(
+        number=value["number"],
+        producers=tuple(value["producers"]),
+        leaderless=tuple(value["leaderless"]),
+        settings=ChainSettings(**value["settings"]),
+    )
+
+
+def _chosen(kind: type[Any], value: Mapping[str, Any], **more: Any) -> Any:
+    """Make a row of the fields that it knows; a later version of the contract may store more."""
+    fields = {name: value[name] for name in kind.__dataclass_fields__ if name in value} | more
+    return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in fields.items()})
+
+
+def _proposal(proposal_id: bytes, value: Mapping[str, Any]) -> ProposalRow:
+    row: ProposalRow = _chosen(ProposalRow, value, id=proposal_id)
+    return row
+
+
+async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
+    """Return organisations, nodes and open proposals, proved, in the session of `reader`. Raises PROOF_INVALID etc."""
+    index = [MEMBERSHIP + name for name in (b"organisations", b"nodes", b"open")]
+    found, _, _ = await _proved(client, index, reader)
+    organisations, nodes, opened = (found[key] or [] for key in index)
+    org_keys = [MEMBERSHIP + b"org/" + name.encode() for name in organisations]
+    node_keys = [MEMBERSHIP + b"node/" + name.encode() for name in nodes]
+    proposals = {MEMBERSHIP + b"proposal/" + entry[0]: entry[0] for entry in opened}
+    values, height, timestamp_ms = await _proved(client, [*org_keys, *node_keys, *proposals], reader)
+    return MembershipView(
+        height=height,
+        timestamp_ms=timestamp_ms,
+        organisations=tuple(_chosen(OrganisationRow, values[key]) for key in org_keys if values[key]),
+        nodes=tuple(_chosen(NodeRow, values[key]) for key in node_keys if values[key]),
+        proposals=tuple(
+            _proposal(proposal_id, values[key])
+            for key, proposal_id in proposals.items()
+            if values[key] and values[key]["status"] == "open" and values[key]["expires_ms"] > timestamp_ms
+        ),
+    )
+
+
+async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
+    """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
+    index = [PRODUCERS + name for name in (b"epoch", b"max_producers", b"keys")]
+    found, _, _ = await _proved(client, index, reader)
+    decided, maximum, keys = (found[key] for key in index)
+    if decided is None:
+        raise BlockRobotError("NOT_FOUND", "This chain has no contract for its producers; it is older than governance.")
+    epoch = _epoch_of(decided)
+    flat = {PRODUCERS + b"candidate/" + key: key for key in dict.fromkeys([*epoch.producers, *keys])}
+    values, height, timestamp_ms = await _proved(client, list(flat), reader)
+    turns = {key: turn for turn, key in enumerate(epoch.producers)}
+    rows = [
+        _chosen(
+            CandidateRow,
+            values[place],
+            key=key,
+            turn=turns.get(key),
+            leads=key in turns and turns[key] not in epoch.leaderless,
+        )
+        for place, key in flat.items()
+        if values[place]
+    ]
+    return ProducersView(
+        height=height,
+        timestamp_ms=timestamp_ms,
+        epoch=epoch,
+        since_height=decided["height"],
+        max_producers=maximum,
+        candidates=tuple(rows),
+    )
+
+
+def settings_in_force(view: ProducersView) -> dict[str, int | str]:
+    """Return every setting by name, with `max_producers`."""
+    values = {name: getattr(view.epoch.settings, name) for name in ChainSettings.__struct_fields__}
+    return {**values, "max_producers": view.max_producers}
+
+
+def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
+    """Return the open proposal whose id (hex) begins with this text, at least six digits of it.
+
+    Raises GOVERNANCE_PROPOSAL_CLOSED if there is none, or more than one.
+    """
+    wanted = text.strip().lower()
+    found = [row for row in proposals if len(wanted) >= ID_PREFIX_MIN_CHARS and row.id.hex().startswith(wanted)]
+    if len(found) != 1:
+        raise BlockRobotError("GOVERNANCE_PROPOSAL_CLOSED", f"There is no open proposal {text!r}.")
+    return found[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.
+
+    `executed` tells that a proposal took effect with this call; `epoch` is the number of the epoch that the block at
+    `height` decides, if it does: the producers and settings of that epoch hold for every block after it.
+    """
+
+    height: int
+    txid: bytes
+    proposal_id: bytes | None
+    executed: bool
+    epoch: int | None
+
+
+def _decision_of(receipt: FinalReceipt) -> Decision:
+    proposed = receipt.event_data("membership", "proposed")
+    epochs = receipt.event_data("producers", "epoch")
+    return Decision(
+        height=receipt.height,
+        txid=receipt.txid,
+        proposal_id=proposed[0]["proposal_id"] if proposed else None,
+        executed=bool(receipt.event_data("membership", "executed")),
+        epoch=epochs[-1]["number"] if epochs else None,
+    )
+
+
+class Governor:
+    """An admin of one organisation. Each call waits until it is final and its receipt is proved."""
+
+    def __init__(self, client: NetworkClient, key: PrivateKey) -> None:
+        self._client = client
+        self._key = key
+
+    async def _call(self, contract: str, entry: str, arguments: list[Any]) -> Decision:
+        """Raises GOVERNANCE_* with the contract's own sentence, or what the network refuses with."""
+        transaction = self._client.transactions.build(self._key, contract, entry, arguments)
+        try:
+            receipt = await self._client.submit_and_wait(transaction)
+        except BlockRobotError as error:
+            if error.code == "SENDER_WITHOUT_STANDING":
+                raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
+            raise
+        if not receipt.ok:
+            sentence = receipt.message.removeprefix("In contract membership: ").removeprefix("In contract producers: ")
+            code = _ERROR_OF.get(receipt.code, "GOVERNANCE_REFUSED")
+            raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)
+        return _decision_of(receipt)
+
+    async def propose_membership(self, kind: str, arguments: dict[str, Any]) -> Decision:
+        """Propose a change of membership (see the reference of the system contracts for kinds and arguments)."""
+        return await self._call("membership", "propose", [kind, arguments])
+
+    async def propose_setting(self, name: str, value: int | str) -> Decision:
+        """Propose a value for a setting."""
+        return await self._call("settings", "propose", [name, value])
+
+    async def approve(self, proposal: ProposalRow) -> Decision:
+        """Stand behind an open proposal."""
+        return await self._call(proposal.contract, "approve", [proposal.id])
+
+    async def withdraw(self, proposal: ProposalRow) -> Decision:
+        """Take back an open proposal of one's own organisation."""
+        return await self._call("membership", "withdraw", [proposal.id])
+
+    async def propose_producer(self, key: bytes) -> Decision:
+        """Make a node's producer key (33 bytes) a candidate, with one's own vote."""
+        return await self._call("producers", "propose", [key])
+
+    async def approve_producer(self, key: bytes) -> Decision:
+        """Vote for a candidate, or for the return of a suspended one."""
+        return await self._call("producers", "approve", [key])
+
+    async def withdraw_producer(self, key: bytes) -> Decision:
+        """Take one's vote for a candidate back."""
+        return await self._call("producers", "withdraw", [key])
+
+    async def remove_producer(self, key: bytes) -> Decision:
+        """Stand for the removal of a producer; for one of one's own organisation that suffices."""
+        return await self._call("producers", "remove", [key])
