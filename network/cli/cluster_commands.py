@@ -53,7 +53,7 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     if is_new:
         # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
         name = f"blockrobot-{secrets.token_hex(4)}"
-        create_network(place, nodes=nodes, base_port=base_port, store=store, network=name)
+        create_network(place, nodes=nodes, base_port=base_port, store=store, network=name, faults=True)
     cluster = Cluster(place)
     cluster.start_all()
     try:

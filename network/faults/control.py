@@ -15,7 +15,7 @@ import aiohttp
 import msgspec
 
 from consensus.errors import CATALOGUE, BlockRobotError
-from network.cluster import Cluster
+from network.cluster import READY_TIMEOUT_S, Cluster
 from network.faults.actions import (
     Action,
     ActionReader,
@@ -36,6 +36,7 @@ from node.interface import WallClock
 from node.p2p.shaping import SOUND, LinkFault
 
 REQUEST_TIMEOUT_S = 2.0
+_POLL_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +163,16 @@ class FaultControl:
         await self._tell(action.source, FaultRequest(links={action.target: fault}, seed=self._seed))
         if action.is_both:
             await self._tell(action.target, FaultRequest(links={action.source: fault}, seed=self._seed))
+
+    async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+        """Wait until a node that was started answers; in a partition it may not be ready. Raises CLUSTER_START_FAILED."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        while not any(row.name == name and row.status is not None for row in await self.cluster.status()):
+            if not self.cluster.is_running(name) or loop.time() > deadline_s:
+                words = self.cluster.last_words(name)
+                raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} does not answer: {words}")
+            await asyncio.sleep(_POLL_S)
 
     # Talking to one node
 
