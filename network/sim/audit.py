@@ -1,0 +1,73 @@
+"""Holds a custodian's store against the chain of its node, at the store's own checkpoint. Must never change either."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from consensus.block import Block, Receipts
+from consensus.primitives.encoding import decode, decode_value
+from network.sim.history import CustodyAudit
+
+if TYPE_CHECKING:
+    from network.sim.node import SimNode
+
+
+def audit_custody(node: SimNode) -> None:
+    """Note a `CustodyAudit` of a custodian; other nodes have nothing to audit."""
+    if node.custody_key is None:
+        return
+    held = node.store.holdings()
+    height = -1 if held.checkpoint is None else held.checkpoint.height
+    recorded: set[bytes] = set()
+    erased: set[bytes] = set()
+    granted: set[bytes] = set()
+    block_id = b""
+    now_ms = 0 if held.checkpoint is None else held.checkpoint.timestamp_ms
+    with node.ledger.snapshot() as snapshot:
+        position = snapshot.position
+        newest = -1 if position is None else position.height
+        for at in range(min(height, newest) + 1):
+            data, receipts = snapshot.block(at), snapshot.receipts(at)
+            if data is None or receipts is None:
+                continue
+            if at == height:
+                block_id = decode(data, Block).block_id
+            for receipt in decode(receipts, Receipts).receipts:
+                for event in receipt.events:
+                    _follow(
+                        f"{event.contract}.{event.name}", decode_value(event.data), now_ms, recorded, erased, granted
+                    )
+    node.cluster.history.add(
+        CustodyAudit(
+            node.cluster.now,
+            node.index,
+            height,
+            b"" if held.checkpoint is None else held.checkpoint.block_id,
+            tuple(sorted(held.confirmed)),
+            tuple(sorted(held.missing)),
+            tuple(sorted(held.erased)),
+            tuple(sorted(held.granted)),
+            block_id,
+            tuple(sorted(recorded)),
+            tuple(sorted(erased)),
+            tuple(sorted(granted)),
+            sum(node.erase_keys.read(slot) is not None for slot in held.slots_of(erased)),
+        )
+    )
+
+
+def _follow(
+    kind: str, data: dict[str, object], now_ms: int, recorded: set[bytes], erased: set[bytes], granted: set[bytes]
+) -> None:
+    """Take one event of the chain into what a custodian must hold."""
+    match kind, data:
+        case "records.recorded", {"record_id": bytes(record_id), "expires_at_ms": int(expires_at_ms)}:
+            recorded.add(record_id)
+            if expires_at_ms <= now_ms:
+                erased.add(record_id)
+        case "access.requested", {"access_id": bytes(access_id)}:
+            granted.add(access_id)
+        case "erasure.requested", {"records": list(records), "frames": []}:
+            erased.update(records)
+        case _:
+            pass

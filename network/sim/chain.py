@@ -1,0 +1,158 @@
+"""The chain that all simulated networks of one size run: keys, genesis and machine, made once in a process.
+
+Must never hold a key that anybody uses: all of them are hashes of their names.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry, Organisation
+from consensus.limits import TIME_BUCKET_MS
+from consensus.possession import prove_possession
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.purposes import PURPOSES
+from consensus.signature_cache import SignatureCache
+from consensus.transaction import Transaction
+from contracts.execution.genesis import complete_genesis
+from contracts.execution.machine import ContractMachine
+from contracts.execution.registry import contract_entries, require_contracts
+from contracts.execution.results import BlockResult
+from contracts.state.view import StateView
+from contracts.vm import LANGUAGE_VERSION
+from node.machine import genesis_block
+from node.storage.ledger_store import FinalizedBlock
+from node.transaction_cache import TransactionCache
+
+EPOCH_MS = 1_800_000_000_000 - 1_800_000_000_000 % TIME_BUCKET_MS
+ORGANISATIONS_COUNT = 2
+SIGNATURES_MAX_COUNT = 65_536
+RESULTS_MAX_COUNT = 512
+_ORGANISATIONS = ("hospital", "university")
+
+
+def make_key(name: str) -> PrivateKey:
+    """Return the key of this name."""
+    return PrivateKey(sha256(b"simulated " + name.encode()))
+
+
+def node_name(index: int) -> str:
+    """Return the name of a node."""
+    return f"node-{index + 1}"
+
+
+def is_custodian(index: int, nodes: int) -> bool:
+    """Tell whether a node keeps off-chain data: the first of each organisation does."""
+    return index < min(ORGANISATIONS_COUNT, nodes)
+
+
+class SharedMachine:
+    """Executes each block once for all nodes of the process. A result depends on nothing but what it is kept under.
+
+    With `shares` False every node executes for itself, as real ones do.
+    """
+
+    def __init__(self, machine: ContractMachine) -> None:
+        self.shares = True
+        self._machine = machine
+        self._results: OrderedDict[tuple[bytes, int, int, tuple[bytes, ...]], BlockResult] = OrderedDict()
+
+    def build(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+    ) -> tuple[BlockResult, list[bytes]]:
+        """Execute what fits into a block; what came of it serves those who verify the block."""
+        result, faulty = self._machine.build(parent, height, time_ms, transactions)
+        txids = tuple(receipt.txid for receipt in result.receipts)
+        if self.shares and len(txids) == len(transactions) and not result.left_out:
+            self._keep((parent.state_root, height, time_ms, txids), result)
+        return result, faulty
+
+    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+        """Execute exactly these transactions, or return what came of it before."""
+        key = (parent.state_root, height, time_ms, tuple(transaction.txid for transaction in transactions))
+        known = self._results.get(key) if self.shares else None
+        if known is not None:
+            return known
+        result = self._machine.verify(parent, height, time_ms, transactions)
+        if self.shares:
+            self._keep(key, result)
+        return result
+
+    def _keep(self, key: tuple[bytes, int, int, tuple[bytes, ...]], result: BlockResult) -> None:
+        self._results[key] = result
+        if len(self._results) > RESULTS_MAX_COUNT:
+            self._results.popitem(last=False)
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What all networks of one size share. Caches answer for bytes they have seen whole, so they change no history."""
+
+    genesis: Genesis
+    first_block: FinalizedBlock
+    producers: tuple[PrivateKey, ...]
+    custodians: tuple[PrivateKey | None, ...]
+    registrar: PrivateKey
+    admins: tuple[PrivateKey, ...]
+    machine: SharedMachine
+    check: SignatureCache
+    transactions: TransactionCache
+
+
+@cache
+def make_chain(nodes: int) -> Chain:
+    """Return the chain of a network of so many nodes, all of them producers."""
+    producers = tuple(make_key(f"producer {index}") for index in range(nodes))
+    custodians = tuple(make_key(f"custodian {index}") if is_custodian(index, nodes) else None for index in range(nodes))
+    organisations = _ORGANISATIONS[: min(ORGANISATIONS_COUNT, nodes)]
+    admins = tuple(make_key(f"admin {name}") for name in organisations)
+    registrar = make_key(f"registrar {organisations[0]}")
+    genesis = complete_genesis(
+        Genesis(
+            version=GENESIS_VERSION,
+            network="simulated",
+            created_at_ms=EPOCH_MS,
+            settings=ChainSettings(),
+            organisations=tuple(
+                Organisation(
+                    name=name,
+                    ca_certificate="",
+                    admins=(admin.public_key,),
+                    registrars=(make_key(f"registrar {name}").public_key,),
+                )
+                for name, admin in zip(organisations, admins, strict=True)
+            ),
+            nodes=tuple(
+                NodeEntry(
+                    name=node_name(index),
+                    organisation=organisations[index % len(organisations)],
+                    host="127.0.0.1",
+                    p2p_port=1000 + 10 * index,
+                    api_url=f"http://127.0.0.1:{1001 + 10 * index}",
+                    producer_key=key.public_key,
+                    producer_possession=prove_possession(key, node_name(index)),
+                    custodian_key=b"" if custodian is None else custodian.public_key,
+                )
+                for index, (key, custodian) in enumerate(zip(producers, custodians, strict=True))
+            ),
+            contracts=contract_entries(),
+            purposes=tuple(PURPOSES),
+            state_root=b"",
+            contract_language=LANGUAGE_VERSION,
+        )
+    )
+    return Chain(
+        genesis=genesis,
+        first_block=genesis_block(genesis),
+        producers=producers,
+        custodians=custodians,
+        registrar=registrar,
+        admins=admins,
+        machine=SharedMachine(ContractMachine(genesis.chain_id, require_contracts(genesis))),
+        check=SignatureCache(SIGNATURES_MAX_COUNT),
+        transactions=TransactionCache(),
+    )

@@ -1,0 +1,38 @@
+"""What must hold in every history. Each checker is one function in one file, from a history to the violations in it.
+
+`CHECKERS` names them. A checker knows only what is in the history, and never what the code under test meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from network.sim.checkers.agreement import check_agreement
+from network.sim.checkers.chain_equals_store import check_chain_equals_store
+from network.sim.checkers.code_faults import check_code_faults
+from network.sim.checkers.durability import check_durability
+from network.sim.checkers.equal_state_roots import check_equal_state_roots
+from network.sim.checkers.erased_means_erased import check_erased_means_erased
+from network.sim.checkers.exactly_once import check_exactly_once
+from network.sim.checkers.liveness import check_liveness
+from network.sim.checkers.no_double_proposal import check_no_double_proposal
+from network.sim.checkers.no_double_vote import check_no_double_vote
+from network.sim.checkers.violation import Violation
+from network.sim.history import History
+
+Checker = Callable[[History], list[Violation]]
+
+CHECKERS: dict[str, Checker] = {
+    "agreement": check_agreement,
+    "durability": check_durability,
+    "no_double_vote": check_no_double_vote,
+    "no_double_proposal": check_no_double_proposal,
+    "equal_state_roots": check_equal_state_roots,
+    "exactly_once": check_exactly_once,
+    "chain_equals_store": check_chain_equals_store,
+    "erased_means_erased": check_erased_means_erased,
+    "liveness": check_liveness,
+    "code_faults": check_code_faults,
+}
+
+__all__ = ["CHECKERS", "Checker", "Violation"]

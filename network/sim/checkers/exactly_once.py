@@ -1,0 +1,43 @@
+"""Every acknowledged transaction is in the chain once, where the client was told, and no transaction is there twice."""
+
+from __future__ import annotations
+
+from network.sim.checkers.violation import Violation
+from network.sim.history import Acknowledged, BlockFinalized, Ended, History
+
+
+def check_exactly_once(history: History) -> list[Violation]:
+    """Walk each node's stored chain; then hold what clients were told against it, and against itself."""
+    found: list[Violation] = []
+    places: dict[int, dict[bytes, int]] = {}
+    told: dict[bytes, tuple[int, bytes]] = {}
+    for item in history.observations:
+        if item.node in history.byzantine:
+            continue
+        if isinstance(item, BlockFinalized) and item.stored:
+            chain = places.setdefault(item.node, {})
+            for txid in item.txids:
+                if chain.setdefault(txid, item.height) != item.height or item.txids.count(txid) > 1:
+                    text = f"transaction {txid.hex()[:8]} is in blocks {chain[txid]} and {item.height}"
+                    found.append(Violation("exactly_once", item.at_ms, item.node, text))
+        elif isinstance(item, Acknowledged):
+            place = (item.height, item.block_id)
+            if told.setdefault(item.txid, place) != place:
+                text = f"transaction {item.txid.hex()[:8]} was said to be in two places"
+                found.append(Violation("exactly_once", item.at_ms, item.node, text))
+    ended = history.of(Ended)
+    if ended and ended[-1].settled:
+        found += _lost(places, told, ended[-1])
+    return found
+
+
+def _lost(places: dict[int, dict[bytes, int]], told: dict[bytes, tuple[int, bytes]], ended: Ended) -> list[Violation]:
+    """Return the acknowledged transactions that some node's chain does not hold where it was said."""
+    return [
+        Violation(
+            "exactly_once", ended.at_ms, node, f"acknowledged transaction {txid.hex()[:8]} is not in block {height}"
+        )
+        for node, chain in places.items()
+        for txid, (height, _) in told.items()
+        if chain.get(txid) != height
+    ]

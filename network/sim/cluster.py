@@ -1,0 +1,287 @@
+"""A whole simulated network on one loop: nodes, links, clients, and the faults of a plan. Must never judge what it sees.
+
+`SimCluster.run` plays a plan to its end and leaves a history for the checkers.
+"""
+
+from __future__ import annotations
+
+import random
+from collections import OrderedDict
+from collections.abc import Callable, Coroutine, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import structlog
+
+from consensus.block import Block, Header
+from consensus.primitives.encoding import decode
+from network.byzantine import Accomplices
+from network.sim.audit import audit_custody
+from network.sim.chain import make_chain, node_name
+from network.sim.clients import SimClient
+from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
+from network.sim.links import LinkQuality, Wires
+from network.sim.loop import Owner, SimLoop
+from network.sim.node import SimNode
+from network.sim.plan import PROFILES, Fault, Plan
+from node.storage.ledger_store import FinalizedBlock
+
+CLIENTS_COUNT = 3
+START_SPREAD_MS = 40.0
+ARMED_MAX_MS = 400
+HEALED_MAX_S = 60.0
+SETTLE_MAX_S = 60.0
+MORE_ROUNDS_MAX_S = 120.0
+DISK_SYNC_MS = 0.05
+STORE_SYNC_MS = 4.0
+HEADERS_KEPT_COUNT = 4_096
+
+_headers: OrderedDict[bytes, Header] = OrderedDict()
+
+
+class SimCluster:
+    """The stage. One object plays one plan once."""
+
+    def __init__(self, plan: Plan, history: History) -> None:
+        self.plan, self.history = plan, history
+        self.chain = make_chain(plan.nodes)
+        self.loop = SimLoop(plan.seed)
+        self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
+        self.accomplices = Accomplices()
+        self.owners: list[Owner] = [self.loop.stage]
+        self._indexes = {node_name(index): index for index in range(plan.nodes)}
+        self.wires = Wires(self.loop, self._own_dice("wires"), self._note_frame)
+        self.wires.quality = LinkQuality(**PROFILES[plan.profile])
+        self.nodes = [SimNode(self, index, self._own_dice(f"node {index}")) for index in range(plan.nodes)]
+        for index, behaviour in plan.byzantine_nodes.items():
+            self.nodes[index].behaviour = behaviour
+        history.byzantine = frozenset(plan.byzantine_nodes)
+        self.clients = [SimClient(self, number, self._own_dice(f"client {number}")) for number in range(CLIENTS_COUNT)]
+        self._partitions: list[tuple[tuple[int, ...], ...]] = []
+        self._one_way: list[tuple[int, int]] = []
+        self._is_healed = False
+
+    def _own_dice(self, name: str) -> random.Random:
+        return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
+
+    # What the parts ask of the stage
+
+    @property
+    def now(self) -> float:
+        """The virtual time, ms."""
+        return round(self.loop.now_ms, 6)
+
+    @property
+    def honest(self) -> list[SimNode]:
+        """The nodes without a behaviour of their own."""
+        return [node for node in self.nodes if not node.behaviour]
+
+    def run_on(self, node: SimNode, work: Callable[[], Coroutine[Any, Any, None]]) -> None:
+        """Begin a task in a node's name."""
+        self.loop.call_for(node.owner, self.loop.time(), lambda: self.loop.create_task(work()))
+
+    def header_of(self, block: FinalizedBlock) -> Header:
+        """Return the header of a stored block, decoded once."""
+        known = _headers.get(block.block_id)
+        if known is None:
+            known = _headers[block.block_id] = decode(block.block_bytes, Block).header
+            if len(_headers) > HEADERS_KEPT_COUNT:
+                _headers.popitem(last=False)
+        return known
+
+    def id_of(self, block_bytes: bytes) -> bytes:
+        """Return the id of a block."""
+        return decode(block_bytes, Block).block_id
+
+    def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
+        self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
+
+    # The run
+
+    def run(self) -> None:
+        """Play the plan to its end."""
+        loop, plan = self.loop, self.plan
+        for node in self.nodes:
+            self._at(self.dice.uniform(0, START_SPREAD_MS), node.start)
+        for client in self.clients:
+            self._at(self.dice.uniform(0, 2 * START_SPREAD_MS), client.start)
+        for fault in plan.faults:
+            self._at(fault.at_ms, lambda fault=fault: self._begin(fault))  # type: ignore[misc]
+        loop.run_until(lambda: False, plan.horizon_ms / 1000)
+        self.heal()
+        goal = max(node.ledger_height for node in self.honest) + 2
+        loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
+        loop.run_until(lambda: self.round >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
+        for client in self.clients:
+            client.is_stopping = True
+        settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)
+        for node in self.honest:
+            node.note_faults()
+            audit_custody(node)
+        heights = tuple(node.ledger_height for node in self.nodes)
+        rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
+        loop.end(self.owners)
+        for text in loop.faults:
+            self.history.add(CodeFault(self.now, -1, text))
+        self.history.add(Ended(self.now, -1, heights, rounds, settled))
+
+    def _at(self, at_ms: float, action: Callable[[], None]) -> None:
+        self.loop.call_for(self.loop.stage, at_ms / 1000, action)
+
+    def _after(self, delay_ms: float, action: Callable[[], None]) -> None:
+        self._at(self.loop.now_ms + delay_ms, action)
+
+    @property
+    def round(self) -> int:
+        """The highest round that an honest node is in."""
+        return max((node.parts.core.round for node in self.honest if node.parts is not None), default=0)
+
+    def _lowest(self) -> int:
+        return min(node.ledger_height for node in self.honest)
+
+    def _is_settled(self) -> bool:
+        """Tell whether nothing is left to do: all asked for is answered, all nodes and custodians have all blocks."""
+        if not all(client.is_idle for client in self.clients):
+            return False
+        heights = {node.ledger_height for node in self.honest}
+        return len(heights) == 1 and all(
+            node.parts is not None
+            and not len(node.parts.mempool)
+            and (node.parts.custody is None or node.parts.custody.checkpoint_height == node.ledger_height)
+            for node in self.honest
+        )
+
+    # Faults
+
+    def _begin(self, fault: Fault) -> None:
+        self.history.add(FaultBegan(self.now, fault.node, str(fault)))
+        node = self.nodes[fault.node] if 0 <= fault.node < len(self.nodes) else None
+        match fault.kind:
+            case "power-cut":
+                for each in self.nodes:
+                    each.crash("power-cut")
+                    self._after(fault.for_ms * self.dice.uniform(0.5, 1.0), each.start)
+            case "partition":
+                self._partitions.append(fault.groups)
+                self._refresh_cuts()
+                self._after(fault.for_ms, lambda: self._end_partition(fault))
+            case "one-way":
+                self._one_way.append((fault.node, fault.peer))
+                self._refresh_cuts()
+                self._after(fault.for_ms, lambda: self._end_one_way(fault))
+            case "links":
+                self.wires.quality = LinkQuality(**PROFILES[fault.profile])
+                self._after(fault.for_ms, self._restore_links)
+            case _ if node is not None:
+                self._begin_at(node, fault)
+
+    def _begin_at(self, node: SimNode, fault: Fault) -> None:
+        """Begin a fault of one node."""
+        match fault.kind:
+            case "crash":
+                back = lambda: self._after(fault.for_ms, node.start)  # noqa: E731
+                life = node.owner
+                node.arm(fault.point, back)
+                self._after(ARMED_MAX_MS, lambda: self._give_up(node, life, back))
+            case "old-disk":
+                image = node.disk.image()
+                self._after(fault.amount, lambda: node.crash("old-disk"))
+                self._after(fault.amount + 1, lambda: node.disk.restore(image))
+                self._after(fault.amount + fault.for_ms, node.start)
+            case "pause":
+                owner = node.owner
+                self.loop.pause(owner)
+                self._after(fault.for_ms, lambda: self.loop.resume(owner))
+            case "skew":
+                node.clock_offset_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node, "clock_offset_ms", 0))
+            case "slow-disk":
+                node.disk.sync_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node.disk, "sync_ms", DISK_SYNC_MS))
+            case "slow-store":
+                node.ledger.sync_max_ms = fault.amount
+                self._after(fault.for_ms, lambda: setattr(node.ledger, "sync_max_ms", STORE_SYNC_MS))
+            case "full-disk":
+                node.disk.is_full = node.ledger.is_full = True
+                self._after(fault.for_ms, lambda: self._free_disk(node))
+
+    def _give_up(self, node: SimNode, life: Owner, back: Callable[[], None]) -> None:
+        """An armed crash that nothing set off happens anyway."""
+        if node.owner is life and node.is_up:
+            node.crash("crash")
+            back()
+
+    def _free_disk(self, node: SimNode) -> None:
+        """There is room again; a node that could not write is started anew by its operator."""
+        node.disk.is_full = node.ledger.is_full = False
+        if node.parts is not None and not node.parts.engine.is_signing:
+            node.crash("operator")
+        if not node.is_up and not self._is_healed:
+            self._after(1, node.start)
+
+    def _end_partition(self, fault: Fault) -> None:
+        if fault.groups in self._partitions:
+            self._partitions.remove(fault.groups)
+            self._refresh_cuts()
+            self.wires.reconnect_all()
+
+    def _end_one_way(self, fault: Fault) -> None:
+        if (fault.node, fault.peer) in self._one_way:
+            self._one_way.remove((fault.node, fault.peer))
+            self._refresh_cuts()
+            self.wires.break_connection(node_name(fault.node), node_name(fault.peer))
+
+    def _restore_links(self) -> None:
+        if not self._is_healed:
+            self.wires.quality = LinkQuality(**PROFILES[self.plan.profile])
+
+    def _refresh_cuts(self) -> None:
+        names = [node.name for node in self.nodes]
+        cut = {(names[first], names[second]) for first, second in self._one_way}
+        for groups in self._partitions:
+            side = {index: number for number, group in enumerate(groups) for index in group}
+            cut |= {
+                (names[first], names[second])
+                for first in range(len(names))
+                for second in range(len(names))
+                if side.get(first, -1) != side.get(second, -1)
+            }
+        self.wires.cut = cut
+
+    def heal(self) -> None:
+        """End every fault: links are good, disks have room, every honest node runs and can write."""
+        self._is_healed = True
+        self._partitions, self._one_way = [], []
+        self._refresh_cuts()
+        self.wires.quality = LinkQuality(**PROFILES["lan"])
+        for node in self.nodes:
+            node.disarm()
+            node.disk.is_full = node.ledger.is_full = False
+            node.disk.sync_ms, node.ledger.sync_max_ms = DISK_SYNC_MS, STORE_SYNC_MS
+            node.clock_offset_ms = 0
+            if node.is_up:
+                self.loop.resume(node.owner)
+            node.note_faults()
+            if node.parts is not None and not node.parts.engine.is_signing:
+                node.crash("operator")
+            node.start()
+        self.wires.reconnect_all()
+        height = max(node.handed_height for node in self.honest)
+        indexes = tuple(node.index for node in self.honest)
+        epoch = max((node.parts.core.epoch for node in self.honest if node.parts is not None), default=0)
+        self.history.add(Healed(self.now, -1, height, epoch, self.round, indexes))
+
+
+@contextmanager
+def quiet_logs() -> Iterator[None]:
+    """Let the nodes' logs go nowhere for a while: a run makes thousands of lines."""
+    before = structlog.get_config()
+    structlog.configure(processors=[_drop])
+    try:
+        yield
+    finally:
+        structlog.configure(**before)
+
+
+def _drop(_logger: Any, _method: str, _event: Any) -> Any:
+    raise structlog.DropEvent

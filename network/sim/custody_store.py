@@ -1,0 +1,290 @@
+"""A custodian's store and erase keys in memory, for the simulator. Must never differ from the real ones but in durability.
+
+Both outlive the lives of their node. A write is one step, at once or after a short while (`pause`): a power cut in
+between loses it whole, as it loses a transaction that was not committed.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from types import TracebackType
+from typing import Self
+
+from node.offchain.erase_keys import ERASE_KEY_BYTES
+from node.offchain.store import (
+    BlockEffects,
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    OutboxRow,
+    OutboxStatus,
+    RecordFacts,
+)
+
+Pause = Callable[[], Awaitable[None]]
+
+
+async def no_pause() -> None:
+    """Write at once."""
+
+
+class MemoryCustodyStore:
+    """See `node.offchain.store.CustodyStore`. `pause` is awaited before each write."""
+
+    def __init__(self, pause: Pause = no_pause) -> None:
+        self._pause = pause
+        self._clips: dict[bytes, ClipRow] = {}
+        self._frames: dict[bytes, dict[int, FrameRow]] = {}
+        self._missing: dict[bytes, RecordFacts] = {}
+        self._grants: dict[bytes, Grant] = {}
+        self._outbox: dict[tuple[str, bytes, int], OutboxRow] = {}
+        self._backgrounds: dict[bytes, bytes] = {}
+        self._checkpoint: Checkpoint | None = None
+
+    async def __aenter__(self) -> Self:
+        """There is nothing to open."""
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """There is nothing to close."""
+
+    async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.stage`."""
+        await self._pause()
+        self._clips[clip.record_id] = clip
+        self._frames[clip.record_id] = {frame.index: frame for frame in frames}
+
+    async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
+        """See `CustodyStore.extend_staged`."""
+        await self._pause()
+        clip = self._clips.get(record_id)
+        if clip is not None and clip.status == "staged":
+            self._clips[record_id] = replace(clip, txid=txid, valid_until_ms=valid_until_ms)
+
+    async def apply(self, effects: BlockEffects) -> None:
+        """See `CustodyStore.apply`; here it is one step."""
+        await self._pause()
+        for row in effects.outbox:
+            self._outbox.setdefault(row.key, row)
+        for facts in effects.confirmed:
+            clip = self._clips.get(facts.record_id)
+            if clip is not None and clip.status == "staged":
+                self._clips[facts.record_id] = replace(
+                    clip,
+                    status="confirmed",
+                    txid=facts.txid,
+                    owner=facts.owner,
+                    expires_at_ms=facts.expires_at_ms,
+                    height=facts.height,
+                )
+            self._missing.pop(facts.record_id, None)
+        self._missing.update({facts.record_id: facts for facts in effects.missing})
+        self._grants.update({grant.access_id: grant for grant in effects.grants})
+        for key in effects.settled:
+            self._outbox.pop(key, None)
+        if effects.checkpoint is not None:
+            self._checkpoint = point = effects.checkpoint
+            for facts in [facts for facts in self._missing.values() if facts.expires_at_ms <= point.timestamp_ms]:
+                del self._missing[facts.record_id]
+
+    async def checkpoint(self) -> Checkpoint | None:
+        """See `CustodyStore.checkpoint`."""
+        return self._checkpoint
+
+    async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
+        """See `CustodyStore.clips`."""
+        return {record_id: self._clips[record_id] for record_id in record_ids if record_id in self._clips}
+
+    async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
+        """See `CustodyStore.clips_of_owner`."""
+        found = [clip for clip in self._clips.values() if clip.owner == owner and clip.status == "confirmed"]
+        return sorted(found, key=lambda clip: clip.record_id)
+
+    async def frames(self, record_id: bytes) -> list[FrameRow]:
+        """See `CustodyStore.frames`."""
+        return [frame for _, frame in sorted(self._frames.get(record_id, {}).items())]
+
+    async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
+        """See `CustodyStore.frame_places`."""
+        return [
+            FramePlace(record_id, index, frame.slot)
+            for record_id in sorted(record_ids)
+            for index, frame in sorted(self._frames.get(record_id, {}).items())
+        ]
+
+    async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
+        """See `CustodyStore.erase_frames`."""
+        await self._pause()
+        for index in indexes:
+            self._frames.get(record_id, {}).pop(index, None)
+
+    async def erase_clip(self, record_id: bytes) -> None:
+        """See `CustodyStore.erase_clip`."""
+        await self._pause()
+        self._frames.pop(record_id, None)
+        self._missing.pop(record_id, None)
+        self._clips[record_id] = ClipRow(record_id, b"", 0, "erased", (), ())
+
+    async def drop_staged(self, record_id: bytes) -> None:
+        """See `CustodyStore.drop_staged`."""
+        await self._pause()
+        clip = self._clips.get(record_id)
+        if clip is not None and clip.status == "staged":
+            del self._clips[record_id]
+            self._frames.pop(record_id, None)
+
+    async def sweep(self) -> None:
+        """There is no file that could hold deleted rows."""
+
+    async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.lapsed`."""
+        due = [clip for clip in self._clips.values() if clip.status == "staged" and clip.valid_until_ms <= at_ms]
+        return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.valid_until_ms, clip.record_id))][:limit]
+
+    async def expired(self, at_ms: int, limit: int) -> list[bytes]:
+        """See `CustodyStore.expired`."""
+        due = [clip for clip in self._clips.values() if clip.status == "confirmed" and clip.expires_at_ms <= at_ms]
+        return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.expires_at_ms, clip.record_id))][:limit]
+
+    async def missing(self, limit: int) -> list[RecordFacts]:
+        """See `CustodyStore.missing`."""
+        return sorted(self._missing.values(), key=lambda facts: (-facts.height, facts.record_id))[:limit]
+
+    async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
+        """See `CustodyStore.missing_clip`."""
+        return self._missing.get(record_id)
+
+    async def grant(self, access_id: bytes) -> Grant | None:
+        """See `CustodyStore.grant`."""
+        return self._grants.get(access_id)
+
+    async def grants_of_owner(self, owner: bytes) -> list[Grant]:
+        """See `CustodyStore.grants_of_owner`."""
+        found = [grant for grant in self._grants.values() if grant.owner == owner]
+        return sorted(found, key=lambda grant: grant.access_id)
+
+    async def put_background(self, digest: bytes, content: bytes) -> None:
+        """See `CustodyStore.put_background`."""
+        await self._pause()
+        self._backgrounds[digest] = content
+
+    async def background(self, digest: bytes) -> bytes | None:
+        """See `CustodyStore.background`."""
+        return self._backgrounds.get(digest)
+
+    async def add_outbox(self, row: OutboxRow) -> None:
+        """See `ReceiptOutbox.add_outbox`."""
+        await self._pause()
+        self._outbox.setdefault(row.key, row)
+
+    async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.mark_outbox_ready`."""
+        await self._pause()
+        if key in self._outbox:
+            self._outbox[key] = replace(self._outbox[key], status="ready", plan=b"")
+
+    async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
+        """See `ReceiptOutbox.remove_outbox`."""
+        await self._pause()
+        self._outbox.pop(key, None)
+
+    async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox`."""
+        rows = [row for row in self._outbox.values() if row.status == status]
+        return sorted(rows, key=lambda row: (row.height, *row.key))[:limit]
+
+    async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
+        """See `ReceiptOutbox.outbox_of`."""
+        rows = [row for row in self._outbox.values() if (row.kind, row.subject) == (kind, subject)]
+        return sorted(rows, key=lambda row: row.part)
+
+    def holdings(self) -> Holdings:
+        """Return what the store holds now, for an audit."""
+        by_status: dict[str, list[bytes]] = {"staged": [], "confirmed": [], "erased": []}
+        for record_id, clip in self._clips.items():
+            by_status[clip.status].append(record_id)
+        slots = {record_id: [frame.slot for frame in frames.values()] for record_id, frames in self._frames.items()}
+        return Holdings(
+            self._checkpoint,
+            by_status["confirmed"],
+            list(self._missing),
+            by_status["erased"],
+            list(self._grants),
+            slots,
+        )
+
+    async def all_clips(self) -> AsyncIterator[ClipRow]:
+        """See `CustodyStore.all_clips`."""
+        for _, clip in sorted(self._clips.items()):
+            yield clip
+
+    async def slots_in_use(self) -> AsyncIterator[int]:
+        """See `CustodyStore.slots_in_use`."""
+        for slot in sorted(frame.slot for frames in self._frames.values() for frame in frames.values()):
+            yield slot
+
+
+@dataclass(frozen=True, slots=True)
+class Holdings:
+    """What a store holds at one moment: record ids and access ids, and the slots of each record's frames."""
+
+    checkpoint: Checkpoint | None
+    confirmed: list[bytes]
+    missing: list[bytes]
+    erased: list[bytes]
+    granted: list[bytes]
+    slots: dict[bytes, list[int]]
+
+    def slots_of(self, record_ids: Iterable[bytes]) -> list[int]:
+        """Return the slots that frames of these records still name."""
+        return [slot for record_id in sorted(record_ids) for slot in self.slots.get(record_id, [])]
+
+
+class MemoryEraseKeys:
+    """See `node.offchain.erase_keys.ErasableKeys`. Keys come from the dice: no secret of anybody depends on them."""
+
+    def __init__(self, dice: random.Random) -> None:
+        self._dice = dice
+        self._keys: dict[int, bytes] = {}
+        self._destroyed: set[int] = set()
+        self._next_slot = 0
+
+    def allocate(self, count: int) -> list[tuple[int, bytes]]:
+        """Return new slots with keys; a slot is never given out again."""
+        taken = [(self._next_slot + offset, self._dice.randbytes(ERASE_KEY_BYTES)) for offset in range(count)]
+        self._next_slot += count
+        self._keys.update(taken)
+        return taken
+
+    def read(self, slot: int) -> bytes | None:
+        """Return the key in a slot, or None."""
+        return self._keys.get(slot)
+
+    def destroy(self, slots: Sequence[int]) -> None:
+        """Destroy keys for good."""
+        for slot in slots:
+            if self._keys.pop(slot, None) is not None:
+                self._destroyed.add(slot)
+
+    def release(self, slots: Sequence[int]) -> None:
+        """Forget destroyed slots."""
+        self._destroyed.difference_update(slots)
+
+    def reconcile(self, in_use: Iterable[int]) -> int:
+        """Destroy what nothing refers to; return how many."""
+        kept = set(in_use)
+        orphans = sorted(slot for slot in (*self._keys, *self._destroyed) if slot not in kept)
+        self.destroy(orphans)
+        self.release(orphans)
+        return len(orphans)
+
+    @property
+    def held(self) -> list[int]:
+        """The slots that hold a key, sorted."""
+        return sorted(self._keys)

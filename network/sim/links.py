@@ -1,0 +1,252 @@
+"""The links between simulated nodes and what goes wrong on them. Must never change a payload, nor deliver to the dead.
+
+`Wires` holds the state of all links and carries frames; a `SimNetwork` is one node's end of them, as the assembly
+knows it. A connection is a fact between two lives: it ends when one of them does, and is made anew by a greeting.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from consensus.errors import BlockRobotError
+from network.sim.loop import Owner, SimLoop
+from node.p2p.network import REQUEST_TIMEOUT_MS, PeerHandler
+from node.p2p.wire import FrameKind, RequestKind, encode_frame
+
+REDIAL_MS = 50.0
+ANSWER_REFUSED = None
+
+
+@dataclass(slots=True)
+class LinkQuality:
+    """How frames travel: delays in ms, and the shares (0 to 1) that are lost, doubled, or held back for long."""
+
+    delay_min_ms: float = 0.5
+    delay_max_ms: float = 5.0
+    loss: float = 0.0
+    duplicates: float = 0.0
+    stragglers: float = 0.0
+    straggler_ms: float = 300.0
+
+
+GOOD = LinkQuality()
+
+
+class Wires:
+    """All links of a network. `on_frame(sender, receiver, kind, payload, at_ms)` is told of each arrival."""
+
+    def __init__(self, loop: SimLoop, dice: random.Random, on_frame: Callable[[str, str, int, bytes], None]) -> None:
+        self.loop = loop
+        self.dice = dice
+        self.quality = GOOD
+        self.cut: set[tuple[str, str]] = set()
+        self.ends: dict[str, SimNetwork] = {}
+        self.frames_count = 0
+        self._on_frame = on_frame
+
+    def transmit(self, sender: str, receiver: str, deliver: Callable[[], None]) -> None:
+        """Let something travel; it is lost, doubled or late as the links are. Runs in the receiver's name."""
+        if (sender, receiver) in self.cut:
+            return
+        quality, dice = self.quality, self.dice
+        copies = 1
+        if quality.loss and dice.random() < quality.loss:
+            copies = 0
+        elif quality.duplicates and dice.random() < quality.duplicates:
+            copies = 2
+        for _ in range(copies):
+            delay_ms = dice.uniform(quality.delay_min_ms, quality.delay_max_ms)
+            if quality.stragglers and dice.random() < quality.stragglers:
+                delay_ms += dice.uniform(0, quality.straggler_ms)
+            self.loop.call_for(self.loop.stage, self.loop.time() + delay_ms / 1000, deliver)
+
+    def carry(self, source: SimNetwork, target_name: str, kind: FrameKind, payload: bytes) -> None:
+        """Carry a frame to a peer, if the connection that it was sent on still stands when it comes."""
+        life = source.lives.get(target_name)
+        if life is None:
+            return
+        self.frames_count += 1
+
+        def deliver() -> None:
+            target = self.ends.get(target_name)
+            if target is None or target.owner is not life or not life.alive:
+                return
+            if target.lives.get(source.name) is not source.owner:
+                return
+            self._on_frame(source.name, target_name, kind, payload)
+            self.loop.call_for(life, self.loop.time(), target.receive, source.name, kind, payload)
+
+        self.transmit(source.name, target_name, deliver)
+
+    # Connections
+
+    def attach(self, end: SimNetwork) -> None:
+        """A node came up: it and every other node that is up greet each other soon."""
+        self.ends[end.name] = end
+        for name in list(self.ends):
+            if name != end.name:
+                self._dial(end.name, name)
+
+    def detach(self, name: str) -> None:
+        """A node went down: its peers notice soon."""
+        gone = self.ends.pop(name, None)
+        if gone is None:
+            return
+        for peer in list(self.ends.values()):
+            if peer.lives.get(name) is gone.owner:
+                delay_ms = self.dice.uniform(0.5, 20)
+                self.loop.call_for(peer.owner, self.loop.time() + delay_ms / 1000, peer.lose, name, gone.owner)
+
+    def reconnect_all(self) -> None:
+        """End every connection and dial anew, as after broken links: both ends greet each other again."""
+        names = sorted(self.ends)
+        for number, first in enumerate(names):
+            for second in names[number + 1 :]:
+                self.break_connection(first, second)
+
+    def break_connection(self, first: str, second: str) -> None:
+        """End one connection on both sides; it is dialled again."""
+        for name, peer in ((first, second), (second, first)):
+            end = self.ends.get(name)
+            if end is not None and peer in end.lives:
+                self.loop.call_for(end.owner, self.loop.time(), end.lose, peer, end.lives[peer])
+        self._dial(first, second)
+
+    def _dial(self, first: str, second: str) -> None:
+        delay_ms = REDIAL_MS * self.dice.uniform(0.5, 1.0)
+        self.loop.call_for(self.loop.stage, self.loop.time() + delay_ms / 1000, self._greet, first, second)
+
+    def _greet(self, first: str, second: str) -> None:
+        """Both ends learn of each other at once, unless the link is cut: then dialling goes on."""
+        one, other = self.ends.get(first), self.ends.get(second)
+        if one is None or other is None or one.lives.get(second) is other.owner:
+            return
+        if (first, second) in self.cut or (second, first) in self.cut:
+            self._dial(first, second)
+            return
+        for end, peer in ((one, other), (other, one)):
+            end.lives[peer.name] = peer.owner
+            height = peer.handler.finalized_height()
+            self.loop.call_for(end.owner, self.loop.time(), end.greet, peer.name, peer.owner, height)
+
+
+class SimNetwork:
+    """One node's links, for one life of it (see `node.peers.Network`)."""
+
+    def __init__(self, wires: Wires, owner: Owner, name: str, handler: PeerHandler) -> None:
+        self.wires = wires
+        self.owner = owner
+        self.name = name
+        self.handler = handler
+        self.lives: dict[str, Owner] = {}
+        self.before_send: Callable[[], None] = _nothing
+        self._greeted: set[str] = set()
+        self._requests: dict[int, asyncio.Future[bytes]] = {}
+        self._next_request = 0
+
+    @property
+    def connected(self) -> list[str]:
+        """The names of the connected peers, sorted."""
+        return sorted(self._greeted)
+
+    async def start(self) -> None:
+        """Let peers come, and go to them."""
+        self.wires.attach(self)
+
+    async def stop(self) -> None:
+        """Let go of all links."""
+        self.wires.detach(self.name)
+
+    def broadcast(self, kind: FrameKind, payload: bytes) -> None:
+        """Send one payload to all connected peers."""
+        for peer in sorted(self._greeted):
+            self.send(peer, kind, payload)
+
+    def send(self, peer: str, kind: FrameKind, payload: bytes) -> bool:
+        """Send to one peer; tell whether it is connected."""
+        if peer not in self._greeted or not self.owner.alive:
+            return False
+        encode_frame(kind, payload)  # the size limit of the kind holds here too
+        self.before_send()
+        self.wires.carry(self, peer, kind, payload)
+        return True
+
+    async def request(self, peer: str, kind: RequestKind, body: bytes, timeout_ms: int = REQUEST_TIMEOUT_MS) -> bytes:
+        """Ask one peer. Raises PEER_UNAVAILABLE if it is not there, refuses or does not answer in time."""
+        if peer not in self._greeted:
+            raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} is not connected.")
+        self._next_request = number = self._next_request + 1
+        future: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        self._requests[number] = future
+        life, wires = self.lives.get(peer), self.wires
+
+        def ask() -> None:
+            target = wires.ends.get(peer)
+            if target is not None and target.owner is life and life is not None:
+                wires.loop.call_for(life, wires.loop.time(), target.serve, self, number, kind, body)
+
+        wires.transmit(self.name, peer, ask)
+        try:
+            async with asyncio.timeout(timeout_ms / 1000):
+                return await future
+        except TimeoutError:
+            raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} did not answer in time.") from None
+        finally:
+            self._requests.pop(number, None)
+
+    # What the wires bring
+
+    def greet(self, peer: str, life: Owner, height: int) -> None:
+        """A peer is connected."""
+        if self.lives.get(peer) is life:
+            self._greeted.add(peer)
+            self.handler.peer_connected(peer, height)
+
+    def lose(self, peer: str, life: Owner) -> None:
+        """A peer is gone, unless it is here again in another life."""
+        if self.lives.get(peer) is life:
+            del self.lives[peer]
+            if peer in self._greeted:
+                self._greeted.discard(peer)
+                self.handler.peer_disconnected(peer)
+
+    def receive(self, peer: str, kind: FrameKind, payload: bytes) -> None:
+        """Hand a frame to the node; a malformed one ends the connection."""
+        if peer not in self._greeted:
+            return
+        try:
+            self.handler.peer_frame(peer, kind, payload)
+        except BlockRobotError:
+            self.wires.break_connection(self.name, peer)
+
+    def serve(self, source: SimNetwork, number: int, kind: RequestKind, body: bytes) -> None:
+        """Answer a peer's request in a task of this node."""
+
+        async def answer() -> None:
+            try:
+                data: bytes | None = await self.handler.peer_request(source.name, kind, body)
+            except BlockRobotError:
+                data = ANSWER_REFUSED
+            self.wires.transmit(self.name, source.name, lambda: self._return(source, number, data))
+
+        self.wires.loop.create_task(answer())
+
+    def _return(self, source: SimNetwork, number: int, data: bytes | None) -> None:
+        self.wires.loop.call_for(source.owner, self.wires.loop.time(), source.take_answer, number, data)
+
+    def take_answer(self, number: int, data: bytes | None) -> None:
+        """An answer came, perhaps twice or too late."""
+        future = self._requests.get(number)
+        if future is None or future.done():
+            return
+        if data is ANSWER_REFUSED:
+            future.set_exception(BlockRobotError("PEER_UNAVAILABLE", "The peer refused."))
+        else:
+            future.set_result(data)
+
+
+def _nothing() -> None:
+    """Do nothing: no power cut is armed."""

@@ -1,0 +1,177 @@
+"""What goes wrong in a simulated run, and when: a list of faults that can be read, written, cut down and replayed.
+
+`make_plan` draws one from a seed; TOML is its printed form. Must never depend on anything but its arguments.
+"""
+
+from __future__ import annotations
+
+import random
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+
+PLAN_MS_PER_ROUND = 22
+CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
+PROFILES: dict[str, dict[str, float]] = {
+    "lan": {"delay_min_ms": 1, "delay_max_ms": 14},
+    "wifi": {"delay_min_ms": 2, "delay_max_ms": 40, "loss": 0.01, "stragglers": 0.02},
+    "wan": {"delay_min_ms": 20, "delay_max_ms": 90},
+    "lossy": {"delay_min_ms": 2, "delay_max_ms": 60, "loss": 0.15, "duplicates": 0.1, "stragglers": 0.05},
+    "storm": {"delay_min_ms": 1, "delay_max_ms": 600, "loss": 0.05, "duplicates": 0.2, "stragglers": 0.2},
+}
+
+FaultKind = Literal[
+    "crash",
+    "power-cut",
+    "partition",
+    "one-way",
+    "links",
+    "pause",
+    "skew",
+    "slow-disk",
+    "full-disk",
+    "slow-store",
+    "old-disk",
+]
+
+
+class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
+    """One fault: `at_ms` after the start, for `for_ms`. Which other fields count depends on the kind.
+
+    crash: `node` dies at `point` and is back after `for_ms`. power-cut: all die at once. partition: `groups` are apart.
+    one-way: `node` is not heard by `peer`. links: `profile`. pause, skew (`amount` ms), slow-disk (`amount` ms a
+    sync), full-disk, slow-store (`amount` ms a commit): of `node`. old-disk: `node` dies and comes back with the
+    journal of a backup taken `amount` ms before.
+    """
+
+    kind: FaultKind
+    at_ms: int
+    for_ms: int
+    node: int = -1
+    peer: int = -1
+    point: str = "now"
+    groups: tuple[tuple[int, ...], ...] = ()
+    profile: str = ""
+    amount: int = 0
+
+    def __str__(self) -> str:
+        shown = msgspec.to_builtins(self)
+        rest = ", ".join(f"{name} {value}" for name, value in shown.items() if name not in {"kind", "at_ms", "for_ms"})
+        return f"{self.at_ms} ms: {self.kind} for {self.for_ms} ms" + (f" ({rest})" if rest else "")
+
+
+class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A run: its seed (of delays and clients), size, and faults. `byzantine` maps a node's index to its behaviour.
+
+    `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
+    """
+
+    seed: int
+    nodes: int = 4
+    rounds: int = 200
+    profile: str = "lan"
+    byzantine: dict[str, str] = {}
+    faults: tuple[Fault, ...] = ()
+
+    @property
+    def horizon_ms(self) -> int:
+        """When all faults are over."""
+        return max([self.rounds * PLAN_MS_PER_ROUND, *(fault.at_ms + fault.for_ms for fault in self.faults)])
+
+    @property
+    def byzantine_nodes(self) -> dict[int, str]:
+        """The faulty nodes' indexes and behaviours."""
+        return {int(index): behaviour for index, behaviour in self.byzantine.items()}
+
+
+def make_plan(
+    seed: int, *, nodes: int = 4, rounds: int = 200, byzantine: int = 0, behaviours: tuple[str, ...] = ()
+) -> Plan:
+    """Draw a plan: one to a dozen faults over the first rounds, `byzantine` nodes misbehaving throughout."""
+    dice = random.Random(f"plan {seed} {nodes} {rounds} {byzantine}")  # noqa: S311 - a simulation's dice
+    span_ms = rounds * PLAN_MS_PER_ROUND
+    kinds: list[FaultKind] = dice.choices(
+        [
+            "crash",
+            "power-cut",
+            "partition",
+            "one-way",
+            "links",
+            "pause",
+            "skew",
+            "slow-disk",
+            "full-disk",
+            "slow-store",
+        ],
+        weights=[30, 6, 14, 8, 14, 6, 4, 6, 4, 8],
+        k=dice.randint(1, 12),
+    )
+    faults = [_draw(dice, kind, nodes, span_ms) for kind in kinds]
+    chosen = dice.sample(range(nodes), byzantine) if behaviours else []
+    return Plan(
+        seed=seed,
+        nodes=nodes,
+        rounds=rounds,
+        profile=dice.choice(("lan", "lan", "lan", "wifi")),
+        byzantine={str(index): dice.choice(behaviours) for index in sorted(chosen)},
+        faults=tuple(sorted(faults, key=lambda fault: (fault.at_ms, str(fault)))),
+    )
+
+
+def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fault:
+    at_ms = dice.randint(0, max(1, span_ms * 8 // 10))
+    for_ms = round(span_ms * dice.uniform(0.01, 0.3))
+    node = dice.randrange(nodes)
+    fields: dict[str, Any] = {}
+    match kind:
+        case "crash":
+            fields = {"node": node, "point": dice.choice(CRASH_POINTS)}
+            for_ms = min(for_ms, dice.choice((20, 100, 400, 2_000)))
+        case "power-cut":
+            for_ms = min(for_ms, dice.choice((20, 200, 1_000)))
+        case "partition":
+            order = dice.sample(range(nodes), nodes)
+            cut = dice.randint(1, nodes - 1) if nodes > 1 else 1
+            fields = {"groups": tuple(tuple(sorted(part)) for part in (order[:cut], order[cut:]) if part)}
+        case "one-way":
+            fields = {"node": node, "peer": (node + dice.randint(1, max(1, nodes - 1))) % nodes}
+        case "links":
+            fields = {"profile": dice.choice(("wifi", "wan", "lossy", "storm"))}
+        case "skew":
+            fields = {"node": node, "amount": dice.choice((-3_600_000, -1_500, -200, 200, 1_500, 3_600_000))}
+        case "slow-disk":
+            fields = {"node": node, "amount": dice.choice((2, 10, 80))}
+        case "slow-store":
+            fields = {"node": node, "amount": dice.choice((50, 300, 1_500))}
+        case _:
+            fields = {"node": node}
+    return Fault(kind=kind, at_ms=at_ms, for_ms=max(1, for_ms), **fields)
+
+
+def plan_to_toml(plan: Plan) -> str:
+    """Return the printed form of a plan."""
+    lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
+    if plan.byzantine:
+        lines += ["", "[byzantine]", *(f'{index} = "{behaviour}"' for index, behaviour in plan.byzantine.items())]
+    for fault in plan.faults:
+        lines += ["", "[[faults]]"]
+        for name, value in msgspec.to_builtins(fault).items():
+            shown = (
+                f'"{value}"'
+                if isinstance(value, str)
+                else str([list(part) for part in value] if name == "groups" else value)
+            )
+            lines.append(f"{name} = {shown}")
+    return "\n".join(lines) + "\n"
+
+
+def load_plan(path: Path) -> Plan:
+    """Read a plan. Raises CONFIGURATION_INVALID with what is wrong."""
+    try:
+        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), Plan)
+    except (OSError, ValueError, msgspec.ValidationError) as error:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} cannot be read: {error}.") from None

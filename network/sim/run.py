@@ -1,0 +1,82 @@
+"""Plays one plan and judges its history: the unit of the simulator. Must never let one run see anything of another."""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import msgspec
+
+from network.sim.checkers import CHECKERS, Violation
+from network.sim.cluster import SimCluster, quiet_logs
+from network.sim.history import Ended, History, Observation
+from network.sim.plan import Plan
+
+Mutation = Callable[[SimCluster], None]
+
+
+class RunResult(msgspec.Struct, frozen=True):
+    """What came of a run: `trace` is the hash of its history; times are CPU seconds."""
+
+    seed: int
+    trace: str
+    violations: tuple[Violation, ...]
+    rounds: int
+    height: int
+    frames: int
+    acknowledged: int
+    virtual_ms: float
+    cpu_s: float
+
+    @property
+    def ok(self) -> bool:
+        """Tell whether no checker found anything."""
+        return not self.violations
+
+
+def run_seed(
+    plan: Plan, *, mutate: Mutation | None = None, listener: Callable[[Observation], None] | None = None
+) -> RunResult:
+    """Play a plan and check it. `mutate` may change the cluster before it starts; `listener` sees observations."""
+    return run_with_history(plan, mutate=mutate, listener=listener)[0]
+
+
+def run_with_history(
+    plan: Plan, *, mutate: Mutation | None = None, listener: Callable[[Observation], None] | None = None
+) -> tuple[RunResult, History]:
+    """Play a plan and check it; return the history too."""
+    started_s = time.process_time()
+    history = History(listener)
+    with quiet_logs(), _no_collection():
+        cluster = SimCluster(plan, history)
+        if mutate is not None:
+            mutate(cluster)
+        cluster.run()
+    violations = tuple(violation for check in CHECKERS.values() for violation in check(history))
+    ended = history.of(Ended)[-1]
+    result = RunResult(
+        seed=plan.seed,
+        trace=history.trace_hash,
+        violations=violations,
+        rounds=max(ended.rounds),
+        height=max(ended.heights),
+        frames=cluster.wires.frames_count,
+        acknowledged=sum(client.acknowledged_count for client in cluster.clients),
+        virtual_ms=ended.at_ms,
+        cpu_s=time.process_time() - started_s,
+    )
+    return result, history
+
+
+@contextmanager
+def _no_collection() -> Iterator[None]:
+    """Collect garbage between runs only: when an object dies must not depend on what ran before."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

@@ -1,0 +1,120 @@
+"""What simulated clients ask of the network: signed once in a process and used again for every seed.
+
+A client's work is a list of batches: the calls of one are made together, the next when all of them are final. Robots
+register, open visits, record clips; owners ask for access and erasure. Must never depend on a seed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from consensus.limits import SEALED_METADATA_BYTES
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.clips import ClipUpload
+from consensus.records.commitments import ciphertext_leaves, ciphertext_root, commitment_root
+from consensus.records.envelopes import SEALED_KEY_BYTES
+from consensus.records.vouchers import issue_card, sign_card
+from consensus.transaction import Transaction, sign_transaction
+from network.sim.chain import EPOCH_MS, Chain, make_chain, make_key
+
+VALID_UNTIL_MS = EPOCH_MS + 9 * 60_000
+KEPT_LONG_MS = EPOCH_MS + 24 * 3600 * 1000
+RECORDS_A_VISIT = 3
+FRAMES_COUNT = 2
+PURPOSE = "demo"
+
+
+@dataclass(frozen=True)
+class Call:
+    """One call: its transaction, and the clip that goes to the custodians with it."""
+
+    transaction: Transaction
+    upload: ClipUpload | None = None
+
+
+def _material(size: int, *parts: Any) -> bytes:
+    """Return that many bytes that depend on the parts alone."""
+    seed = " ".join(map(str, parts)).encode()
+    return b"".join(sha256(seed + bytes([number])) for number in range(-(-size // 32)))[:size]
+
+
+def _sign(chain: Chain, key: PrivateKey, contract: str, entry: str, arguments: list[Any], *salt: Any) -> Transaction:
+    return sign_transaction(
+        key,
+        chain_id=chain.genesis.chain_id,
+        contract=contract,
+        entry=entry,
+        arguments=arguments,
+        valid_until_ms=VALID_UNTIL_MS,
+        salt=_material(8, contract, entry, *salt),
+    )
+
+
+@cache
+def enrolment(nodes: int, client: int) -> Call:
+    """Return the registration of a client's robot."""
+    chain, robot = make_chain(nodes), make_key(f"robot {client}")
+    card = issue_card(
+        chain.registrar,
+        chain_id=chain.genesis.chain_id,
+        handle=_material(32, "handle", client),
+        card_secret=_material(32, "card", client),
+        role="robot",
+        not_after_ms=KEPT_LONG_MS,
+    )
+    keys = {"member": robot.public_key, "spend": robot.public_key, "view": robot.public_key}
+    sealing = _material(32, "sealing", client)
+    signature = sign_card(card, chain_id=chain.genesis.chain_id, sealing=sealing, **keys)
+    arguments = [card.handle, card.card_public, card.role, card.not_after_ms, card.voucher_signature]
+    arguments += [robot.public_key, robot.public_key, sealing, signature, [PURPOSE]]
+    return Call(_sign(chain, robot, "identity", "register", arguments, client))
+
+
+@cache
+def visit(nodes: int, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
+    """Return the batches of one visit: opened, recorded, looked at, some of it erased, closed."""
+    chain, robot = make_chain(nodes), make_key(f"robot {client}")
+    owner = make_key(f"owner {client} {number}")
+    clips = [_record(chain, robot, owner, client, number, index) for index in range(RECORDS_A_VISIT)]
+    ids = [upload.record_id for _, upload in ((call.transaction, call.upload) for call in clips) if upload]
+    opened = [owner.public_key, owner.public_key, number % 256, EPOCH_MS, PURPOSE]
+    salt = (client, number)
+    erased, frames = (ids[:1], [1]) if number % 3 == 2 else (ids[: 1 + number % 2], [])
+    return (
+        (Call(_sign(chain, robot, "records", "open_visit", opened, *salt)),),
+        tuple(clips),
+        (Call(_sign(chain, owner, "access", "request", [ids[1:] if number % 2 else [], PURPOSE], *salt)),),
+        (Call(_sign(chain, owner, "erasure", "request", [erased, frames], *salt)),),
+        (Call(_sign(chain, robot, "records", "close_visit", [owner.public_key, len(ids)], *salt)),),
+    )
+
+
+def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, number: int, index: int) -> Call:
+    place = (client, number, index)
+    record_id = _material(16, "record", *place)
+    texts = [_material(64, "text", *place, frame) for frame in range(FRAMES_COUNT)]
+    keys = [_material(SEALED_KEY_BYTES, "key", *place, frame) for frame in range(FRAMES_COUNT)]
+    leaves = [_material(32, "leaf", *place, frame) for frame in range(FRAMES_COUNT)]
+    expires_at_ms = EPOCH_MS + 2_000 + 700 * number if index == RECORDS_A_VISIT - 1 else KEPT_LONG_MS
+    arguments = [
+        record_id,
+        owner.public_key,
+        commitment_root(leaves),
+        ciphertext_root(ciphertext_leaves(texts, keys)),
+        _material(SEALED_METADATA_BYTES, "metadata", *place),
+        EPOCH_MS,
+        expires_at_ms,
+    ]
+    transaction = _sign(chain, robot, "records", "record", arguments, *place)
+    upload = ClipUpload(
+        record_id=record_id,
+        txid=transaction.txid,
+        valid_until_ms=VALID_UNTIL_MS,
+        ciphertexts=texts,
+        sealed_keys=keys,
+        commitment_leaves=leaves,
+    )
+    return Call(transaction, upload)
