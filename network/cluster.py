@@ -23,7 +23,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
-from node.config import NodeConfig, load_config
+from node.config import CONFIG_FILE, NodeConfig, load_config
 from node.faults import STATE_FILE_NAME
 
 READY_TIMEOUT_S = 40.0
@@ -57,14 +57,20 @@ class Cluster:
             raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
         self.genesis: Genesis = genesis_from_json(path.read_text(encoding="utf-8"))
         self.configs: dict[str, NodeConfig] = {
-            node.name: load_config(folder / "nodes" / node.name) for node in self.genesis.nodes
+            name: load_config(folder / "nodes" / name) for name in self._find_names()
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
 
     @property
     def names(self) -> list[str]:
-        """The nodes' names, in the order of the genesis file."""
+        """The nodes' names: those of the genesis file in its order, then those that joined later."""
         return list(self.configs)
+
+    def _find_names(self) -> list[str]:
+        """Return the names of the nodes that have a data directory here; a node may be gone, or run elsewhere."""
+        first = [node.name for node in self.genesis.nodes]
+        found = {path.parent.name for path in (self.folder / "nodes").glob(f"*/{CONFIG_FILE}")}
+        return [name for name in first if name in found] + sorted(found.difference(first))
 
     def start(self, name: str, *, behaviour: str = "", seed: int = 0) -> None:
         """Start one node's process, apart from this one's terminal and life; with a behaviour, a Byzantine one."""
@@ -181,7 +187,11 @@ class Cluster:
         temporary.replace(path)
 
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until these nodes (all unless said) say that they are ready. Raises CLUSTER_START_FAILED with why not."""
+        """Wait until these nodes (all unless said) say that they are ready. Raises CLUSTER_START_FAILED with why not.
+
+        Of a node that says why it cannot take part (it was not added yet or was removed, or its certificate is over)
+        no more is expected, unless it is asked for by name.
+        """
         deadline = time.monotonic() + timeout_s
         waiting = list(names or self.names)
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
@@ -189,17 +199,20 @@ class Cluster:
                 for name in list(waiting):
                     if not self.is_running(name):
                         raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
-                    if await self._answers_ready(session, name):
+                    if await self._answers_ready(session, name, is_asked_for=names is not None):
                         waiting.remove(name)
                 if waiting and time.monotonic() > deadline:
                     raise BlockRobotError("CLUSTER_START_FAILED", f"Not ready in time: {', '.join(waiting)}.")
                 if waiting:
                     await asyncio.sleep(_POLL_S)
 
-    async def _answers_ready(self, session: aiohttp.ClientSession, name: str) -> bool:
+    async def _answers_ready(self, session: aiohttp.ClientSession, name: str, *, is_asked_for: bool) -> bool:
         """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
         status = await _fetch_status(session, self.configs[name])
-        return self._is_own(name, status) and status is not None and bool(status.get("ready"))
+        if status is None or not self._is_own(name, status):
+            return False
+        is_left_out = status.get("membership", "active") != "active" or bool(status.get("problem"))
+        return bool(status.get("ready")) or (is_left_out and not is_asked_for)
 
     def _is_own(self, name: str, status: dict[str, Any] | None) -> bool:
         """Tell whether an answer is this node's on this chain, and not that of some other network on its port."""
