@@ -99,8 +99,8 @@ def create_authority(organisation: str) -> Authority:
     return Authority(organisation=organisation, certificate=certificate, key=key)
 
 
-def load_authority(folder: Path) -> Authority:
-    """Read an organisation's CA from its folder, whose name is the organisation's. Raises FILE_UNUSABLE."""
+def load_authority(folder: Path, organisation: str = "") -> Authority:
+    """Read an organisation's CA from its folder, whose name is the organisation's unless said. Raises FILE_UNUSABLE."""
     try:
         key = serialization.load_pem_private_key((folder / "ca.key.pem").read_bytes(), None)
         certificate = x509.load_pem_x509_certificate((folder / "ca.crt.pem").read_bytes())
@@ -108,7 +108,7 @@ def load_authority(folder: Path) -> Authority:
         raise BlockRobotError("FILE_UNUSABLE", f"The authority in {folder} cannot be read.") from None
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
         raise BlockRobotError("FILE_UNUSABLE", f"The authority's key in {folder} is not that of its certificate.")
-    return Authority(organisation=folder.name, certificate=certificate, key=key)
+    return Authority(organisation=organisation or folder.name, certificate=certificate, key=key)
 
 
 def _address(host: str) -> x509.GeneralName:
