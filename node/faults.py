@@ -141,7 +141,7 @@ class FaultSwitch:
 
 
 class FillableDisk:
-    """A `Disk` that can be full: then it takes no byte more, but gives back what it holds."""
+    """A `Disk` that can be full: then it takes the half of one more write, no byte after that, and gives back all."""
 
     def __init__(self, disk: Disk, switch: FaultSwitch, name: str) -> None:
         self._disk = disk
@@ -172,23 +172,32 @@ class FillableDisk:
 
 
 class _FillableFile:
+    """A file on such a disk: what no longer fits is torn, as a write that fills a disk up is."""
+
     def __init__(self, file: DiskFile, switch: FaultSwitch, name: str) -> None:
         self._file = file
         self._switch = switch
         self._name = name
+        self._is_filled_up = False
 
     def read_all(self) -> bytes:
         return self._file.read_all()
 
     def append(self, data: bytes) -> None:
-        self._switch.require_space(self._name)
+        try:
+            self._switch.require_space(self._name)
+        except OSError:
+            if not self._is_filled_up:
+                self._file.append(data[: len(data) // 2])
+                self._is_filled_up = True
+            raise
         self._file.append(data)
+        self._is_filled_up = False
 
     def truncate(self, size_bytes: int) -> None:
         self._file.truncate(size_bytes)
 
     def sync(self) -> None:
-        self._switch.require_space(self._name)
         self._file.sync()
 
     def close(self) -> None:

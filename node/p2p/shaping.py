@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from random import Random
 
@@ -74,6 +75,7 @@ class _Link:
         self.waiting_bytes = 0
         self.busy_until_s = 0.0
         self.last_due_s = 0.0
+        self.queue: deque[tuple[float, bytes, Callable[[bytes], None]]] = deque()
 
 
 class Shaper:
@@ -140,7 +142,9 @@ class Shaper:
         loop = asyncio.get_running_loop()
         due_s = self._due(fault or SOUND, link, len(frame), loop.time())
         link.waiting_bytes += len(frame)
-        loop.call_at(due_s, self._arrive, peer, link, frame, send)
+        link.queue.append((due_s, frame, send))
+        if len(link.queue) == 1:
+            loop.call_at(due_s, self._arrive, peer, link)
 
     def _is_lost(self, fault: LinkFault, link: _Link, frame: bytes) -> bool:
         if fault.cut or link.waiting_bytes + len(frame) > QUEUE_MAX_BYTES:
@@ -156,12 +160,20 @@ class Shaper:
         link.last_due_s = max(link.last_due_s, link.busy_until_s + wait_ms / 1000)
         return link.last_due_s
 
-    def _arrive(self, peer: str, link: _Link, frame: bytes, send: Callable[[bytes], None]) -> None:
-        link.waiting_bytes -= len(frame)
-        if self._faults.get(peer, SOUND).cut:
-            self.lost_count += 1
-            return
-        send(frame)
+    def _arrive(self, peer: str, link: _Link) -> None:
+        """Let through what is due, in turn: one timer a link, as timers of one moment fire in no order."""
+        loop = asyncio.get_running_loop()
+        while link.queue:
+            due_s, frame, send = link.queue[0]
+            if due_s > loop.time():
+                loop.call_at(due_s, self._arrive, peer, link)
+                return
+            if self._faults.get(peer, SOUND).cut:
+                self.lost_count += 1
+            else:
+                send(frame)
+            link.waiting_bytes -= len(frame)
+            link.queue.popleft()
 
     def _chance_of(self, peer: str) -> Random:
         text = f"{self._seed} {self._own_name} {peer}"
