@@ -94,7 +94,7 @@ def create_network(
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a network in {directory} already.")
     names = [f"node-{number + 1}" for number in range(nodes)]
     keys = [_NodeKeys(_new_key(), _new_key() if number < organisations else None) for number in range(nodes)]
-    authorities = [_create_organisation(directory, organisation_name(number)) for number in range(organisations)]
+    authorities = [create_organisation(directory, organisation_name(number)) for number in range(organisations)]
     genesis = complete_genesis(
         Genesis(
             version=GENESIS_VERSION,
@@ -123,8 +123,14 @@ def create_network(
     return genesis
 
 
-def _create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
+def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
+    """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key.
+
+    Raises DATA_DIRECTORY_INVALID if there is one already.
+    """
     folder = directory / "organisations" / name
+    if folder.exists():
+        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is an organisation in {folder} already.")
     authority = create_authority(name)
     admin, registrar = _new_key(), _new_key()
     write_secret(folder / "ca.key.pem", encode_private_key(authority.key))

@@ -1,0 +1,242 @@
+"""What the commands of governance share: whose key signs, which network, how a decision is told. Must never print a key.
+
+The admin's key of an organisation lies in the network's folder, `organisations/<name>/admin.key` (raw 32 bytes).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+from rich.markup import escape
+from rich.table import Table
+
+from clients.sdk.governance import Decision, Governor, MembershipView, ProposalRow, find_proposal, read_membership
+from clients.sdk.http import NetworkClient
+from clients.sdk.terminal import console, load_genesis, print_json
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.keys import PrivateKey
+from network.cli.cluster_commands import folder_option, network_folder
+
+ADMIN_KEY_FILE = "admin.key"
+ID_SHOWN_CHARS = 12
+T = TypeVar("T")
+
+as_option = click.option("--as", "organisation", metavar="ORG", help="The organisation that you speak for.")
+key_option = click.option(
+    "--key",
+    "key_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="The admin's key file, if it does not lie in the network's folder.",
+)
+
+
+def governing_options(command: Any) -> Any:
+    """Add --dir, --as and --key."""
+    for option in (key_option, as_option, folder_option):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """Who speaks: the network's folder and genesis, the organisation's name, the admin's key."""
+
+    folder: Path
+    genesis: Genesis
+    organisation: str
+    key: PrivateKey
+
+
+def _admin_keys(folder: Path) -> dict[str, Path]:
+    found = sorted((folder / "organisations").glob(f"*/{ADMIN_KEY_FILE}"))
+    return {path.parent.name: path for path in found}
+
+
+def read_private_key(path: Path) -> PrivateKey:
+    """Read a key file of raw 32 bytes. Raises ORGANISATION_KEY_NOT_FOUND, KEY_INVALID."""
+    try:
+        return PrivateKey(path.read_bytes())
+    except FileNotFoundError:
+        raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"There is no key file {path}.") from None
+
+
+def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
+    place = network_folder(folder)
+    if not (place / "genesis.json").exists():
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {place}.")
+    return place, load_genesis(place / "genesis.json")
+
+
+def take_seat(folder: Path | None, organisation: str | None, key_file: Path | None, *, reading: bool = False) -> Seat:
+    """Find who speaks. To read, any organisation's key will do; to decide, it must be said whose, if there are several.
+
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if several organisations could.
+    """
+    place, genesis = _open_network(folder)
+    if key_file is not None:
+        return Seat(place, genesis, organisation or "", read_private_key(key_file))
+    known = _admin_keys(place)
+    if organisation is None:
+        if not known:
+            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"No organisation's folder lies in {place}.")
+        if len(known) > 1 and not reading:
+            raise click.UsageError(f"Say for which organisation you speak: --as {' | '.join(known)}.")
+        organisation = next(iter(known))
+    if organisation not in known:
+        raise BlockRobotError(
+            "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {organisation!r} in {place / 'organisations'}."
+        )
+    return Seat(place, genesis, organisation, read_private_key(known[organisation]))
+
+
+def with_client(seat: Seat, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
+    """Run work with a client of the seat's network."""
+
+    async def run() -> T:
+        async with NetworkClient(seat.genesis) as client:
+            return await work(client)
+
+    return asyncio.run(run())
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A decision, the membership after it, and the proposal it is about (None once it is closed)."""
+
+    decision: Decision
+    membership: MembershipView
+    proposal: ProposalRow | None
+
+
+def decide(seat: Seat, work: Callable[[Governor], Awaitable[Decision]]) -> Told:
+    """Let the seat's admin decide something, wait until that is final, and read what follows."""
+
+    async def run(client: NetworkClient) -> Told:
+        decision = await work(Governor(client, seat.key))
+        membership = await read_membership(client, seat.key)
+        found = [row for row in membership.proposals if row.id == decision.proposal_id]
+        return Told(decision, membership, found[0] if found else None)
+
+    return with_client(seat, run)
+
+
+def decide_on_proposal(
+    seat: Seat,
+    contract: str,
+    text: str,
+    work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
+) -> tuple[Told, ProposalRow]:
+    """Find the open proposal of a contract by the first digits of its id, and decide on it."""
+
+    async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
+        before = await read_membership(client, seat.key)
+        proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+        decision = await work(Governor(client, seat.key), proposal)
+        after = await read_membership(client, seat.key)
+        found = [row for row in after.proposals if row.id == proposal.id]
+        return Told(decision, after, found[0] if found else None), proposal
+
+    return with_client(seat, run)
+
+
+# Telling
+
+
+def shown_id(identifier: bytes) -> str:
+    """Return the first digits of an id or key, enough to name it on the command line."""
+    return identifier.hex()[:ID_SHOWN_CHARS]
+
+
+def shown_time(time_ms: int) -> str:
+    """Return a chain time as text in UTC."""
+    return dt.datetime.fromtimestamp(time_ms / 1000, dt.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def to_json(value: Any) -> Any:
+    """Return a value with bytes as hexadecimal text."""
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, dict):
+        return {str(name): to_json(item) for name, item in value.items()}
+    return [to_json(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def proposal_json(row: ProposalRow, needed: int) -> dict[str, Any]:
+    """Return an open proposal for `--json`."""
+    return {
+        "id": row.id.hex(),
+        "kind": row.kind,
+        "arguments": to_json(dict(row.arguments)),
+        "organisation": row.organisation,
+        "approvals": list(row.approvals),
+        "needed": needed,
+        "height": row.height,
+        "expires_ms": row.expires_ms,
+    }
+
+
+def summary_of(row: ProposalRow) -> str:
+    """Say in a few words what a proposal asks for."""
+    arguments = row.arguments
+    if row.kind == "set":
+        return f"{arguments['name']} = {arguments['value']}"
+    named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
+    return f"{row.kind.replace('_', '-')} {named}"
+
+
+def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
+    """Print open proposals as a table, with how to approve them."""
+    if not rows:
+        console.print("No open proposals.")
+        return
+    table = plain_table("Open proposals", ["id", "what", "by", "approved by", "voices", "expires"])
+    for row in rows:
+        voices = f"{len(row.approvals)} of {needed}"
+        cells = [shown_id(row.id), summary_of(row), row.organisation, ", ".join(row.approvals), voices]
+        table.add_row(*map(escape, cells), shown_time(row.expires_ms))
+    console.print(table)
+    console.print(f"Approve with: blockrobot {group} approve {shown_id(rows[0].id)} --as ORG")
+
+
+def plain_table(title: str, columns: list[str]) -> Table:
+    """Return an empty table in the house's style."""
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column)
+    return table
+
+
+def report_decision(told: Told, what: str, group: str, *, as_json: bool, needs_others: bool = True) -> None:
+    """Tell what a call came to: in force at a height, or waiting for other organisations."""
+    decision, proposal, needed = told.decision, told.proposal, told.membership.majority
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "height": decision.height,
+                "txid": decision.txid.hex(),
+                "executed": decision.executed,
+                "epoch": decision.epoch,
+                "proposal": None if proposal is None else proposal_json(proposal, needed),
+            }
+        )
+        return
+    if proposal is not None:
+        voices = f"{len(proposal.approvals)} of the {needed} organisations needed stand behind it"
+        console.print(f"Proposed: {escape(what)}. Its id is {shown_id(proposal.id)}; {voices}.")
+        console.print(
+            "Next step: an admin of another organisation says "
+            f"blockrobot {group} approve {shown_id(proposal.id)} --as ORG, by {shown_time(proposal.expires_ms)}."
+        )
+        return
+    state = "in force" if decision.executed or not needs_others else "final"
+    console.print(f"{escape(what)}: {state} since height {decision.height}.")
+    if decision.epoch is not None:
+        console.print(f"Epoch {decision.epoch} begins with the block after that height.")

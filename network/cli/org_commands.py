@@ -1,0 +1,426 @@
+"""`blockrobot org`: organisations and nodes, proposed, approved and listed. Must never send a private key anywhere."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+from cryptography import x509
+from rich.markup import escape
+
+from clients.sdk.governance import MembershipView, NodeRow, OrganisationRow, read_membership
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.genesis import NodeEntry
+from consensus.possession import prove_possession
+from network.cli.cluster_commands import folder_option, network_folder
+from network.cli.governing import (
+    decide,
+    decide_on_proposal,
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    read_private_key,
+    report_decision,
+    shown_id,
+    summary_of,
+    take_seat,
+    with_client,
+)
+from network.layout import create_organisation
+
+SERIAL_BYTES = 20
+_file = click.Path(path_type=Path, exists=True, dir_okay=False)
+_certificate_option = click.option("--certificate", type=_file, help="The node's certificate (PEM).")
+_serial_option = click.option("--serial", help="The certificate's serial number in hexadecimal.")
+
+
+@click.group()
+def org() -> None:
+    """The organisations of the network and their nodes.
+
+    Example: blockrobot org propose remove-node node-5 --as hospital
+    """
+
+
+def _organisation_json(row: OrganisationRow, nodes: tuple[NodeRow, ...]) -> dict[str, Any]:
+    own = [node.name for node in nodes if node.organisation == row.name]
+    return {"name": row.name, "status": row.status, "since_height": row.since_height, "nodes": own}
+
+
+def _node_json(row: NodeRow) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "organisation": row.organisation,
+        "host": row.host,
+        "p2p_port": row.p2p_port,
+        "api_url": row.api_url,
+        "producer_key": row.producer_key.hex(),
+        "custodian_key": row.custodian_key.hex(),
+        "since_height": row.since_height,
+    }
+
+
+@org.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_organisations(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show organisations, nodes and open proposals, checked against proofs.
+
+    Example: blockrobot org list --json
+    """
+    seat = take_seat(folder, organisation, key_file, reading=True)
+    view: MembershipView = with_client(seat, lambda client: read_membership(client, seat.key))
+    proposals = [row for row in view.proposals if row.contract == "membership"]
+    if as_json:
+        document = {
+            "ok": True,
+            "height": view.height,
+            "majority": view.majority,
+            "organisations": [_organisation_json(row, view.nodes) for row in view.organisations],
+            "nodes": [_node_json(row) for row in view.nodes],
+            "proposals": [proposal_json(row, view.majority) for row in proposals],
+        }
+        print_json(document)
+        return
+    title = f"Organisations, as of height {view.height}; {view.majority} make a majority"
+    table = plain_table(title, ["organisation", "since height", "nodes"])
+    for row in view.organisations:
+        own = [node.name for node in view.nodes if node.organisation == row.name]
+        table.add_row(escape(row.name), str(row.since_height), escape(", ".join(own)))
+    console.print(table)
+    table = plain_table("Nodes", ["node", "organisation", "peers", "clients", "since height", "producer", "custodian"])
+    for node in view.nodes:
+        keys = [shown_id(key) if key else "-" for key in (node.producer_key, node.custodian_key)]
+        peers = f"{node.host}:{node.p2p_port}"
+        cells = [node.name, node.organisation, peers, node.api_url, str(node.since_height), *keys]
+        table.add_row(*map(escape, cells))
+    console.print(table)
+    print_proposals(proposals, view.majority, "org")
+
+
+@org.command()
+@click.argument("name")
+@folder_option
+@json_option
+@plain_errors
+def new(name: str, folder: Path | None, as_json: bool) -> None:
+    """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
+
+    Example: blockrobot org new clinic
+    """
+    place = network_folder(folder)
+    _, entry = create_organisation(place, name)
+    path = place / "organisations" / name
+    if as_json:
+        print_json({"ok": True, "folder": str(path), "admins": [key.hex() for key in entry.admins]})
+        return
+    console.print(f"The organisation {escape(name)} has its keys in {path}. Keep its folder secret and safe.")
+    console.print(f"Next step: blockrobot org propose add-org {escape(name)} --as ORG")
+
+
+@org.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Stand behind a proposed change (named by the first digits of its id).
+
+    Example: blockrobot org approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.approve(found))
+    report_decision(told, summary_of(row), "org", as_json=as_json)
+
+
+@org.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a change that your own organisation proposed.
+
+    Example: blockrobot org withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "org", as_json=as_json, needs_others=False)
+
+
+def _propose(
+    kind: str,
+    arguments: dict[str, Any],
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    *,
+    as_json: bool,
+) -> None:
+    seat = take_seat(folder, organisation, key_file)
+    told = decide(seat, lambda governor: governor.propose_membership(kind, arguments))
+    named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
+    report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
+
+
+@org.group()
+def propose() -> None:
+    """Propose a change of organisations or nodes; a majority of the organisations puts it into force.
+
+    Example: blockrobot org propose remove-org clinic --as hospital
+    """
+
+
+def _keys_of(folder: Path, kind: str) -> list[bytes]:
+    return [read_private_key(folder / f"{kind}.key").public_key]
+
+
+@propose.command("add-org")
+@click.argument("name")
+@click.option(
+    "--from",
+    "source",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="The new organisation's folder (ca.crt.pem, admin.key, registrar.key); else that in the network's folder.",
+)
+@governing_options
+@json_option
+@plain_errors
+def add_org(
+    name: str,
+    source: Path | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a new organisation, with the certificate authority and the keys in its folder (see org new).
+
+    Example: blockrobot org propose add-org clinic --as hospital
+    """
+    place = source or network_folder(folder) / "organisations" / name
+    arguments = {
+        "name": name,
+        "ca_certificate": _read_certificate(place / "ca.crt.pem"),
+        "admins": _keys_of(place, "admin"),
+        "registrars": _keys_of(place, "registrar"),
+    }
+    _propose("add_org", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("remove-org")
+@click.argument("name")
+@governing_options
+@json_option
+@plain_errors
+def remove_org(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Propose to remove an organisation with its nodes, keys and voice.
+
+    Example: blockrobot org propose remove-org clinic --as hospital
+    """
+    _propose("remove_org", {"name": name}, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("replace-ca")
+@click.argument("name")
+@click.option("--certificate", required=True, type=_file, help="The new CA certificate (PEM).")
+@governing_options
+@json_option
+@plain_errors
+def replace_ca(
+    name: str,
+    certificate: Path,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
+
+    Example: blockrobot org propose replace-ca hospital --certificate new-ca.crt.pem --as hospital
+    """
+    arguments = {"organisation": name, "ca_certificate": _read_certificate(certificate)}
+    _propose("replace_ca", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("replace-keys")
+@click.argument("name")
+@click.option(
+    "--admin", "admins", multiple=True, required=True, help="An admin's public key (hexadecimal); repeatable."
+)
+@click.option("--registrar", "registrars", multiple=True, help="A registrar's public key (hexadecimal); repeatable.")
+@governing_options
+@json_option
+@plain_errors
+def replace_keys(
+    name: str,
+    admins: tuple[str, ...],
+    registrars: tuple[str, ...],
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose new admins and registrars in place of all that an organisation has.
+
+    Example: blockrobot org propose replace-keys hospital --admin 02ab... --registrar 03cd... --as hospital
+    """
+    arguments = {
+        "organisation": name,
+        "admins": [_read_hex(key, "--admin") for key in admins],
+        "registrars": [_read_hex(key, "--registrar") for key in registrars],
+    }
+    _propose("replace_keys", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("add-node")
+@click.option("--from", "source", required=True, type=_file, help="The node's entry: JSON, as `node init` writes it.")
+@governing_options
+@json_option
+@plain_errors
+def add_node(source: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Propose a new node. It produces nothing before it is voted in (producer propose).
+
+    Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
+    """
+    _propose("add_node", read_node_entry(source), folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("remove-node")
+@click.argument("name")
+@governing_options
+@json_option
+@plain_errors
+def remove_node(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
+
+    Example: blockrobot org propose remove-node node-5 --as hospital
+    """
+    _propose("remove_node", {"name": name}, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("rekey-producer")
+@click.argument("node")
+@click.option("--producer-key", "secret", required=True, type=_file, help="The new producer key's file; stays here.")
+@governing_options
+@json_option
+@plain_errors
+def rekey_producer(
+    node: str, secret: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
+
+    Example: blockrobot org propose rekey-producer node-2 --producer-key new-producer.key --as university
+    """
+    key = read_private_key(secret)
+    proof = prove_possession(key, node)
+    arguments = {"node": node, "producer_key": key.public_key, "producer_possession": proof}
+    _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@propose.command("revoke-certificate")
+@click.argument("owner")
+@_certificate_option
+@_serial_option
+@governing_options
+@json_option
+@plain_errors
+def propose_revocation(
+    owner: str,
+    certificate: Path | None,
+    serial: str | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose to revoke a certificate of another organisation (its own needs no others: org revoke-certificate).
+
+    Example: blockrobot org propose revoke-certificate university --serial 4a0f... --as hospital
+    """
+    arguments = {"organisation": owner, "serial": read_serial(certificate, serial)}
+    _propose("revoke_certificate", arguments, folder, organisation, key_file, as_json=as_json)
+
+
+@org.command("revoke-certificate")
+@_certificate_option
+@_serial_option
+@governing_options
+@json_option
+@plain_errors
+def revoke_certificate(
+    certificate: Path | None,
+    serial: str | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Revoke a certificate of your own organisation, at once on every node.
+
+    Example: blockrobot org revoke-certificate --certificate nodes/node-2/keys/tls.crt.pem --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    if not seat.organisation:
+        raise click.UsageError("Say whose certificate it is: --as ORG.")
+    number = read_serial(certificate, serial)
+    arguments = {"organisation": seat.organisation, "serial": number}
+    told = decide(seat, lambda governor: governor.propose_membership("revoke_certificate", arguments))
+    report_decision(told, f"Revocation of {number.hex()}", "org", as_json=as_json)
+
+
+# Files
+
+
+def _read_hex(text: str, option: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise click.UsageError(f"{option} takes hexadecimal digits.") from None
+
+
+def _load_certificate(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except ValueError:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
+
+
+def _read_certificate(path: Path) -> str:
+    _load_certificate(path)
+    return path.read_text(encoding="ascii")
+
+
+def read_serial(certificate: Path | None, serial: str | None) -> bytes:
+    """Return a certificate's serial number as 20 bytes, from the certificate or from its digits."""
+    if (certificate is None) == (serial is None):
+        raise click.UsageError("Name the certificate with either --certificate FILE or --serial HEX.")
+    if certificate is not None:
+        return _load_certificate(certificate).serial_number.to_bytes(SERIAL_BYTES, "big")
+    digits = (serial or "").replace(":", "")
+    found = _read_hex(digits.zfill(len(digits) + len(digits) % 2), "--serial")
+    if len(found) > SERIAL_BYTES:
+        raise click.UsageError("A serial number has at most 20 bytes.")
+    return found.rjust(SERIAL_BYTES, b"\0")
+
+
+def read_node_entry(path: Path) -> dict[str, Any]:
+    """Read a node's entry: a JSON object with the fields of a node in the genesis file, keys in hexadecimal.
+
+    Raises FILE_UNUSABLE if it is none.
+    """
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        fields = {name: document[name] for name in NodeEntry.__struct_fields__}
+        for name in ("producer_key", "producer_possession", "custodian_key"):
+            fields[name] = bytes.fromhex(fields[name])
+    except (ValueError, TypeError, KeyError):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold a node's entry.") from None
+    return fields

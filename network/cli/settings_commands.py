@@ -1,0 +1,135 @@
+"""`blockrobot settings`: the chain's settings, proposed, approved and listed. Must never check a value itself.
+
+What a setting may be is decided by the contract; the ranges shown here are for readers.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.governance import MembershipView, ProducersView, read_membership, read_producers, settings_in_force
+from clients.sdk.http import NetworkClient
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from network.cli.governing import (
+    decide,
+    decide_on_proposal,
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    report_decision,
+    summary_of,
+    take_seat,
+    with_client,
+)
+
+_MEANINGS = {
+    "base_timeout_ms": ("1 to timeout_cap_ms", "how long a round may take before it is given up"),
+    "timeout_cap_ms": ("base_timeout_ms to 3600000", "the longest that this grows to after lost rounds"),
+    "heartbeat_ms": ("1 to 3600000", "how often an idle chain makes an empty block"),
+    "min_block_interval_ms": ("0 to 3600000", "the pause between two blocks"),
+    "max_clock_drift_ms": ("1 to 3600000", "how far a block's time may lie ahead of a voter's clock"),
+    "blocks_per_turn": ("1 to 1000", "how many blocks a producer makes before the next one's turn"),
+    "production": ("on-demand or interval:MS", "when blocks are made"),
+    "max_producers": ("1 to 21", "how many candidates get a seat"),
+}
+
+
+@click.group()
+def settings() -> None:
+    """The chain's settings: what is in force, and what organisations propose.
+
+    Example: blockrobot settings propose base_timeout_ms 800 --as hospital
+    """
+
+
+@settings.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_settings(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show the settings in force and the open proposals, checked against proofs.
+
+    Example: blockrobot settings list --json
+    """
+    seat = take_seat(folder, organisation, key_file, reading=True)
+
+    async def read(client: NetworkClient) -> tuple[ProducersView, MembershipView]:
+        return await read_producers(client, seat.key), await read_membership(client, seat.key)
+
+    producers, membership = with_client(seat, read)
+    values = settings_in_force(producers)
+    proposals = [row for row in membership.proposals if row.contract == "settings"]
+    if as_json:
+        document: dict[str, Any] = {
+            "ok": True,
+            "height": producers.height,
+            "epoch": producers.epoch.number,
+            "since_height": producers.since_height,
+            "settings": values,
+            "proposals": [proposal_json(row, membership.majority) for row in proposals],
+        }
+        print_json(document)
+        return
+    title = f"Settings of epoch {producers.epoch.number}, as of height {producers.height}"
+    table = plain_table(title, ["setting", "value", "may be", "meaning"])
+    for name, value in values.items():
+        table.add_row(name, escape(str(value)), *_MEANINGS.get(name, ("", "")))
+    console.print(table)
+    print_proposals(proposals, membership.majority, "settings")
+
+
+@settings.command()
+@click.argument("name")
+@click.argument("value")
+@governing_options
+@json_option
+@plain_errors
+def propose(
+    name: str, value: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose a value for a setting; a majority of the organisations puts it into force.
+
+    Example: blockrobot settings propose base_timeout_ms 800 --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    digits = value.strip()
+    wanted: int | str = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 15 else digits
+    told = decide(seat, lambda governor: governor.propose_setting(name, wanted))
+    report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
+
+
+@settings.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Stand behind a proposed setting (named by the first digits of its id).
+
+    Example: blockrobot settings approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.approve(found))
+    report_decision(told, summary_of(row), "settings", as_json=as_json)
+
+
+@settings.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a setting that your own organisation proposed.
+
+    Example: blockrobot settings withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "settings", as_json=as_json, needs_others=False)
