@@ -117,6 +117,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CERTIFICATE_EXPIRED", 503, "This node's certificate is over: no peer talks to it, it serves reads only.", "Renew it: `blockrobot certificate renew NODE`; the running node takes it at once."),
     ErrorEntry("CERTIFICATE_EXPIRES_SOON", 400, "This node's certificate ends within thirty days.", "Renew it: `blockrobot certificate renew NODE`; the running node takes it at once."),
     ErrorEntry("CERTIFICATE_REVOKED", 503, "This node's certificate was revoked: no peer talks to it, it serves reads only.", "Make a new one: `blockrobot certificate renew NODE --new-key`; the running node takes it at once."),
+    ErrorEntry("AUTHORITY_NOT_HERE", 404, "The organisation's certificate authority is not on this machine.", "Run the command where its folder is, or name it with --authority."),
+    ErrorEntry("NODE_EXISTS", 409, "There is a node of this name, or in this directory, already.", "Choose another name; a name is never used twice in one network."),
     ErrorEntry("NODE_REMOVED", 503, "The network decided to remove this node: no peer talks to it, it serves reads only.", "Stop it; its data directory can be kept or destroyed."),
     # Custody
     ErrorEntry("UPLOAD_HASH_MISMATCH", 400, "The uploaded bytes do not have the hash they claim.", "Upload again; the bytes were damaged on the way."),
