@@ -28,11 +28,12 @@ from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import require_contracts
 from contracts.execution.standing import require_standing
+from node.accuser import Accuser
 from node.api.services import Clock
 from node.candidacy import Candidacy
 from node.custody import Custody
 from node.directory import Directory
-from node.engine import Engine, Outbox, VotingJournal
+from node.engine import Engine, Outbox
 from node.epochs import EpochStart, Head, read_head
 from node.execution import ExecutedBlock, Executor, Machine
 from node.finality import FinalityFeed, LedgerWriter
@@ -46,6 +47,7 @@ from node.offchain.erase_keys import ErasableKeys
 from node.offchain.store import CustodyStore
 from node.p2p.network import PeerHandler
 from node.peers import Network, Peers
+from node.recording import VotingJournal
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync import LAG_TOLERATED_BLOCKS, Synchroniser
 from node.transaction_cache import TransactionCache
@@ -209,6 +211,7 @@ class Assembly:
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
         self._candidacy = self._make_candidacy()
+        self.accuser = self._make_accuser()
 
     def _make_candidacy(self) -> Candidacy | None:
         around = self.surroundings
@@ -224,6 +227,21 @@ class Assembly:
             clock=around.clock,
             randomness=around.randomness,
         )
+
+    def _make_accuser(self) -> Accuser | None:
+        around = self.surroundings
+        if around.key is None:
+            return None
+        accuser = Accuser(
+            key=around.key,
+            chain_id=self.genesis.chain_id,
+            pool=self.pool,
+            reader=lambda: self.executor.reader,
+            schedule=lambda: self.engine.epoch.schedule,
+            clock=around.clock,
+        )
+        self.engine.add_evidence_listener(accuser.note)
+        return accuser
 
     def _make_custody(self) -> Custody | None:
         around, place = self.surroundings, self.surroundings.custody
@@ -254,7 +272,11 @@ class Assembly:
         self.writer.add_listener(self.feed.publish)
         self.writer.add_listener(self._metrics.note_finalized)
         self.writer.add_listener(self._after_stored)
-        self.writer.start(on_failure=self.engine.fail, between_events=self.engine.call_between_events)
+        self.writer.start(
+            on_failure=partial(self.engine.pause, "ledger"),
+            on_recovery=partial(self.engine.resume, "ledger"),
+            between_events=self.engine.call_between_events,
+        )
         for stop in (self.writer.stop, self.engine.stop, self.sync.stop, self.peers.stop):
             stack.push_async_callback(stop)
         await self.network.start()
@@ -329,6 +351,8 @@ class Assembly:
             self.engine.note_work()
             if self._candidacy is not None:
                 await self._candidacy.speak_if_due()
+            if self.accuser is not None:
+                await self.accuser.speak_if_due()
             if self.feed.height != announced:
                 announced = self.feed.height
                 self.peers.announce_height(announced)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
+from functools import partial
 from typing import Protocol
 
 import structlog
@@ -34,7 +35,23 @@ from consensus.effects import (
     SilenceChanged,
 )
 from consensus.errors import BlockRobotError
-from consensus.events import BlockBuilt, BlockExecuted, Event, FinalizedElsewhere, Started, TimerFired, WorkChanged
+from consensus.events import (
+    BlockBuilt,
+    BlockExecuted,
+    BlocksFetched,
+    Event,
+    FinalizedElsewhere,
+    NoticeReceived,
+    PeerConnected,
+    ProposalReceived,
+    Started,
+    TimeoutReceived,
+    TimerFired,
+    VoteReceived,
+    WordsAnswered,
+    WordsAsked,
+    WorkChanged,
+)
 from consensus.evidence import Evidence
 from consensus.messages import Timeout
 from consensus.primitives.encoding import encode
@@ -42,37 +59,27 @@ from consensus.transaction import Transaction
 from node.epochs import EpochStart, Head
 from node.execution import ExecutedBlock, Executor
 from node.mempool import Mempool
+from node.recording import Recorder, VotingJournal
 from node.storage.ledger_store import Position
 
 INLINE_TRANSACTIONS_MAX_COUNT = 24
-INLINE_SYNC_MAX_MS = 1.0
-SYNC_AVERAGED_COUNT = 16
 DRAIN_MAX_MS = 20
-JOURNAL_COMPACT_ABOVE_BYTES = 4 * 1024 * 1024
 _PATIENCE_TURNS = 2
+_JOURNAL = "journal"
+_SAID_AGAIN = (
+    VoteReceived,
+    ProposalReceived,
+    TimeoutReceived,
+    NoticeReceived,
+    BlocksFetched,
+    WordsAsked,
+    WordsAnswered,
+    PeerConnected,
+    WorkChanged,
+)
+"""What a node that stands still need not keep: its peers say it again, or it is asked for again."""
 
 log = structlog.get_logger(__name__)
-
-
-class VotingJournal(Protocol):
-    """Where records go before a word is spoken."""
-
-    def append(self, record: bytes, kind: int = 0) -> int:
-        """Add a record; it is on disk only after `sync`."""
-        ...
-
-    def sync(self) -> int:
-        """Write and sync all that was appended. Raises JOURNAL_UNWRITABLE: nothing may be sent then."""
-        ...
-
-    def compact(self, keep: Iterable[tuple[int, bytes]]) -> None:
-        """Put these records (kind, bytes) in the place of all others, in one step."""
-        ...
-
-    @property
-    def size_bytes(self) -> int:
-        """How large the journal is."""
-        ...
 
 
 class Outbox(Protocol):
@@ -134,10 +141,16 @@ class Engine:
         self._make_core = make_core
         self._epoch_listeners: list[EpochListener] = []
         self._evidence_listeners: list[EvidenceListener] = []
-        self.fault = ""
         self._executor = executor
         self._mempool = mempool
-        self._journal = journal
+        self._outages: dict[str, str] = {}
+        self._recorder = Recorder(
+            journal,
+            stopwatch=stopwatch,
+            snapshot=self._snapshot_of_core,
+            on_outage=partial(self.pause, _JOURNAL),
+            on_recovery=partial(self.resume, _JOURNAL),
+        )
         self._sink = sink
         self._clock = clock
         self._stopwatch = stopwatch
@@ -148,7 +161,6 @@ class Engine:
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._draining = False
         self._waiting: asyncio.Future[Event | None] | None = None
-        self._sync_ms = 0.0
         self._stopped = False
         self._pending = False
         self._branch: dict[bytes, frozenset[bytes]] = {}
@@ -159,6 +171,7 @@ class Engine:
     def start(self, outbox: Outbox) -> None:
         """Begin. Everything that the core says goes to `outbox`."""
         self._outbox = outbox
+        self._recorder.start(self._executor.thread)
         self.submit(Started(now_ms=self._clock()))
 
     def add_epoch_listener(self, listener: EpochListener) -> None:
@@ -174,6 +187,7 @@ class Engine:
         self._stopped = True
         for handle in self._timers.values():
             handle.cancel()
+        await self._recorder.stop()
         await self.stop_waiting()
 
     async def stop_waiting(self) -> None:
@@ -190,7 +204,9 @@ class Engine:
     # Events
 
     def submit(self, event: Event) -> None:
-        """Hand an event to the core, after those that wait."""
+        """Hand an event to the core, after those that wait. A node that cannot write lets pass what comes again."""
+        if self._outages and isinstance(event, _SAID_AGAIN):
+            return
         self._events.append(event)
         self._drain()
 
@@ -205,7 +221,7 @@ class Engine:
         self._draining = True
         deadline = self._stopwatch() + DRAIN_MAX_MS / 1000
         try:
-            while self._waiting is None and not self.fault:
+            while self._waiting is None and not self._outages:
                 if self._effects:
                     self._carry_out(self._effects.popleft())
                 elif self._events:
@@ -269,26 +285,13 @@ class Engine:
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
         """Journal, then speak. On a slow disk the sync is done in a thread, so that the event loop goes on."""
-        try:
-            for record in records:
-                self._journal.append(record)
-        except BlockRobotError as error:
-            self.fail(error.detail)
+        if not self._recorder.append(records):
             return
-        if self._sync_ms <= INLINE_SYNC_MAX_MS:
-            self._sync_journal()
+        if self._recorder.is_fast:
+            self._recorder.sync()
+            self._recorder.settle()
         else:
-            self._run_in_thread(self._sync_journal)
-
-    def _sync_journal(self) -> None:
-        """A node that cannot write drops all that it wanted to say and says nothing more."""
-        started = self._stopwatch()
-        try:
-            self._journal.sync()
-        except BlockRobotError as error:
-            self.fail(error.detail)
-        taken_ms = (self._stopwatch() - started) * 1000
-        self._sync_ms += (taken_ms - self._sync_ms) / SYNC_AVERAGED_COUNT
+            self._run_in_thread(self._recorder.sync)
 
     # Executing
 
@@ -309,6 +312,7 @@ class Engine:
         if future.cancelled() or self._stopped:
             return
         event = future.result()
+        self._recorder.settle()
         if event is not None:
             self._events.appendleft(event)
         self._drain()
@@ -397,7 +401,7 @@ class Engine:
         for block in blocks:
             self._mempool.remove(block.txids)
         if head.next_epoch is None:
-            self._compact_journal()
+            self._recorder.compact()
         else:
             proof_bytes = encode(EpochProof(finality=proof, epoch=head.next_epoch))
             self._begin_epoch(EpochStart(head.next_epoch, head.block_id, proof_bytes), head)
@@ -416,35 +420,40 @@ class Engine:
         self._executor.begin_epoch(start.schedule)
         self._branch, self._branch_txids, self._unstored = {}, frozenset(), {}
         self._pending = False
-        self._rewrite_journal()
+        self._recorder.rewrite()
         log.info("epoch_begun", epoch=start.number, height=boundary.header.height, producers=len(start.epoch.producers))
         self.submit(Started(now_ms=self._clock()))
         for listener in self._epoch_listeners:
             listener(start)
         self.note_work()
 
-    def _compact_journal(self) -> None:
-        """Replace the journal by the little that it must still say, once it has grown."""
-        if self._journal.size_bytes >= JOURNAL_COMPACT_ABOVE_BYTES and not self.fault:
-            self._rewrite_journal()
+    # Disks that refuse
 
-    def _rewrite_journal(self) -> None:
-        try:
-            self._journal.compact([(0, record) for record in self.core.journal_snapshot()])
-        except BlockRobotError as error:
-            self.fail(error.detail)
+    def _snapshot_of_core(self) -> tuple[bytes, ...]:
+        return self.core.journal_snapshot()
 
-    def fail(self, reason: str) -> None:
-        """The node cannot write: from now on it signs nothing, and serves reads."""
-        self.fault = reason
-        self._effects.clear()
-        log.critical("node_cannot_write", reason=reason)
+    @property
+    def fault(self) -> str:
+        """Why the node cannot write; empty while it can."""
+        return " ".join(self._outages.values())
+
+    def pause(self, disk: str, reason: str) -> None:
+        """R38: this disk refuses: stand still, say nothing and keep what is to be done, until it takes writes again."""
+        self._outages[disk] = reason
+        log.critical("node_cannot_write", disk=disk, reason=reason)
+
+    def resume(self, disk: str) -> None:
+        """The disk takes writes again: go on where the engine stood still."""
+        if self._outages.pop(disk, None) is not None and not self._outages:
+            log.warning("node_writes_again", disk=disk)
+            self.note_work()
+            self._drain()
 
     def note_work(self) -> None:
         """Tell the core if there began, or ceased, to be transactions worth a block."""
         patience = _PATIENCE_TURNS * len(self._executor.schedule.producers)
         pending = self._mempool.has_work(self._branch_txids, patience)
-        if pending != self._pending:
+        if pending != self._pending and not self._outages:
             self._pending = pending
             self.submit(WorkChanged(pending=pending, now_ms=self._clock()))
 

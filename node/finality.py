@@ -18,6 +18,7 @@ from node.execution import ExecutedBlock
 from node.storage.ledger_store import LedgerStore, Position
 
 COMMIT_BLOCKS_MAX_COUNT = 64
+RETRY_MS = 1_000
 
 log = structlog.get_logger(__name__)
 
@@ -41,8 +42,8 @@ class FinalityFeed:
         self._heights.clear()
         if self._transactions:
             for block in blocks:
-                for txid in block.txids:
-                    self._resolve(txid, final=True)
+                for transaction in block.transactions:
+                    self._resolve(transaction.txid, final=True)
 
     def give_up(self, txids: list[bytes]) -> None:
         """Transactions expired: nobody need wait for them."""
@@ -88,7 +89,10 @@ class FinalityFeed:
 
 
 class LedgerWriter:
-    """Stores finalized blocks in order, as many at once as wait; then calls its listeners, in order."""
+    """Stores finalized blocks in order, as many at once as wait; then calls its listeners, in order.
+
+    A store that refuses is asked again every second, until it takes the blocks (R38).
+    """
 
     def __init__(self, ledger: LedgerStore) -> None:
         self._ledger = ledger
@@ -106,13 +110,22 @@ class LedgerWriter:
         """Call `listener` with the blocks of each commit, once they are durable."""
         self._listeners.append(listener)
 
-    def start(self, *, on_failure: Callable[[str], None], between_events: Callable[[Callable[[], None]], None]) -> None:
-        """Begin to write. `between_events` runs an action when nothing is being executed: there listeners are called."""
-        self._on_failure, self._between_events = on_failure, between_events
+    def start(
+        self,
+        *,
+        on_failure: Callable[[str], None],
+        on_recovery: Callable[[], None],
+        between_events: Callable[[Callable[[], None]], None],
+    ) -> None:
+        """Begin to write. `between_events` runs an action when nothing is being executed: there listeners are called.
+
+        `on_failure` hears of the first refusal, `on_recovery` of the end of it.
+        """
+        self._on_failure, self._on_recovery, self._between_events = on_failure, on_recovery, between_events
         self._task = asyncio.get_running_loop().create_task(self._run(), name="ledger-writer")
 
     async def stop(self) -> None:
-        """Write what waits, then stop."""
+        """Write what waits (unless the store refuses it), then stop."""
         if self._task is None:
             return
         if not self._failed:
@@ -139,19 +152,32 @@ class LedgerWriter:
             while self._waiting:
                 batch = self._take_batch()
                 blocks = [block for block, _ in batch]
-                try:
-                    stored = [block.to_stored(proof) for block, proof in batch]
-                    position = await self._ledger.commit(stored, encode(batch[-1][1]))
-                except (BlockRobotError, OSError, ValueError) as error:
-                    self._failed = True
-                    self._idle.set()
-                    log.critical("ledger_failed", detail=str(error))
-                    self._on_failure(f"The ledger cannot be written: {error}")
-                    return
+                position = await self._commit(batch)
                 del self._waiting[: len(batch)]
                 if not self._waiting:
                     self._idle.set()
                 self._between_events(partial(self._publish, blocks, batch[-1][1], position))
+
+    async def _commit(self, batch: list[tuple[ExecutedBlock, FinalityProof]]) -> Position:
+        """Store a batch, as soon as the store takes it."""
+        stored = [block.to_stored(proof) for block, proof in batch]
+        finality = encode(batch[-1][1])
+        while True:
+            try:
+                position = await self._ledger.commit(stored, finality)
+            except (BlockRobotError, OSError, ValueError) as error:
+                if not self._failed:
+                    self._failed = True
+                    log.critical("ledger_failed", detail=str(error))
+                    self._on_failure(f"The ledger cannot be written: {error}")
+                self._idle.set()
+                await asyncio.sleep(RETRY_MS / 1000)
+                continue
+            if self._failed:
+                self._failed = False
+                log.warning("ledger_recovered", height=position.height)
+                self._on_recovery()
+            return position
 
     def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
         for listener in self._listeners:

@@ -139,7 +139,7 @@ class Journal:
     """An open journal. `append` only remembers; `sync` writes and syncs, in whatever thread it is called.
 
     After a failed write or sync nothing about the file is certain: the journal then refuses everything
-    (JOURNAL_UNWRITABLE) until it is opened anew.
+    (JOURNAL_UNWRITABLE) until `recover` writes it anew, or it is opened anew.
     """
 
     def __init__(
@@ -289,6 +289,21 @@ class Journal:
                 self._replace_by(records)
             except OSError as error:
                 raise _refusal(self._path, error) from error
+
+    def recover(self, keep: Iterable[tuple[int, bytes]]) -> None:
+        """Write these (kind, record) into a new file in the place of all, and go on with it, also after a failure.
+
+        Atomic, as `compact` is; the old file is not read. `keep` says all that was appended, synced or not. Blocks on
+        the disk. Raises JOURNAL_UNWRITABLE if the disk refuses, or the journal is closed.
+        """
+        with self._write_lock, self._append_lock:
+            if self._closed:
+                self._check_usable()
+            try:
+                self._replace_by(list(keep))
+            except OSError as error:
+                raise _refusal(self._path, error) from error
+            self._broken = False
 
     def _replace_by(self, records: list[tuple[int, bytes]]) -> None:
         first = self._next_sequence

@@ -65,7 +65,10 @@ class MemoryJournal:
     def sync(self) -> int:
         return len(self.records)
 
-    def compact(self, keep: Iterable[tuple[int, bytes]]) -> None:
+    def compact(self, keep: Iterable[tuple[int, bytes]], *, through: int | None = None) -> None:
+        self.records = list(keep)
+
+    def recover(self, keep: Iterable[tuple[int, bytes]]) -> None:
         self.records = list(keep)
 
 

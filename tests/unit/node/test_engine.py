@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from types import SimpleNamespace
 from typing import Any
 
 from consensus.block import QuorumCertificate
 from consensus.effects import TIMER_ROUND, Broadcast, CancelTimer, Effect, Persist, SetTimer
 from consensus.errors import BlockRobotError
-from consensus.events import Event, Started, TimerFired, WorkChanged
+from consensus.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
 from consensus.messages import CertificateNotice
 from node.engine import Engine
+from tests.virtual_time import run_virtual
 
 NOTICE = CertificateNotice(qc=QuorumCertificate(epoch=0, round=0, block_id=bytes(32), votes=()), entered_by=None)
 
@@ -23,10 +25,14 @@ class ScriptedCore:
         self.script = list(script)
         self.events: list[Event] = []
         self.halted = ""
+        self.silence = None
 
     def handle(self, event: Event) -> list[Effect]:
         self.events.append(event)
         return self.script.pop(0) if self.script else []
+
+    def journal_snapshot(self) -> tuple[bytes, ...]:
+        return (b"all that was said",)
 
 
 class Stage:
@@ -37,6 +43,7 @@ class Stage:
         self.refuses = False
         self.size_bytes = 0
         self.thread = None
+        self.schedule = SimpleNamespace(producers=())
         self.gate: threading.Event | None = None
 
     def append(self, record: bytes, kind: int = 0) -> int:
@@ -51,6 +58,14 @@ class Stage:
         self.told.append("sync")
         return 1
 
+    def recover(self, keep: Any) -> None:
+        if self.refuses:
+            raise BlockRobotError("JOURNAL_UNWRITABLE")
+        self.told.append(f"recover {[record.decode() for _, record in keep]}")
+
+    def has_work(self, *_: Any) -> bool:
+        return False
+
     def broadcast(self, message: Any) -> None:
         self.told.append("broadcast")
 
@@ -62,11 +77,17 @@ def _engine(core: ScriptedCore, stage: Stage) -> Engine:
         start=nothing,
         make_core=nothing,
         executor=stage,  # type: ignore[arg-type]
-        mempool=nothing,
+        mempool=stage,  # type: ignore[arg-type]
         journal=stage,  # type: ignore[arg-type]
         sink=nothing,
         clock=lambda: 1,
     )
+
+
+async def _until_it_writes(engine: Engine) -> None:
+    """The journal is written in a thread, which virtual time does not wait for."""
+    while engine.fault:
+        await asyncio.sleep(1)
 
 
 async def test_what_stands_behind_a_record_is_said_after_the_sync() -> None:
@@ -76,7 +97,7 @@ async def test_what_stands_behind_a_record_is_said_after_the_sync() -> None:
     assert stage.told == ["append a", "append b", "sync", "broadcast", "append c", "sync", "broadcast"]
 
 
-async def test_a_node_whose_journal_fails_says_nothing_ever_again() -> None:
+async def test_a_node_whose_journal_fails_says_nothing() -> None:
     stage = Stage()
     stage.refuses = True
     core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
@@ -87,6 +108,65 @@ async def test_a_node_whose_journal_fails_says_nothing_ever_again() -> None:
     assert engine.fault
     assert not engine.is_signing
     assert [type(event) for event in core.events] == [Started]
+    await engine.stop()
+
+
+def test_when_the_disk_takes_writes_again_the_word_leaves_behind_a_journal_written_anew() -> None:
+    """R38: the whole of what the core said is written first, whatever became of the file that failed."""
+
+    async def story() -> None:
+        stage = Stage()
+        stage.refuses = True
+        core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
+        engine = _engine(core, stage)
+        engine.start(stage)  # type: ignore[arg-type]
+        for _ in range(3):
+            await asyncio.sleep(1)
+            assert stage.told == ["append a"]
+        stage.refuses = False
+        engine.submit(TimerFired(kind="round", round=1, now_ms=1))
+        await _until_it_writes(engine)
+        assert stage.told == ["append a", "recover ['all that was said']", "broadcast", "broadcast"]
+        assert engine.is_signing
+        assert [type(event) for event in core.events] == [Started, TimerFired]
+        await engine.stop()
+
+    run_virtual(story())
+
+
+def test_a_node_that_cannot_write_keeps_nothing_that_its_peers_will_say_again() -> None:
+    async def story() -> None:
+        stage = Stage()
+        stage.refuses = True
+        core = ScriptedCore([Persist((b"a",))])
+        engine = _engine(core, stage)
+        engine.start(stage)  # type: ignore[arg-type]
+        for _ in range(1_000):
+            engine.submit(NoticeReceived(notice=NOTICE, now_ms=1))
+        assert not engine._events
+        stage.refuses = False
+        await _until_it_writes(engine)
+        engine.submit(NoticeReceived(notice=NOTICE, now_ms=1))
+        assert [type(event) for event in core.events] == [Started, NoticeReceived]
+        await engine.stop()
+
+    run_virtual(story())
+
+
+def test_a_full_ledger_disk_stops_the_engine_until_it_is_resumed() -> None:
+    async def story() -> None:
+        stage = Stage()
+        core = ScriptedCore([], [Broadcast(NOTICE)])
+        engine = _engine(core, stage)
+        engine.start(stage)  # type: ignore[arg-type]
+        engine.pause("ledger", "The ledger cannot be written.")
+        engine.submit(TimerFired(kind="round", round=1, now_ms=1))
+        assert (stage.told, engine.fault) == ([], "The ledger cannot be written.")
+        engine.resume("ledger")
+        assert (stage.told, engine.fault) == (["broadcast"], "")
+        await engine.stop()
+
+    run_virtual(story())
 
 
 async def test_on_a_slow_disk_the_loop_goes_on_and_the_order_is_kept() -> None:
@@ -94,7 +174,7 @@ async def test_on_a_slow_disk_the_loop_goes_on_and_the_order_is_kept() -> None:
     stage.gate = threading.Event()
     core = ScriptedCore([Persist((b"a",)), Broadcast(NOTICE)], [Broadcast(NOTICE)])
     engine = _engine(core, stage)
-    engine._sync_ms = 50.0
+    engine._recorder._sync_ms = 50.0
     engine.start(stage)  # type: ignore[arg-type]
     engine.submit(WorkChanged(pending=True, now_ms=1))
     await asyncio.sleep(0)
@@ -121,7 +201,7 @@ async def test_an_action_between_events_waits_for_a_running_sync() -> None:
     stage.gate = threading.Event()
     core = ScriptedCore([Persist((b"a",))])
     engine = _engine(core, stage)
-    engine._sync_ms = 50.0
+    engine._recorder._sync_ms = 50.0
     engine.start(stage)  # type: ignore[arg-type]
     engine.call_between_events(lambda: stage.told.append("action"))
     assert "action" not in stage.told

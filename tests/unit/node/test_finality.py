@@ -54,7 +54,11 @@ def _start(ledger: SlowLedger) -> tuple[LedgerWriter, list[tuple[list[int], int]
     writer.add_listener(
         lambda blocks, _, position: told.append(([block.header.height for block in blocks], position.height))
     )
-    writer.start(on_failure=failures.append, between_events=lambda action: action())
+    writer.start(
+        on_failure=failures.append,
+        on_recovery=lambda: failures.append("recovered"),
+        between_events=lambda action: action(),
+    )
     return writer, told, failures
 
 
