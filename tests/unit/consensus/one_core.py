@@ -72,8 +72,16 @@ class Peers:
     """All keys of one epoch's producers: whatever they could sign, the test can. `root` is where the epoch begins."""
 
     def __init__(
-        self, count: int = 4, blocks_per_turn: int = 1, *, epoch: int = 0, root: Block = GENESIS, first_key: int = 0
+        self,
+        count: int = 4,
+        blocks_per_turn: int = 1,
+        *,
+        epoch: int = 0,
+        root: Block = GENESIS,
+        first_key: int = 0,
+        chain_id: bytes = CHAIN_ID,
     ) -> None:
+        self.chain_id = chain_id
         self.keys = make_keys(first_key + count)[first_key:]
         self.schedule = Schedule(epoch, tuple(key.public_key for key in self.keys), blocks_per_turn)
         self.epoch, self.root, self.root_qc = epoch, root, genesis_certificate(root.block_id, epoch)
@@ -95,7 +103,7 @@ class Peers:
         above = parent.header
         fields: dict[str, object] = {
             "version": HEADER_VERSION,
-            "chain_id": CHAIN_ID,
+            "chain_id": self.chain_id,
             "epoch": self.epoch,
             "height": above.height + 1,
             "round": round_number,
@@ -113,7 +121,7 @@ class Peers:
         fields.update(changes)
         data = encode(Header(**fields))  # type: ignore[arg-type]
         key = self.keys[self.schedule.leader(round_number)]
-        signature = sign_block(key, CHAIN_ID, self.schedule.epoch, round_number, sha256(data))
+        signature = sign_block(key, self.chain_id, self.schedule.epoch, round_number, sha256(data))
         return Block(header_bytes=data, signature=signature, transactions=transactions)
 
     def boundary(self, round_number: int, parent: Block | None = None, following: Epoch | None = None) -> Block:
@@ -145,7 +153,7 @@ class Peers:
         return blocks
 
     def vote(self, index: int, block: Block) -> Vote:
-        return sign_vote(self.keys[index], CHAIN_ID, self.epoch, block.header.round, block.block_id, index)
+        return sign_vote(self.keys[index], self.chain_id, self.epoch, block.header.round, block.block_id, index)
 
     def qc(self, block: Block, voters: tuple[int, ...] | None = None) -> QuorumCertificate:
         if block.block_id == self.root.block_id:
@@ -162,7 +170,7 @@ class Peers:
         entered_by: TimeoutCertificate | None = None,
     ) -> Timeout:
         key = self.keys[index]
-        return sign_timeout(key, CHAIN_ID, round_number, index, qc or self.root_qc, entered_by, self.epoch)
+        return sign_timeout(key, self.chain_id, round_number, index, qc or self.root_qc, entered_by, self.epoch)
 
     def tc(self, round_number: int, *qc_rounds: int, signers: tuple[int, ...] | None = None) -> TimeoutCertificate:
         """Return a TC whose signers named these QC rounds (the last one also for the rest)."""
