@@ -17,11 +17,11 @@ PROOF = FinalityProof(
 )
 
 
-def _block(height: int, *txids: bytes) -> Any:
+def _block(height: int, *txids: bytes, next_epoch: Any = None) -> Any:
     return SimpleNamespace(
         header=SimpleNamespace(height=height),
         txids=frozenset(txids),
-        next_epoch=None,
+        next_epoch=next_epoch,
         to_stored=lambda _proof: SimpleNamespace(height=height),
     )
 
@@ -89,6 +89,19 @@ async def test_blocks_that_wait_are_stored_together_and_none_twice() -> None:
     await writer.stop()
     assert ledger.commits == [[1], [2, 3]]
     assert told == [([1], 1), ([2, 3], 3)]
+
+
+async def test_a_boundary_is_the_last_block_of_its_commit_whatever_waits_behind_it() -> None:
+    ledger = SlowLedger()
+    writer, told, _ = _start(ledger)
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    writer.store([_block(2), _block(3, next_epoch="the next")], PROOF)
+    writer.store([_block(4)], PROOF)
+    ledger.may_commit.set()
+    await writer.stop()
+    assert ledger.commits == [[1], [2, 3], [4]]
+    assert told == [([1], 1), ([2, 3], 3), ([4], 4)]
 
 
 async def test_a_store_that_takes_no_more_stops_the_node_from_signing_and_tells_nobody() -> None:

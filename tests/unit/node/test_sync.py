@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import msgspec
 import pytest
 
-from consensus.block import Block, FinalityProof
+from consensus.block import Block, EpochProof, FinalityProof, genesis_certificate
 from consensus.errors import BlockRobotError
 from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode
@@ -16,7 +17,7 @@ from consensus.primitives.hashing import sha256
 from node.epochs import start_of_genesis
 from node.finality import FinalityFeed
 from node.storage.memory_store import MemoryStore
-from node.sync import BATCH_MAX_COUNT, Synchroniser, read_batch
+from node.sync import BATCH_MAX_COUNT, Synchroniser, finality_of, proof_from_blocks, read_batch
 from tests.unit.node.hand_made_chain import KEYS, certify, make_chain, make_genesis, prove, stored
 
 GENESIS = make_genesis()
@@ -32,6 +33,11 @@ async def _ledger(height: int, chain: list[Block] = CHAIN) -> MemoryStore:
 
 
 async def _refusal(blocks: list[Block], proof: FinalityProof, height: int = 0) -> str:
+    error = await _error(blocks, proof, height)
+    return "" if error is None else error.code
+
+
+async def _error(blocks: list[Block], proof: FinalityProof, height: int = 0) -> BlockRobotError | None:
     nothing: Any = None
     sync = Synchroniser(
         genesis=GENESIS,
@@ -45,8 +51,8 @@ async def _refusal(blocks: list[Block], proof: FinalityProof, height: int = 0) -
     try:
         sync._check_batch(blocks, proof)
     except BlockRobotError as error:
-        return error.code
-    return ""
+        return error
+    return None
 
 
 async def test_a_run_of_blocks_with_its_proof_is_believed() -> None:
@@ -103,3 +109,48 @@ async def test_a_long_chain_is_served_in_parts_each_with_its_proof() -> None:
     assert batch.proof is not None
     assert batch.proof.header_bytes == chain[BATCH_MAX_COUNT].header_bytes
     assert (beyond.blocks, beyond.proof) == ((), None)
+
+
+def _changed(block: Block, **changes: Any) -> Block:
+    header = msgspec.structs.replace(block.header, **changes)
+    data = encode(header)
+    signature = sign_block(KEYS[header.producer], header.chain_id, header.epoch, header.round, sha256(data))
+    return Block(data, signature, ())
+
+
+@pytest.mark.parametrize("changes", [{"next_schedule_hash": bytes(32)}, {"is_closing": True}])
+async def test_a_run_that_goes_on_behind_a_boundary_is_not_believed(changes: dict[str, Any]) -> None:
+    changed = _changed(CHAIN[3], **changes)
+    error = await _error([*CHAIN[1:3], changed, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8))
+    assert error is not None
+    assert (error.code, "behind a boundary" in error.detail) == ("BLOCK_INVALID", True)
+
+
+async def test_a_run_of_another_epoch_is_not_believed() -> None:
+    proof = prove(GENESIS, CHAIN, 8)
+    later = encode(msgspec.structs.replace(CHAIN[8].header, epoch=1))
+    foreign = msgspec.structs.replace(proof, header_bytes=later)
+    assert await _refusal(CHAIN[1:9], foreign) == "PROOF_OTHER_EPOCH"
+
+
+async def test_a_run_ends_at_the_boundary_with_the_proof_that_began_the_next_epoch() -> None:
+    boundary = _changed(CHAIN[3], next_schedule_hash=bytes(32))
+    own = FinalityProof(boundary.header_bytes, b"child", certify(GENESIS, boundary), (b"between",))
+    epoch = msgspec.structs.replace(GENESIS.epoch, number=1)
+    ledger = MemoryStore()
+    blocks = [stored(block) for block in [*CHAIN[:3], boundary, *CHAIN[4:8]]]
+    blocks[3] = replace(blocks[3], epoch_proof_bytes=encode(EpochProof(own, epoch)))
+    await ledger.commit(blocks, encode(prove(GENESIS, CHAIN, 7)))
+    with ledger.snapshot() as snapshot:
+        batch = read_batch(snapshot, 1)
+        assert finality_of(snapshot, 3) == own
+    assert len(batch.blocks) == 3
+    assert batch.proof == own
+
+
+def test_the_certificate_of_another_epochs_round_zero_proves_nothing() -> None:
+    below, boundary = CHAIN[1], _changed(CHAIN[2], next_schedule_hash=bytes(32))
+    first = _changed(
+        CHAIN[3], epoch=1, round=1, parent_id=boundary.block_id, qc=genesis_certificate(boundary.block_id, 1)
+    )
+    assert proof_from_blocks(below, boundary, first) is None

@@ -1,0 +1,125 @@
+"""A peer that speaks of epochs that are not: forged steps, words of far futures, claims to be ahead. All cost it alone."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import msgspec
+import pytest
+
+from consensus.block import EpochProof, FinalityProof, QuorumCertificate
+from consensus.errors import BlockRobotError
+from consensus.messages import CertificateNotice
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from node.epochs import KEPT_WORDS_MAX_BYTES, KEPT_WORDS_MAX_COUNT
+from node.p2p.wire import BlockBatch, FrameKind, HeightNotice, RequestKind
+from tests.unit.node.small_nodes import SmallNodes, make_genesis
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+NAMES = ["a", "b", "c", "liar"]
+THIEF = PrivateKey(sha256(b"thief")).public_key
+
+
+def _call(crowd: SmallNodes) -> Any:
+    return crowd.transaction("identity", "authenticate", bytes(32))
+
+
+def _tell(crowd: SmallNodes, kind: FrameKind, payload: bytes) -> None:
+    crowd.links["a"].handler.peer_frame("liar", kind, payload)
+
+
+def _refusal(crowd: SmallNodes, proof: EpochProof) -> str:
+    with pytest.raises(BlockRobotError) as refusal:
+        _tell(crowd, FrameKind.EPOCH, encode(proof))
+    return refusal.value.code
+
+
+def _notice(epoch: int, round_number: int = 1) -> bytes:
+    qc = QuorumCertificate(epoch=epoch, round=round_number, block_id=bytes(32), votes=())
+    return encode(CertificateNotice(qc=qc, entered_by=None))
+
+
+def test_a_forged_step_into_another_epoch_costs_the_liar_its_connection_and_moves_nobody() -> None:
+    async def story() -> None:
+        crowd = SmallNodes(make_genesis(NAMES))
+        await crowd.start()
+        await crowd.finalize("b", _call(crowd))
+        await crowd.finalize("a", _call(crowd))
+        node = crowd.nodes["a"]
+        with crowd.ledgers["a"].snapshot() as snapshot:
+            genuine = decode(snapshot.finality, FinalityProof)
+        stolen = msgspec.structs.replace(crowd.genesis.epoch, number=1, producers=(THIEF,))
+        assert _refusal(crowd, EpochProof(genuine, stolen)) == "PROOF_INVALID"
+        weak = msgspec.structs.replace(genuine.child_qc, votes=genuine.child_qc.votes[:-1])
+        proof = EpochProof(msgspec.structs.replace(genuine, child_qc=weak), stolen)
+        assert _refusal(crowd, proof) == "CERTIFICATE_INVALID"
+        header = msgspec.structs.replace(node.core.finalized, next_schedule_hash=bytes(32))
+        proof = EpochProof(msgspec.structs.replace(genuine, header_bytes=encode(header)), stolen)
+        assert _refusal(crowd, proof) == "PROOF_INVALID"
+        await asyncio.sleep(1)
+        assert (node.core.epoch, node.sync.blocks_installed_count) == (0, 0)
+        await crowd.finalize("a", _call(crowd))
+        await crowd.stop()
+
+    run_virtual(story())
+
+
+def test_the_step_that_was_decided_cannot_be_exchanged_for_another_with_the_same_boundary() -> None:
+    async def story() -> None:
+        crowd = SmallNodes(make_genesis(NAMES))
+        await crowd.start()
+        crowd.cut_off = {"a"}
+        await crowd.finalize("b", crowd.transaction("settings", "propose", "base_timeout_ms", 400))
+        await crowd.wait_epoch(1, "b", "c", "liar")
+        with crowd.ledgers["b"].snapshot() as snapshot:
+            genuine = decode(snapshot.epoch_proof(1) or b"", EpochProof)
+        stolen = msgspec.structs.replace(genuine.epoch, producers=(THIEF, *genuine.epoch.producers[1:]))
+        assert _refusal(crowd, EpochProof(genuine.finality, stolen)) == "PROOF_INVALID"
+        skipped = EpochProof(genuine.finality, msgspec.structs.replace(genuine.epoch, number=1, leaderless=(0,)))
+        assert _refusal(crowd, skipped) == "PROOF_INVALID"
+        assert crowd.nodes["a"].core.epoch == 0
+        crowd.heal()
+        await crowd.wait_epoch(1, timeout_s=10)
+        await crowd.finalize("a", _call(crowd))
+        await crowd.stop()
+
+    run_virtual(story())
+
+
+def test_words_of_epochs_that_are_not_fill_no_memory_and_stop_nobody_from_voting() -> None:
+    async def story() -> None:
+        crowd = SmallNodes(make_genesis(NAMES))
+        await crowd.start()
+        node, asked = crowd.nodes["a"], []
+        serve = crowd.links["liar"].handler.peer_request
+
+        async def stall(peer: str, kind: RequestKind, body: bytes) -> bytes:
+            asked.append(kind)
+            if kind is RequestKind.FINALIZED:
+                return encode(BlockBatch(blocks=(), proof=None))
+            return await serve(peer, kind, body)
+
+        crowd.links["liar"].handler.peer_request = stall  # type: ignore[method-assign]
+        started_ms = virtual_now_ms()
+        for number in range(2_000):
+            _tell(crowd, FrameKind.NOTICE, _notice(1 + number % 2, 1 + number))
+            _tell(crowd, FrameKind.HEIGHT, encode(HeightNotice(finalized_height=0, epoch=7)))
+            if number % 100 == 0:
+                assert not node.sync.closes_gap
+                await crowd.finalize("a", _call(crowd))
+                await asyncio.sleep(0.1)
+        handover = node.peers._handover
+        assert len(handover._kept) <= KEPT_WORDS_MAX_COUNT
+        assert handover._kept_bytes <= KEPT_WORDS_MAX_BYTES
+        assert 1 <= asked.count(RequestKind.FINALIZED) <= 2 + (virtual_now_ms() - started_ms) // 1_000
+        assert {node.core.epoch for node in crowd.nodes.values()} == {0}
+        assert node.is_ready()
+        await crowd.finalize("a", crowd.transaction("settings", "propose", "base_timeout_ms", 400))
+        await crowd.wait_epoch(1)
+        await crowd.finalize("a", _call(crowd))
+        await crowd.stop()
+
+    run_virtual(story())
