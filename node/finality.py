@@ -42,8 +42,8 @@ class FinalityFeed:
         self._heights.clear()
         if self._transactions:
             for block in blocks:
-                for transaction in block.transactions:
-                    self._resolve(transaction.txid, final=True)
+                for txid in sorted(block.txids):
+                    self._resolve(txid, final=True)
 
     def give_up(self, txids: list[bytes]) -> None:
         """Transactions expired: nobody need wait for them."""
