@@ -72,13 +72,18 @@ class Cluster:
         found = {path.parent.name for path in (self.folder / "nodes").glob(f"*/{CONFIG_FILE}")}
         return [name for name in first if name in found] + sorted(found.difference(first))
 
-    def start(self, name: str, *, behaviour: str = "", seed: int = 0) -> None:
-        """Start one node's process, apart from this one's terminal and life; with a behaviour, a Byzantine one."""
+    def start(self, name: str, *, behaviour: str = "", seed: int = 0, restored: bool = False) -> None:
+        """Start one node's process, apart from this one's terminal and life; with a behaviour, a Byzantine one.
+
+        `restored` says that its data directory comes from a backup.
+        """
         config = self.config(name)
         command = [sys.executable, "-m", "node.main", "--data-dir", str(config.data_dir)]
         if behaviour:
             command[2] = "network.byzantine.process"
             command += ["--behaviour", behaviour, "--seed", str(seed)]
+        elif restored:
+            command.append("--restored")
         output = (config.data_dir / "output.log").open("ab")
         with output:
             child = subprocess.Popen(

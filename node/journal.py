@@ -14,7 +14,7 @@ import os
 import struct
 import threading
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -110,6 +110,14 @@ def _replay(data: bytes, path: Path) -> tuple[_FileHead, list[JournalEntry], int
     return head, entries, offset
 
 
+def _make_content(identity: bytes, first: int, records: list[tuple[int, bytes]]) -> tuple[list[JournalEntry], bytes]:
+    """Return the entries of a new file and its bytes, in which all of them count as synced with the file itself."""
+    entries = [JournalEntry(first + index, kind, record) for index, (kind, record) in enumerate(records)]
+    newest = first + len(entries) - 1
+    frames = [_frame(identity, entry, newest) for entry in entries]
+    return entries, _FileHead(identity, first, newest).encode() + b"".join(frames)
+
+
 def _write_aside(disk: Disk, path: Path, data: bytes) -> DiskFile:
     """Write and sync a file beside the journal; return it open. Raises OSError."""
     file = disk.open(_aside(path), create=True)
@@ -162,9 +170,15 @@ class Journal:
 
     @classmethod
     def create(
-        cls, path: Path, *, disk: Disk | None = None, identity: bytes | None = None, first_sequence: int = 1
+        cls,
+        path: Path,
+        *,
+        disk: Disk | None = None,
+        identity: bytes | None = None,
+        first_sequence: int = 1,
+        records: Sequence[bytes] = (),
     ) -> Journal:
-        """Make an empty journal and open it. `identity` (16 bytes) is drawn unless given.
+        """Make a journal of these records (none as a rule) and open it. `identity` (16 bytes) is drawn unless given.
 
         Raises DATA_DIRECTORY_INVALID if there is one already, JOURNAL_UNWRITABLE if the disk refuses.
         """
@@ -174,8 +188,9 @@ class Journal:
             raise ValueError(f"a journal has an identity of {IDENTITY_SIZE_BYTES} bytes and counts from 1 or more")
         if disk.exists(path):
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a journal already: {path}.")
+        entries, data = _make_content(identity, first_sequence, [(0, record) for record in records])
         try:
-            file = _write_aside(disk, path, _FileHead(identity, first_sequence, first_sequence - 1).encode())
+            file = _write_aside(disk, path, data)
             try:
                 _put_in_place(disk, path)
             except BaseException:
@@ -183,7 +198,7 @@ class Journal:
                 raise
         except OSError as error:
             raise _refusal(path, error) from error
-        return cls(disk, path, file, identity, [], first_sequence)
+        return cls(disk, path, file, identity, entries, first_sequence + len(entries))
 
     @classmethod
     def open(cls, path: Path, *, disk: Disk | None = None) -> Journal:
@@ -306,11 +321,8 @@ class Journal:
             self._broken = False
 
     def _replace_by(self, records: list[tuple[int, bytes]]) -> None:
-        first = self._next_sequence
-        newest = first + len(records) - 1
-        entries = [JournalEntry(first + index, kind, record) for index, (kind, record) in enumerate(records)]
-        frames = [_frame(self._identity, entry, newest) for entry in entries]
-        data = _FileHead(self._identity, first, newest).encode() + b"".join(frames)
+        entries, data = _make_content(self._identity, self._next_sequence, records)
+        newest = self._next_sequence + len(entries) - 1
         if len(data) > JOURNAL_SIZE_MAX_BYTES:
             raise BlockRobotError("JOURNAL_UNWRITABLE", f"The journal {self._path} cannot hold that many records.")
         file = _write_aside(self._disk, self._path, data)

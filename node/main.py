@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import structlog
@@ -111,7 +112,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the command line names; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m node.main", description="Run one BlockRobot node.")
     parser.add_argument("--data-dir", type=Path, required=True, help="the node's data directory")
-    return run_process(parser.parse_args(arguments).data_dir)
+    parser.add_argument(
+        "--restored",
+        action="store_true",
+        help="the directory or its journal comes from a backup or is lost: be silent until it is safe",
+    )
+    options = parser.parse_args(arguments)
+    return run_process(options.data_dir, partial(Node, restored=options.restored))
 
 
 if __name__ == "__main__":

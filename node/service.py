@@ -29,12 +29,12 @@ from node.disk import SystemDisk
 from node.engine import Outbox
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.interface import WallClock
-from node.journal import Journal
 from node.machine import ViewRunner
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
 from node.p2p.network import PeerHandler, PeerNetwork, bind_listener
+from node.restoring import open_journal
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 
 API_BODY_MAX_BYTES = 32 * 1024 * 1024
@@ -69,8 +69,11 @@ class Node:
         *,
         clock: WallClock | None = None,
         wrap_outbox: Callable[[Outbox, Assembly], Outbox] | None = None,
+        restored: bool = False,
     ) -> None:
         """Read genesis and keys. Another clock, or an outbox around the node's own, is for tests of the network.
+
+        `restored` says that the data directory, or a part of it, comes from a backup, or that its journal is lost.
 
         Raises CONFIGURATION_INVALID, GENESIS_INVALID, FAULT_INVALID, FILE_UNUSABLE.
         """
@@ -78,6 +81,7 @@ class Node:
         self.genesis = load_genesis(config)
         self._clock = clock or WallClock()
         self._wrap_outbox = wrap_outbox
+        self._restored = restored
         self._faults: FaultSwitch | None = None
         self._token = ""
         if config.faults_enabled:
@@ -112,7 +116,7 @@ class Node:
         if faults is not None:
             ledger.require_space = partial(faults.require_space, "ledger")
         disk = None if faults is None else FillableDisk(SystemDisk(), faults, "journal")
-        journal = Journal.open(config.journal_path, disk=disk)
+        journal = open_journal(config.journal_path, restored=self._restored, disk=disk)
         stack.callback(journal.close)
         directory = Directory(newest_beginning(config.data_dir, genesis))
         with ledger.snapshot() as snapshot:

@@ -13,6 +13,7 @@ from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
+    "run": ("network.cli.run_command", "run"),
     "snapshot": ("network.cli.snapshot_commands", "snapshot"),
     "prune": ("network.cli.ledger_commands", "prune"),
     "diff": ("network.cli.ledger_commands", "diff"),
