@@ -50,6 +50,7 @@ class NetworkUnderTest:
             base_port=find_base_port(nodes),
             store=store,
             network=network,
+            faults=True,
         )
         self.cluster = Cluster(folder)
         self.names = self.cluster.names
