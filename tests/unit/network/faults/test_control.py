@@ -1,0 +1,133 @@
+"""Faults of nodes that are down are kept in their files; a network that allows none is left alone, whole."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.faults.actions import Action, FillDisk, GoByzantine, Heal, Kill, Partition, Pause, SetLink, Skew
+from network.faults.control import FaultControl
+from network.faults.plan import parse_plan
+from network.faults.run import StepDone, run_plan
+from network.layout import create_network
+from node.faults import STATE_FILE_NAME
+from node.p2p.shaping import LinkFault
+
+HALVES = Partition((("node-1", "node-2"), ("node-3",)))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("faults") / "network"
+    create_network(folder, nodes=3, organisations=1, base_port=46_810, faults=True)
+    return folder
+
+
+@pytest.fixture
+def control(folder: Path) -> FaultControl:
+    control = FaultControl(Cluster(folder), seed=11)
+    asyncio.run(control.carry_out(Heal()))
+    return control
+
+
+def _do(control: FaultControl, *actions: Action) -> dict[str, list[str]]:
+    async def work() -> dict[str, list[str]]:
+        for action in actions:
+            await control.carry_out(action)
+        return {row.name: row.describe() for row in await control.state()}
+
+    return asyncio.run(work())
+
+
+def test_a_partition_cuts_both_ends_of_each_link_between_groups(control: FaultControl) -> None:
+    assert _do(control, HALVES) == {
+        "node-1": ["down", "-> node-3: cut"],
+        "node-2": ["down", "-> node-3: cut"],
+        "node-3": ["down", "-> node-1: cut", "-> node-2: cut"],
+    }
+
+
+def test_a_second_partition_takes_the_place_of_the_first_and_slow_links_stay_slow(control: FaultControl) -> None:
+    slow = SetLink("node-1", "node-3", LinkFault(delay_ms=9))
+    assert _do(control, slow, HALVES, Partition((("node-1",), ("node-2", "node-3")))) == {
+        "node-1": ["down", "-> node-2: cut", "-> node-3: cut"],
+        "node-2": ["down", "-> node-1: cut"],
+        "node-3": ["down", "-> node-1: cut"],
+    }
+    everybody = Partition((tuple(control.cluster.names),))
+    assert _do(control, everybody)["node-1"] == ["down", "-> node-3: 9 ms"]
+
+
+def test_faults_of_one_node_are_kept_for_its_next_start_and_healed(control: FaultControl) -> None:
+    said = _do(control, Skew("node-2", 3_600_000), FillDisk("node-2", "journal"), FillDisk("node-2", "custody"))
+    assert said["node-2"] == ["down", "clock +1h", "custody disk full", "journal disk full"]
+    assert _do(control, FillDisk("node-2", "custody", is_full=False))["node-2"][2:] == ["journal disk full"]
+    assert _do(control, Heal(("node-2",)))["node-2"] == ["down"]
+
+
+def test_healing_one_node_mends_the_links_of_others_to_it(control: FaultControl) -> None:
+    said = _do(control, HALVES, Heal(("node-3",)))
+    assert said == {"node-1": ["down"], "node-2": ["down"], "node-3": ["down"]}
+
+
+def test_a_link_has_its_seed_and_both_directions_if_asked(control: FaultControl) -> None:
+    said = _do(control, SetLink("node-1", "node-2", LinkFault(loss=0.5), is_both=True))
+    assert said["node-1"] == ["down", "-> node-2: 50.0% lost"]
+    assert said["node-2"] == ["down", "-> node-1: 50.0% lost"]
+    states = asyncio.run(control.state())
+    assert states[0].switched is not None
+    assert states[0].switched["seed"] == 11
+
+
+@pytest.mark.parametrize("action", [Kill("node-1"), Pause("node-1")])
+def test_who_is_down_cannot_be_killed_or_paused(control: FaultControl, action: Action) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        _do(control, action)
+    assert refused.value.code == "NODE_UNREACHABLE"
+
+
+def test_an_unknown_node_is_refused(control: FaultControl) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        _do(control, Kill("node-9"))
+    assert refused.value.code == "FAULT_UNKNOWN"
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        HALVES,
+        Heal(),
+        Skew("node-1", 5),
+        SetLink("node-1", "node-2", LinkFault(cut=True)),
+        GoByzantine("node-1", "garbage"),
+    ],
+)
+def test_a_network_that_allows_no_faults_is_left_alone(tmp_path: Path, action: Action) -> None:
+    create_network(tmp_path, nodes=3, organisations=1, base_port=46_850)
+    control = FaultControl(Cluster(tmp_path))
+    with pytest.raises(BlockRobotError) as refused:
+        _do(control, action)
+    assert refused.value.code == "FAULTS_DISABLED"
+    assert not list(tmp_path.rglob(STATE_FILE_NAME))
+    assert {row.switched is None for row in asyncio.run(control.state())} == {True}
+
+
+def test_a_plan_is_carried_out_on_time_and_a_step_that_fails_is_told_and_not_the_end(control: FaultControl) -> None:
+    text = "\n".join(
+        f"[[step]]\nat = '{at}'\n{what}"
+        for at, what in (
+            ("0", "do = 'partition'\ngroups = 'node-1'"),
+            ("20ms", "do = 'kill'\nnode = 'node-1'"),
+            ("40ms", "do = 'heal'"),
+        )
+    )
+    told: list[StepDone] = []
+    done = asyncio.run(run_plan(parse_plan(text, control.cluster.names), control, told.append))
+    assert done == told
+    assert [None if item.error is None else item.error.code for item in done] == [None, "NODE_UNREACHABLE", None]
+    assert all(item.at_ms >= item.step.at_ms for item in done)
+    assert {tuple(row.describe()) for row in asyncio.run(control.state())} == {("down",)}
