@@ -211,6 +211,17 @@ class Cluster:
                 if waiting:
                     await asyncio.sleep(_POLL_S)
 
+    async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
+        """Wait until a node's operator listener answers, ready or not. Raises CLUSTER_START_FAILED with why not."""
+        deadline = time.monotonic() + timeout_s
+        async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
+            while not self._is_own(name, await _fetch_status(session, self.configs[name])):
+                if not self.is_running(name):
+                    raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
+                if time.monotonic() > deadline:
+                    raise BlockRobotError("CLUSTER_START_FAILED", f"{name} did not answer in time.")
+                await asyncio.sleep(_POLL_S)
+
     async def _answers_ready(self, session: aiohttp.ClientSession, name: str, *, is_asked_for: bool) -> bool:
         """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
         status = await _fetch_status(session, self.configs[name])

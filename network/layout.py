@@ -40,12 +40,15 @@ _ORGANISATION_NAMES = ("hospital", "university")
 
 
 @dataclass(frozen=True, slots=True)
-class _NodeKeys:
+class NodeKeys:
+    """The two signing keys of a node; only a custodian has the second."""
+
     producer: PrivateKey
     custodian: PrivateKey | None
 
 
-def _new_key() -> PrivateKey:
+def new_key() -> PrivateKey:
+    """Return a fresh random signing key."""
     return PrivateKey(secrets.token_bytes(PRIVATE_KEY_SIZE_BYTES))
 
 
@@ -93,7 +96,7 @@ def create_network(
     if (directory / "genesis.json").exists():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a network in {directory} already.")
     names = [f"node-{number + 1}" for number in range(nodes)]
-    keys = [_NodeKeys(_new_key(), _new_key() if number < organisations else None) for number in range(nodes)]
+    keys = [NodeKeys(new_key(), new_key() if number < organisations else None) for number in range(nodes)]
     authorities = [create_organisation(directory, organisation_name(number)) for number in range(organisations)]
     genesis = complete_genesis(
         Genesis(
@@ -118,7 +121,7 @@ def create_network(
     for number, entry in enumerate(genesis.nodes):
         authority = authorities[number % organisations][0]
         store_uri = store_uri_of(store, network, entry.name)
-        _create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri, faults=faults)
+        create_node(directory / "nodes" / entry.name, entry, keys[number], authority, text, store_uri, faults=faults)
     (directory / "genesis.json").write_text(text, encoding="utf-8")
     return genesis
 
@@ -132,7 +135,7 @@ def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisa
     if folder.exists():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is an organisation in {folder} already.")
     authority = create_authority(name)
-    admin, registrar = _new_key(), _new_key()
+    admin, registrar = new_key(), new_key()
     write_secret(folder / "ca.key.pem", encode_private_key(authority.key))
     (folder / "ca.crt.pem").write_text(authority.certificate_pem, encoding="utf-8")
     write_secret(folder / "admin.key", admin.secret)
@@ -146,7 +149,7 @@ def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisa
     return authority, entry
 
 
-def _node_entry(name: str, organisation: str, port: int, keys: _NodeKeys) -> NodeEntry:
+def _node_entry(name: str, organisation: str, port: int, keys: NodeKeys) -> NodeEntry:
     return NodeEntry(
         name=name,
         organisation=organisation,
@@ -159,22 +162,27 @@ def _node_entry(name: str, organisation: str, port: int, keys: _NodeKeys) -> Nod
     )
 
 
-def _create_node(
+def create_node(
     folder: Path,
     entry: NodeEntry,
-    keys: _NodeKeys,
+    keys: NodeKeys,
     authority: Authority,
     genesis_text: str,
     store_uri: str,
     *,
     faults: bool,
+    organisation: str = "",
 ) -> None:
+    """Make a node's data directory. `organisation` is for a node that the genesis file does not name.
+
+    Raises FileExistsError if there is one already.
+    """
     folder.mkdir(parents=True, mode=0o700)  # ledger and custody tell who was where when
     config = NodeConfig(
         data_dir=folder,
         name=entry.name,
         genesis_path=folder / "genesis.json",
-        host=HOST,
+        host=entry.host,
         p2p_port=entry.p2p_port,
         api_port=entry.p2p_port + 1,
         operator_port=entry.p2p_port + 2,
@@ -185,8 +193,9 @@ def _create_node(
         custody_store=store_uri,
         log_level="info",
         faults_enabled=faults,
+        organisation=organisation,
     )
-    certificate = issue_node_certificate(authority, entry.name, HOST)
+    certificate = issue_node_certificate(authority, entry.name, entry.host)
     write_secret(config.tls_key_path, certificate.key_pem)
     write_secret(config.tls_certificate_path, certificate.certificate_pem)
     write_secret(folder / "keys" / "producer.key", keys.producer.secret)

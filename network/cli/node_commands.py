@@ -13,6 +13,8 @@ from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
+    "init": ("network.cli.node_setup_commands", "init"),
+    "directory": ("network.cli.node_setup_commands", "directory"),
     "run": ("network.cli.run_command", "run"),
     "snapshot": ("network.cli.snapshot_commands", "snapshot"),
     "prune": ("network.cli.ledger_commands", "prune"),
