@@ -16,6 +16,8 @@ from network.bench.conditions import build_result, measure_conditions
 from network.bench.finality_probe import FinalityProbe, longest_gap_s
 from network.bench.fresh_network import FreshNetwork, LoadRobot
 from network.demo.leader_kill import find_leader
+from network.faults.actions import Heal, Partition
+from network.faults.control import FaultControl
 
 WARM_UP_S = 1.0
 WATCH_S = 4.0
@@ -79,20 +81,39 @@ async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen
         seen.add(probe, await probe.settle())
 
 
+async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], seen: _Seen) -> None:
+    """Cut the network into two halves without a quorum, join them again, and watch one node until a call is final."""
+    names = network.cluster.names
+    half = len(names) // 2
+    witness = network.genesis.nodes[0]
+    control = FaultControl(network.cluster)
+    async with FinalityProbe(network.genesis, witness, robots[witness.name]) as probe:
+        await asyncio.sleep(WARM_UP_S)
+        await control.carry_out(Partition((tuple(names[:half]), tuple(names[half:]))))
+        await asyncio.sleep(CUT_S)
+        await control.carry_out(Heal(()))
+        healed_s = time.perf_counter()
+        final_s = await probe.wait_final_after(healed_s, HEAL_TIMEOUT_S)
+        seen.heals_s.append((HEAL_TIMEOUT_S if final_s is None else final_s - healed_s))
+        seen.add(probe, await probe.settle())
+
+
 async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
     """Make a network, break it `repeats` times in each way, and return the result.
 
     Figures: `leader_kill_gap_s` (longest time without finality in the four seconds after a SIGKILL of the leader),
-    `restart_ready_s` (from starting that node again to ready and caught up), each with its maximum; calls that were
-    acknowledged, and how many of them were lost (`ok` is False if any was).
+    `restart_ready_s` (from starting that node again to ready and caught up), `heal_gap_s` (from the end of a cut into
+    halves to the first call that is final), each with its maximum; calls that were acknowledged, and how many of them
+    were lost (`ok` is False if any was).
     """
     conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
     seen = _Seen()
-    async with FreshNetwork(nodes) as network:
+    async with FreshNetwork(nodes, faults=True) as network:
         enrolled = await network.enrol_robots(nodes)
         robots = {node.name: robot for node, robot in zip(network.genesis.nodes, enrolled, strict=True)}
         for _ in range(repeats):
             await _kill_leader(network, robots, seen)
+            await _cut_and_heal(network, robots, seen)
     figures: dict[str, Any] = {
         **_spread("leader_kill_gap", seen.kill_gaps_s),
         **_spread("heal_gap", seen.heals_s),

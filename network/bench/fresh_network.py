@@ -79,8 +79,10 @@ class LoadRobot:
 class FreshNetwork:
     """A network that lasts for one measurement. Use as `async with`."""
 
-    def __init__(self, nodes: int) -> None:
+    def __init__(self, nodes: int, *, faults: bool = False) -> None:
+        """`faults`: the network may be broken on purpose."""
         self._nodes_count = nodes
+        self._faults = faults
         self._folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
         self._clients: list[NetworkClient] = []
         self._cluster: Cluster | None = None
@@ -106,6 +108,7 @@ class FreshNetwork:
                 nodes=self._nodes_count,
                 organisations=min(2, self._nodes_count),
                 base_port=find_base_port(self._nodes_count),
+                faults=self._faults,
             )
             self._cluster = Cluster(place)
             self._cluster.start_all()
@@ -139,7 +142,13 @@ class FreshNetwork:
         organisation = self.genesis.organisations[0].name
         desk = Desk(self._folder / "network" / "organisations" / organisation, self.genesis)
         cards = [decode_card_code(desk.issue(f"bench-{number}", "robot")) for number in range(count)]
-        return list(await asyncio.gather(*(self._enrol(number, card) for number, card in enumerate(cards))))
+        enrolling = [asyncio.create_task(self._enrol(number, card)) for number, card in enumerate(cards)]
+        try:
+            return list(await asyncio.gather(*enrolling))
+        finally:
+            for task in enrolling:
+                task.cancel()
+            await asyncio.gather(*enrolling, return_exceptions=True)
 
     async def _enrol(self, number: int, card: Card) -> LoadRobot:
         key, spend, view = (PrivateKey(secrets.token_bytes(32)) for _ in range(3))

@@ -53,3 +53,10 @@ def test_a_wrong_option_is_a_matter_of_usage(arguments: tuple[str, ...]) -> None
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert child.returncode == 2
     assert "Error" in child.stderr
+
+
+def test_killing_and_cutting_loses_no_acknowledged_call() -> None:
+    figures = check_form(run("faults", "--repeats", "1"), "faults")
+    assert figures["acknowledged_count"] > 100
+    assert (figures["lost_count"], figures["errors"]) == (0, 0)
+    assert all(figures[name] > 0 for name in ("leader_kill_gap_s", "heal_gap_s", "restart_ready_s"))
