@@ -158,6 +158,7 @@ def _proposal(proposal_id: bytes, value: Mapping[str, Any]) -> ProposalRow:
 
 async def read_membership(client: NetworkClient, reader: PrivateKey) -> MembershipView:
     """Return organisations, nodes and open proposals, proved, in the session of `reader`. Raises PROOF_INVALID etc."""
+    await client.catch_up(reader)
     index = [MEMBERSHIP + name for name in (b"organisations", b"nodes", b"open")]
     found, _, _ = await _proved(client, index, reader)
     organisations, nodes, opened = (found[key] or [] for key in index)
@@ -180,6 +181,7 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
 
 async def read_producers(client: NetworkClient, reader: PrivateKey) -> ProducersView:
     """Return the epoch that is decided and every candidate, proved, in the session of `reader`."""
+    await client.catch_up(reader)
     index = [PRODUCERS + name for name in (b"epoch", b"max_producers", b"keys")]
     found, _, _ = await _proved(client, index, reader)
     decided, maximum, keys = (found[key] for key in index)

@@ -50,6 +50,7 @@ WAIT_DEFAULT_MS = 30_000
 PROOF_KEYS_MAX_COUNT = 128
 ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
 PASS_PAUSE_MS = 100
+CATCH_UP_TIMEOUT_MS = 3_000
 PASSES_MAX_COUNT = 20
 T = TypeVar("T")
 
@@ -351,6 +352,27 @@ class NetworkClient:
             return self._trust.finality(answer.finality)
 
         return await self._ask_until_fresh(ask)
+
+    async def catch_up(self, key: PrivateKey) -> Header:
+        """Return the newest header that any node proves final, and begin with that node from now on.
+
+        One node alone may be cut off and not know it. From then on no older state is taken from any of them. Raises
+        NODE_UNREACHABLE and the like if none answers.
+        """
+
+        async def ask(node: NodeAddress) -> Header:
+            content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
+            return self._trust.finality(read_answer(content, FinalityAnswer).finality)
+
+        asked = [self._through_epochs(node, ask) for node in self._nodes]
+        answers = await asyncio.gather(*asked, return_exceptions=True)
+        failures = [answer for answer in answers if isinstance(answer, BaseException)]
+        for failure in failures:
+            if not isinstance(failure, BlockRobotError) or len(failures) == len(answers):
+                raise failure
+        heights = [-1 if isinstance(answer, BaseException) else answer.height for answer in answers]
+        self._first = heights.index(max(heights))
+        return self.light_client.header
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         """Return the proved values of up to 128 flat keys, all from one finalized state, in the session of `key`.

@@ -9,6 +9,7 @@ import asyncio
 import datetime as dt
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -74,36 +75,70 @@ def _open_network(folder: Path | None) -> tuple[Path, Genesis]:
     return place, load_genesis(place / "genesis.json")
 
 
-def take_seat(folder: Path | None, organisation: str | None, key_file: Path | None, *, reading: bool = False) -> Seat:
-    """Find who speaks. To read, any organisation's key will do; to decide, it must be said whose, if there are several.
+def take_seat(folder: Path | None, organisation: str | None, key_file: Path | None) -> Seat:
+    """Find who speaks; if several organisations could, it must be said which.
 
-    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if several organisations could.
+    Raises ORGANISATION_KEY_NOT_FOUND, CLUSTER_NOT_RUNNING, KEY_INVALID; a usage error if it is not said.
     """
+    seats = _find_seats(folder, organisation, key_file)
+    if len(seats) > 1:
+        names = " | ".join(seat.organisation for seat in seats)
+        raise click.UsageError(f"Say for which organisation you speak: --as {names}.")
+    return seats[0]
+
+
+def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | None) -> list[Seat]:
+    """Return all who could speak, those of the genesis file first."""
     place, genesis = _open_network(folder)
     if key_file is not None:
-        return Seat(place, genesis, organisation or "", read_private_key(key_file))
+        return [Seat(place, genesis, organisation or "", read_private_key(key_file))]
     known = _admin_keys(place)
-    if organisation is None:
-        if not known:
-            raise BlockRobotError("ORGANISATION_KEY_NOT_FOUND", f"No organisation's folder lies in {place}.")
-        if len(known) > 1 and not reading:
-            raise click.UsageError(f"Say for which organisation you speak: --as {' | '.join(known)}.")
-        organisation = next(iter(known))
-    if organisation not in known:
+    first = [entry.name for entry in genesis.organisations if entry.name in known]
+    names = list(dict.fromkeys([*first, *known])) if organisation is None else [organisation]
+    if not names or not set(names) <= set(known):
+        wanted = "any organisation" if organisation is None else repr(organisation)
         raise BlockRobotError(
-            "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {organisation!r} in {place / 'organisations'}."
+            "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {wanted} in {place / 'organisations'}."
         )
-    return Seat(place, genesis, organisation, read_private_key(known[organisation]))
+    return [Seat(place, genesis, name, read_private_key(known[name])) for name in names]
 
 
 def with_client(seat: Seat, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
-    """Run work with a client of the seat's network."""
+    """Run work with a client of the seat's network. Raises GOVERNANCE_NOT_ADMIN if its key may not even ask."""
 
     async def run() -> T:
         async with NetworkClient(seat.genesis) as client:
             return await work(client)
 
-    return asyncio.run(run())
+    try:
+        return asyncio.run(run())
+    except BlockRobotError as error:
+        if error.code == "SESSION_REFUSED":
+            raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
+        raise
+
+
+async def _work_as(
+    client: NetworkClient, work: Callable[[NetworkClient, PrivateKey], Awaitable[T]], key: PrivateKey
+) -> T:
+    return await work(client, key)
+
+
+def read_with_any(
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    work: Callable[[NetworkClient, PrivateKey], Awaitable[T]],
+) -> T:
+    """Read as any organisation whose key is here: what is proved is the same for all of them."""
+    seats = _find_seats(folder, organisation, key_file)
+    for place, seat in enumerate(seats):
+        try:
+            return with_client(seat, partial(_work_as, work=work, key=seat.key))
+        except BlockRobotError as error:
+            if error.code != "GOVERNANCE_NOT_ADMIN" or place == len(seats) - 1:
+                raise
+    raise AssertionError("there is at least one seat")
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,20 +231,19 @@ def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:
     if not rows:
         console.print("No open proposals.")
         return
-    table = plain_table("Open proposals", ["id", "what", "by", "approved by", "voices", "expires"])
+    table = plain_table("Open proposals", ["id", "what", "approved by", "of", "expires"])
     for row in rows:
-        voices = f"{len(row.approvals)} of {needed}"
-        cells = [shown_id(row.id), summary_of(row), row.organisation, ", ".join(row.approvals), voices]
-        table.add_row(*map(escape, cells), shown_time(row.expires_ms))
+        cells = [shown_id(row.id), summary_of(row), ", ".join(row.approvals), str(needed)]
+        table.add_row(*map(escape, cells), shown_time(row.expires_ms)[:10])
     console.print(table)
     console.print(f"Approve with: blockrobot {group} approve {shown_id(rows[0].id)} --as ORG")
 
 
 def plain_table(title: str, columns: list[str]) -> Table:
-    """Return an empty table in the house's style."""
+    """Return an empty table in the house's style; what is too long for the terminal is folded, never cut off."""
     table = Table(title=title, title_justify="left")
     for column in columns:
-        table.add_column(column)
+        table.add_column(column, overflow="fold")
     return table
 
 

@@ -10,7 +10,7 @@ import click
 from cryptography import x509
 from rich.markup import escape
 
-from clients.sdk.governance import MembershipView, NodeRow, OrganisationRow, read_membership
+from clients.sdk.governance import NodeRow, OrganisationRow, read_membership
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import NodeEntry
@@ -24,11 +24,11 @@ from network.cli.governing import (
     print_proposals,
     proposal_json,
     read_private_key,
+    read_with_any,
     report_decision,
     shown_id,
     summary_of,
     take_seat,
-    with_client,
 )
 from network.layout import create_organisation
 
@@ -73,8 +73,7 @@ def list_organisations(folder: Path | None, organisation: str | None, key_file: 
 
     Example: blockrobot org list --json
     """
-    seat = take_seat(folder, organisation, key_file, reading=True)
-    view: MembershipView = with_client(seat, lambda client: read_membership(client, seat.key))
+    view = read_with_any(folder, organisation, key_file, read_membership)
     proposals = [row for row in view.proposals if row.contract == "membership"]
     if as_json:
         document = {
@@ -93,11 +92,10 @@ def list_organisations(folder: Path | None, organisation: str | None, key_file: 
         own = [node.name for node in view.nodes if node.organisation == row.name]
         table.add_row(escape(row.name), str(row.since_height), escape(", ".join(own)))
     console.print(table)
-    table = plain_table("Nodes", ["node", "organisation", "peers", "clients", "since height", "producer", "custodian"])
+    table = plain_table("Nodes", ["node", "organisation", "peers", "since", "producer", "custodian"])
     for node in view.nodes:
-        keys = [shown_id(key) if key else "-" for key in (node.producer_key, node.custodian_key)]
-        peers = f"{node.host}:{node.p2p_port}"
-        cells = [node.name, node.organisation, peers, node.api_url, str(node.since_height), *keys]
+        keys = [shown_id(key)[:8] if key else "-" for key in (node.producer_key, node.custodian_key)]
+        cells = [node.name, node.organisation, f"{node.host}:{node.p2p_port}", str(node.since_height), *keys]
         table.add_row(*map(escape, cells))
     console.print(table)
     print_proposals(proposals, view.majority, "org")

@@ -21,11 +21,12 @@ from clients.sdk.governance import (
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
+from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES, PrivateKey
 from network.cli.governing import (
     Seat,
     governing_options,
     plain_table,
+    read_with_any,
     shown_id,
     take_seat,
     to_json,
@@ -41,8 +42,8 @@ def producer() -> None:
     """
 
 
-async def _read(client: NetworkClient, seat: Seat) -> tuple[ProducersView, MembershipView]:
-    return await read_producers(client, seat.key), await read_membership(client, seat.key)
+async def _read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
+    return await read_producers(client, key), await read_membership(client, key)
 
 
 def _row_json(row: CandidateRow) -> dict[str, Any]:
@@ -64,7 +65,7 @@ def _row_json(row: CandidateRow) -> dict[str, Any]:
 
 def _ready(row: CandidateRow, view: ProducersView) -> str:
     if row.status == "producing":
-        return "has a seat"
+        return "seated"
     if row.ready_ms == 0:
         return "not yet"
     return f"at height {row.ready_height}, {max(0, view.timestamp_ms - row.ready_ms) // 1000} s ago"
@@ -96,8 +97,7 @@ def list_producers(folder: Path | None, organisation: str | None, key_file: Path
 
     Example: blockrobot producer list
     """
-    seat = take_seat(folder, organisation, key_file, reading=True)
-    view, membership = with_client(seat, lambda client: _read(client, seat))
+    view, membership = read_with_any(folder, organisation, key_file, _read)
     needed = membership.majority
     if as_json:
         document = {
@@ -111,13 +111,14 @@ def list_producers(folder: Path | None, organisation: str | None, key_file: Path
         }
         print_json(document)
         return
-    title = f"Producers of epoch {view.epoch.number}, as of height {view.height}; {view.max_producers} seats at most"
-    table = plain_table(title, ["turn", "node", "organisation", "status", "votes", "ready", "key"])
+    seats = f"{view.max_producers} seats at most, {needed} votes to enter"
+    title = f"Producers of epoch {view.epoch.number}, as of height {view.height}; {seats}"
+    table = plain_table(title, ["turn", "node", "of", "status", "votes", "ready", "key"])
     for row in view.candidates:
-        votes = f"{len(row.votes)} of {needed} ({', '.join(row.votes) or 'none'})"
+        votes = "all" if len(row.votes) == len(membership.organisations) else ", ".join(row.votes) or "none"
         if row.removals:
             votes += f"; for removal: {', '.join(row.removals)}"
-        cells = [_seat_of(row), row.name, row.organisation, row.status, votes, _ready(row, view), shown_id(row.key)]
+        cells = [_seat_of(row), row.name, row.organisation, row.status, votes, _ready(row, view), shown_id(row.key)[:8]]
         table.add_row(*map(escape, cells))
     console.print(table)
     for row in view.candidates:
@@ -159,10 +160,10 @@ def _vote(
     """Call for a candidate, wait until it is final, and tell how it stands now."""
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
-        view, membership = await _read(client, seat)
+        view, membership = await _read(client, seat.key)
         key = _find_key(node, view, membership)
         decision = await work(Governor(client, seat.key), key)
-        after, membership = await _read(client, seat)
+        after, membership = await _read(client, seat.key)
         return decision, after, membership, key
 
     decision, view, membership, key = with_client(seat, run)
@@ -189,14 +190,15 @@ def _standing(row: CandidateRow | None, view: ProducersView) -> str:
     seats = f"{len(view.epoch.producers)} producers"
     if row is None:
         return f"it is no candidate any more; {seats}"
-    return f"{row.status}, {len(row.votes)} votes, ready: {_ready(row, view)}; {seats}"
+    ready = "" if row.status == "producing" else f", ready: {_ready(row, view)}"
+    return f"{row.status}, votes: {', '.join(row.votes) or 'none'}{ready}; {seats}"
 
 
 def _next_step(node: str, row: CandidateRow | None, membership: MembershipView) -> str:
-    if row is None or row.status == "producing":
-        return "Next step: see all with blockrobot producer list."
-    if row.removals:
+    if row is not None and row.removals:
         return f"Next step for a removal: another organisation says blockrobot producer remove {node} --as ORG."
+    if row is None or row.status in {"producing", "removed"}:
+        return "Next step: see all with blockrobot producer list."
     if len(row.votes) < membership.majority:
         return f"Next step: another organisation says blockrobot producer approve {node} --as ORG."
     return "Next step: its node says by itself that it is ready, once it runs and has caught up."

@@ -14,6 +14,7 @@ from rich.markup import escape
 from clients.sdk.governance import MembershipView, ProducersView, read_membership, read_producers, settings_in_force
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.primitives.keys import PrivateKey
 from network.cli.governing import (
     decide,
     decide_on_proposal,
@@ -21,21 +22,21 @@ from network.cli.governing import (
     plain_table,
     print_proposals,
     proposal_json,
+    read_with_any,
     report_decision,
     summary_of,
     take_seat,
-    with_client,
 )
 
 _MEANINGS = {
-    "base_timeout_ms": ("1 to timeout_cap_ms", "how long a round may take before it is given up"),
-    "timeout_cap_ms": ("base_timeout_ms to 3600000", "the longest that this grows to after lost rounds"),
-    "heartbeat_ms": ("1 to 3600000", "how often an idle chain makes an empty block"),
+    "base_timeout_ms": ("1 to the cap", "when a round is given up"),
+    "timeout_cap_ms": ("base to 3600000", "that, after many lost rounds"),
+    "heartbeat_ms": ("1 to 3600000", "an idle chain's empty block"),
     "min_block_interval_ms": ("0 to 3600000", "the pause between two blocks"),
-    "max_clock_drift_ms": ("1 to 3600000", "how far a block's time may lie ahead of a voter's clock"),
-    "blocks_per_turn": ("1 to 1000", "how many blocks a producer makes before the next one's turn"),
-    "production": ("on-demand or interval:MS", "when blocks are made"),
-    "max_producers": ("1 to 21", "how many candidates get a seat"),
+    "max_clock_drift_ms": ("1 to 3600000", "how far ahead a block may be"),
+    "blocks_per_turn": ("1 to 1000", "blocks before the next turn"),
+    "production": ("or interval:MS", "when blocks are made"),
+    "max_producers": ("1 to 21", "candidates with a seat"),
 }
 
 
@@ -56,12 +57,11 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
 
     Example: blockrobot settings list --json
     """
-    seat = take_seat(folder, organisation, key_file, reading=True)
 
-    async def read(client: NetworkClient) -> tuple[ProducersView, MembershipView]:
-        return await read_producers(client, seat.key), await read_membership(client, seat.key)
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[ProducersView, MembershipView]:
+        return await read_producers(client, key), await read_membership(client, key)
 
-    producers, membership = with_client(seat, read)
+    producers, membership = read_with_any(folder, organisation, key_file, read)
     values = settings_in_force(producers)
     proposals = [row for row in membership.proposals if row.contract == "settings"]
     if as_json:
