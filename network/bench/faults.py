@@ -94,7 +94,7 @@ async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], see
         await control.carry_out(Heal(()))
         healed_s = time.perf_counter()
         final_s = await probe.wait_final_after(healed_s, HEAL_TIMEOUT_S)
-        seen.heals_s.append((HEAL_TIMEOUT_S if final_s is None else final_s - healed_s))
+        seen.heals_s.append(HEAL_TIMEOUT_S if final_s is None else final_s - healed_s)
         seen.add(probe, await probe.settle())
 
 
