@@ -1,0 +1,187 @@
+"""`blockrobot sim`: plays whole networks in one process, under faults from seeds. Must never exit 0 with a violation."""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
+
+if TYPE_CHECKING:
+    from network.sim.history import Observation
+    from network.sim.plan import Plan
+    from network.sim.sweep import Failure, SweepResult
+
+PROGRESS_INTERVAL_S = 5.0
+NODES_MAX_COUNT = 10
+SEED_MAX = 1 << 32
+
+
+@click.group()
+def sim() -> None:
+    """Play networks of production nodes on a virtual clock, network and disk.
+
+    Example: blockrobot sim run --seeds 1..100
+    """
+
+
+def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str) -> range:
+    first, dots, last = text.partition("..")
+    try:
+        seeds = range(int(first), int(last if dots else first) + 1)
+    except ValueError:
+        raise click.BadParameter("seeds are one number, or a range as 1..100") from None
+    if not seeds or seeds[0] < 0 or seeds[-1] >= SEED_MAX:
+        raise click.BadParameter(f"seeds lie between 0 and {SEED_MAX - 1}, the smaller one first")
+    return seeds
+
+
+@sim.command("run")
+@click.option("--seeds", default="1..20", show_default=True, callback=_parse_seeds, help="One seed, or A..B.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, NODES_MAX_COUNT), help="Producers.")
+@click.option(
+    "--rounds", default=200, show_default=True, type=click.IntRange(10, 5_000), help="Rounds a seed, at least."
+)
+@click.option(
+    "--byzantine", default=0, show_default=True, type=click.IntRange(0, 9), help="Dishonest nodes among them."
+)
+@click.option("--plan", "plan_file", type=click.Path(path_type=Path, dir_okay=False), help="Play this plan instead.")
+@click.option("--workers", default=0, type=click.IntRange(0, 64), help="Processes (0: one a core).")
+@click.option("--trace", is_flag=True, help="Print every observation of a single seed or plan, on standard error.")
+@json_option
+@plain_errors
+def run_command(
+    seeds: range,
+    nodes: int,
+    rounds: int,
+    byzantine: int,
+    plan_file: Path | None,
+    workers: int,
+    trace: bool,
+    as_json: bool,
+) -> None:
+    """Play seeds under faults and check what happened; exits 0 only if nothing that was promised was broken.
+
+    Of what breaks, the command that replays it is printed, and a plan with no more faults than it takes.
+
+    Example: blockrobot sim run --seeds 1..1000 --byzantine 1 --json
+    """
+    from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.plan import load_plan  # noqa: PLC0415
+    from network.sim.sweep import plan_of, sweep  # noqa: PLC0415
+
+    if plan_file is not None:
+        plans = [load_plan(plan_file)]
+    elif byzantine >= nodes:
+        raise BlockRobotError("CONFIGURATION_INVALID", "At least one node of a network is honest.")
+    else:
+        plans = [plan_of(seed, nodes, rounds, byzantine) for seed in seeds]
+    if trace:
+        if len(plans) != 1:
+            raise BlockRobotError("CONFIGURATION_INVALID", "A trace is of one seed or one plan.")
+        _print_trace(plans[0])
+    first = plans[0]
+    conditions = measure_conditions(
+        nodes=first.nodes,
+        seed=None if len(plans) > 1 else first.seed,
+        seeds=f"{first.seed}..{plans[-1].seed}",
+        rounds_a_seed=first.rounds,
+        byzantine=len(first.byzantine),
+    )
+    total = sweep(plans, workers=workers or None, on_progress=_Progress())
+    _report(total, conditions, as_json=as_json)
+    if total.violations:
+        sys.exit(EXIT_FAILED)
+
+
+def _print_trace(plan: Plan) -> None:
+    from network.sim.plan import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.run import run_seed  # noqa: PLC0415
+
+    def show(observation: Observation) -> None:
+        name = type(observation).__name__
+        fields = [
+            f"{field}={value.hex()[:12] if isinstance(value, bytes) else value}"
+            for field, value in zip(observation.__struct_fields__[2:], _values(observation)[2:], strict=True)
+            if not isinstance(value, tuple)
+        ]
+        who = "network" if observation.node < 0 else f"node-{observation.node + 1}"
+        click.echo(f"{observation.at_ms:12.3f} {who:8} {name} {' '.join(fields)}", err=True)
+
+    click.echo(plan_to_toml(plan), err=True)
+    result = run_seed(plan, listener=show)
+    click.echo(f"trace {result.trace}, {result.rounds} rounds, {result.frames} frames", err=True)
+
+
+def _values(observation: Observation) -> list[Any]:
+    return [getattr(observation, field) for field in observation.__struct_fields__]
+
+
+class _Progress:
+    """One line now and then, on standard error."""
+
+    def __init__(self) -> None:
+        self._last_s = time.monotonic()
+
+    def __call__(self, total: SweepResult, count: int) -> None:
+        now_s = time.monotonic()
+        if now_s - self._last_s < PROGRESS_INTERVAL_S and total.seeds < count:
+            return
+        if total.seeds == count and total.elapsed_s < PROGRESS_INTERVAL_S:
+            return
+        self._last_s = now_s
+        rate = total.rounds / total.elapsed_s if total.elapsed_s else 0.0
+        click.echo(
+            f"{total.seeds} of {count} seeds, {total.rounds} rounds, {rate:.0f} rounds/s, "
+            f"{total.violations} violations",
+            err=True,
+        )
+
+
+def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) -> None:
+    figures = {
+        "seeds": total.seeds,
+        "violations": total.violations,
+        "rounds_per_s": round(total.rounds / total.elapsed_s, 1) if total.elapsed_s else 0.0,
+        "rounds": total.rounds,
+        "blocks": total.blocks,
+        "calls_acknowledged": total.acknowledged,
+        "frames": total.frames,
+        "virtual_s": round(total.virtual_s, 1),
+        "cpu_s": round(total.cpu_s, 1),
+        "elapsed_s": round(total.elapsed_s, 1),
+        "failed_seeds": [result.seed for result in total.failed],
+    }
+    for failure in total.failures:
+        _print_failure(failure)
+    if as_json:
+        print_json({"name": "sim", "ok": not total.violations, "figures": figures, "conditions": conditions})
+        return
+    console.print(
+        f"{total.seeds} seeds, {total.rounds} rounds ({figures['rounds_per_s']} a second), "
+        f"{total.acknowledged} calls acknowledged, {total.virtual_s:.0f} s of virtual time: "
+        f"{total.violations or 'no'} violations."
+    )
+
+
+def _print_failure(failure: Failure) -> None:
+    """Say what broke, how to see it again, and under how few faults it still breaks."""
+    from network.sim.plan import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
+
+    plan = failure.plan
+    folder = Path(tempfile.mkdtemp(prefix="blockrobot-sim-"))
+    path = folder / f"seed-{failure.seed}.toml"
+    path.write_text(plan_to_toml(failure.shrunk), encoding="utf-8")
+    click.echo(f"\nSeed {failure.seed} broke a promise:", err=True)
+    for violation in failure.violations[:5]:
+        click.echo(f"  {violation}", err=True)
+    options = f"--nodes {plan.nodes} --rounds {plan.rounds} --byzantine {len(plan.byzantine)}"
+    click.echo(f"replay:  blockrobot sim run --seeds {failure.seed} {options} --trace", err=True)
+    click.echo(f"shrunk:  blockrobot sim run --plan {path} --trace", err=True)
+    click.echo(plan_to_toml(failure.shrunk), err=True)

@@ -1,0 +1,127 @@
+"""Plays many seeds on all cores. Must never call a sweep good in which one seed was not played to its end."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import time
+import traceback
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass, field
+
+import msgspec
+
+from network.byzantine import BEHAVIOURS
+from network.sim.checkers import Violation
+from network.sim.plan import Plan, make_plan
+from network.sim.run import RunResult, run_seed
+from network.sim.shrink import shrink_plan
+
+SEEDS_A_TASK_COUNT = 4
+SHRUNK_MAX_COUNT = 3
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """A plan that broke something, cut down, and what it broke."""
+
+    seed: int
+    plan: Plan
+    shrunk: Plan
+    violations: tuple[Violation, ...]
+
+
+@dataclass
+class SweepResult:
+    """Totals over all seeds; `cpu_s` is CPU time, `elapsed_s` time on the wall."""
+
+    seeds: int = 0
+    rounds: int = 0
+    blocks: int = 0
+    frames: int = 0
+    acknowledged: int = 0
+    virtual_s: float = 0.0
+    cpu_s: float = 0.0
+    elapsed_s: float = 0.0
+    failed: list[RunResult] = field(default_factory=list)
+    failures: list[Failure] = field(default_factory=list)
+
+    def add(self, result: RunResult) -> None:
+        """Count one seed."""
+        self.seeds += 1
+        self.rounds += result.rounds
+        self.blocks += result.height
+        self.frames += result.frames
+        self.acknowledged += result.acknowledged
+        self.virtual_s += result.virtual_ms / 1000
+        self.cpu_s += result.cpu_s
+        if not result.ok:
+            self.failed.append(result)
+
+    @property
+    def violations(self) -> int:
+        """How many promises were broken, over all seeds."""
+        return sum(len(result.violations) for result in self.failed)
+
+
+def plan_of(seed: int, nodes: int, rounds: int, byzantine: int) -> Plan:
+    """Return the plan of a seed, with dishonest nodes of any behaviour."""
+    return make_plan(seed, nodes=nodes, rounds=rounds, byzantine=byzantine, behaviours=tuple(sorted(BEHAVIOURS)))
+
+
+def play(plan: Plan) -> RunResult:
+    """Play one plan; an exception of the simulator itself is a violation too, so that no seed is passed over."""
+    try:
+        return run_seed(plan)
+    except Exception as error:  # noqa: BLE001 - reported with its seed
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{error!r} at {place.name}, line {place.lineno} of {place.filename}"
+        violation = Violation("simulator", 0.0, -1, text)
+        return RunResult(plan.seed, "", (violation,), 0, 0, 0, 0, 0.0, 0.0)
+
+
+def _play_all(plans: list[Plan]) -> list[RunResult]:
+    return [play(plan) for plan in plans]
+
+
+def sweep(
+    plans: list[Plan], *, workers: int | None = None, on_progress: Callable[[SweepResult, int], None] | None = None
+) -> SweepResult:
+    """Play all plans in `workers` processes (as many as cores); cut the first failing plans down.
+
+    `on_progress` is told the totals so far and the number of plans after each handful.
+    """
+    started_s = time.perf_counter()
+    total = SweepResult()
+    handfuls = [plans[start : start + SEEDS_A_TASK_COUNT] for start in range(0, len(plans), SEEDS_A_TASK_COUNT)]
+    count = min(workers or _cores(), len(handfuls))
+    if count <= 1:
+        for handful in handfuls:
+            _take(total, _play_all(handful), started_s)
+            if on_progress is not None:
+                on_progress(total, len(plans))
+    else:
+        with ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool:
+            tasks = [pool.submit(_play_all, handful) for handful in handfuls]
+            for task in as_completed(tasks):
+                _take(total, task.result(), started_s)
+                if on_progress is not None:
+                    on_progress(total, len(plans))
+    total.failed.sort(key=lambda result: result.seed)
+    by_seed = {plan.seed: plan for plan in plans}
+    for result in total.failed[:SHRUNK_MAX_COUNT]:
+        plan = by_seed[result.seed]
+        shrunk, found = shrink_plan(plan, result, play)
+        total.failures.append(Failure(result.seed, plan, shrunk, found.violations))
+    total.elapsed_s = time.perf_counter() - started_s
+    return total
+
+
+def _take(total: SweepResult, results: list[RunResult], started_s: float) -> None:
+    for result in results:
+        total.add(result)
+    total.elapsed_s = time.perf_counter() - started_s
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
