@@ -17,10 +17,21 @@ from consensus.events import (
     WorkChanged,
 )
 from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
-from tests.unit.consensus.one_core import GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, said
+from tests.unit.consensus.one_core import GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, committed, said
 
 PEERS = Peers()
-CHAIN = [*PEERS.chain(1, 2, 3, 5, 6), *PEERS.chain(1, 4), PEERS.block(1, transactions=(TRANSACTION,))]
+BOUNDARY = PEERS.boundary(2, PEERS.block(1))
+CLOSING = [PEERS.closing(3, BOUNDARY), PEERS.closing(5, BOUNDARY, tc=PEERS.tc(4, 2))]
+CHAIN = [
+    *PEERS.chain(1, 2, 3, 5, 6),
+    *PEERS.chain(1, 4),
+    PEERS.block(1, transactions=(TRANSACTION,)),
+    BOUNDARY,
+    *CLOSING,
+    PEERS.closing(4, CLOSING[0]),
+    PEERS.closing(6, CLOSING[1]),
+    PEERS.block(3, BOUNDARY),
+]
 numbers = st.one_of(st.integers(-2, 8), st.integers(-(2**63), 2**64 - 1))
 signatures = st.binary(max_size=66)
 blocks = st.sampled_from(CHAIN)
@@ -79,10 +90,13 @@ def test_nothing_that_peers_send_makes_the_core_raise_or_contradict_itself(scrip
     highest = 0
     for step in script:
         event = step if not isinstance(step, tuple) else TimerFired(kind=step[0], round=node.core.round, now_ms=NOW_MS)
+        had_ended = node.core.has_ended
         effects = node.executed(node.handle(event))
+        assert not any(block.header.is_closing for block in committed(effects))
         for timeout in said(effects, Timeout):
             given_up.add(timeout.round)
         for vote in said(effects, Vote):
+            assert not had_ended
             assert voted.setdefault(vote.round, vote.block_id) == vote.block_id
             assert vote.round not in given_up
         assert node.core.finalized.height >= highest
