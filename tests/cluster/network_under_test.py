@@ -78,6 +78,18 @@ class NetworkUnderTest:
         }
         return sign_transaction(self.registrar, **(fields | changes))
 
+    def sign(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        """A call by any key."""
+        return sign_transaction(
+            key,
+            chain_id=self.genesis.chain_id,
+            contract=contract,
+            entry=entry,
+            arguments=arguments,
+            valid_until_ms=time.time_ns() // 1_000_000 + 120_000,
+            salt=secrets.token_bytes(8),
+        )
+
     def _url(self, name: str, path: str) -> str:
         return self.genesis.node(name).api_url + path
 
