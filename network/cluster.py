@@ -241,9 +241,9 @@ class Cluster:
         lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines() if path.exists() else []
         return lines[-1] if lines else "it printed nothing."
 
-    async def status(self) -> list[NodeStatusReport]:
+    async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
         """Ask every node's operator listener."""
-        async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=2)) as session:
+        async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=timeout_s)) as session:
             answers = await asyncio.gather(*(_fetch_status(session, config) for config in self.configs.values()))
         return [
             NodeStatusReport(

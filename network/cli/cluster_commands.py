@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import secrets
 import shutil
 from pathlib import Path
@@ -86,14 +87,24 @@ def down(folder: Path | None, as_json: bool) -> None:
 
 @click.command()
 @folder_option
+@click.option(
+    "--watch", "is_watching", is_flag=True, help="Go on showing what happens; q quits. With --json: JSON lines."
+)
+@click.option("--seconds", type=click.FloatRange(0, 86_400), help="With --watch: end after so long.")
 @json_option
 @plain_errors
-def status(folder: Path | None, as_json: bool) -> None:
+def status(folder: Path | None, is_watching: bool, seconds: float | None, as_json: bool) -> None:
     """Show each node's height, finalized height, round, peers and custody checkpoint.
 
-    Example: blockrobot status --json
+    Examples: blockrobot status --json; blockrobot status --watch
     """
     place = network_folder(folder)
+    if is_watching:
+        from network.cli.watch import watch  # noqa: PLC0415 - only when it is needed
+
+        with contextlib.suppress(KeyboardInterrupt):
+            asyncio.run(watch(Cluster(place), as_json=as_json, seconds=seconds))
+        return
     report(asyncio.run(Cluster(place).status()), place, as_json=as_json)
 
 

@@ -39,7 +39,7 @@ def _do(control: FaultControl, action: Action, *, as_json: bool, wait_for: str =
     async def work() -> None:
         await control.carry_out(action)
         if wait_for:
-            await control.wait_answering(wait_for)
+            await control.cluster.wait_answering(wait_for)
 
     asyncio.run(work())
     if as_json:

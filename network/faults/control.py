@@ -15,7 +15,7 @@ import aiohttp
 import msgspec
 
 from consensus.errors import CATALOGUE, BlockRobotError
-from network.cluster import READY_TIMEOUT_S, Cluster
+from network.cluster import Cluster
 from network.faults.actions import (
     Action,
     ActionReader,
@@ -36,7 +36,6 @@ from node.interface import WallClock
 from node.p2p.shaping import SOUND, LinkFault
 
 REQUEST_TIMEOUT_S = 2.0
-_POLL_S = 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +120,12 @@ class FaultControl:
             if not self.cluster.config(self.reader.node(name)).faults_enabled:
                 raise BlockRobotError("FAULTS_DISABLED", f"{name} takes no faults: its node.toml does not allow them.")
 
+    def _require_listening(self, names: Iterable[str]) -> None:
+        """Refuse before anything is done, if one of these nodes is paused and would not hear of it."""
+        for name in names:
+            if self.cluster.is_paused(name):
+                raise BlockRobotError("NODE_UNREACHABLE", f"{name} is paused; resume it first.")
+
     async def _restart(self, name: str, behaviour: str, seed: int) -> None:
         self.reader.node(name)
         if self.cluster.is_running(name):
@@ -133,6 +138,7 @@ class FaultControl:
         for name in chosen:
             if self.cluster.is_paused(name):
                 self.cluster.resume(name)
+        self._require_listening(self.cluster.names)
         await asyncio.gather(*(self._tell(name, FaultRequest(clear=True)) for name in chosen))
         if nodes:
             others = [name for name in self.cluster.names if name not in nodes]
@@ -145,6 +151,7 @@ class FaultControl:
     async def _partition(self, groups: tuple[tuple[str, ...], ...]) -> None:
         group_of = {self.reader.node(name): number for number, group in enumerate(groups) for name in group}
         self._require_allowed(group_of)
+        self._require_listening(group_of)
         states = dict(zip(group_of, await asyncio.gather(*(self._switched(name) for name in group_of)), strict=True))
         wanted = {}
         for name, state in states.items():
@@ -159,27 +166,21 @@ class FaultControl:
 
     async def _set_link(self, action: SetLink) -> None:
         self._require_allowed([action.source, action.target])
+        self._require_listening([action.source, action.target])
         fault = None if action.fault == SOUND else action.fault
         await self._tell(action.source, FaultRequest(links={action.target: fault}, seed=self._seed))
         if action.is_both:
             await self._tell(action.target, FaultRequest(links={action.source: fault}, seed=self._seed))
 
-    async def wait_answering(self, name: str, timeout_s: float = READY_TIMEOUT_S) -> None:
-        """Wait until a node that was started answers; in a partition it may not be ready. Raises CLUSTER_START_FAILED."""
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + timeout_s
-        while not any(row.name == name and row.status is not None for row in await self.cluster.status()):
-            if not self.cluster.is_running(name) or loop.time() > deadline_s:
-                words = self.cluster.last_words(name)
-                raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} does not answer: {words}")
-            await asyncio.sleep(_POLL_S)
-
     # Talking to one node
 
     async def _switched(self, name: str) -> Mapping[str, Any]:
-        """Return what a node's switch says is on. Raises FAULTS_DISABLED, NODE_UNREACHABLE."""
+        """Return what a node's switch says is on; of one that cannot answer, what its file says.
+
+        Raises FAULTS_DISABLED, NODE_UNREACHABLE.
+        """
         self._require_allowed([name])
-        if not self.cluster.is_running(name):
+        if not self.cluster.is_running(name) or self.cluster.is_paused(name):
             return self._switch_of(name).describe()
         return await self._ask(name, "GET", b"")
 
@@ -207,8 +208,7 @@ class FaultControl:
             ):
                 answer: dict[str, Any] = await response.json()
         except (OSError, aiohttp.ClientError, TimeoutError, ValueError):
-            hint = "it is paused; resume it first" if self.cluster.is_paused(name) else "it may still be starting"
-            raise BlockRobotError("NODE_UNREACHABLE", f"{name} does not answer: {hint}.") from None
+            raise BlockRobotError("NODE_UNREACHABLE", f"{name} does not answer; it may still be starting.") from None
         if response.status == 200:
             return answer
         code = str(answer.get("code", ""))

@@ -1,0 +1,158 @@
+"""What a watcher of a network sees from one look to the next: states, faults, time without finality. Must never poll.
+
+Pure: it is handed what the nodes said and when, and keeps only what is needed to tell a change from a repetition. Time
+without finality counts while a transaction waits somewhere and no node's final height grows: an idle network is at rest,
+not stuck.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+STUCK_AFTER_S = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class NodeLook:
+    """What one look at a node gave: its process, its own words (None if it gave none), the faults that are on."""
+
+    name: str
+    running: bool
+    paused: bool
+    status: Mapping[str, Any] | None
+    faults: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRow:
+    """One line of the table. Figures are None where the node said nothing."""
+
+    name: str
+    state: str
+    height: int | None
+    finalized_height: int | None
+    round: int | None
+    epoch: int | None
+    leader: str | None
+    peers: int | None
+    waiting: int | None
+    faults: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """The network at one moment. `finality_age_s`: since a height was last seen to become final.
+
+    `stuck_s`: for how long work has waited without anything becoming final; `longest_stuck_s`: the longest such time.
+    """
+
+    at_s: float
+    rows: tuple[NodeRow, ...]
+    finalized_height: int
+    finality_age_s: float
+    stuck_s: float
+    longest_stuck_s: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the picture, ready for JSON; times rounded to milliseconds."""
+        document = asdict(self)
+        for field in ("at_s", "finality_age_s", "stuck_s", "longest_stuck_s"):
+            document[field] = round(document[field], 3)
+        document["nodes"] = document.pop("rows")
+        return document
+
+
+def state_of(look: NodeLook) -> str:
+    """Say in a few words how a node is: stopped, paused, no answer, a fault, silent, waiting or signing."""
+    if not look.running:
+        return "stopped"
+    if look.paused:
+        return "paused"
+    status = look.status
+    if status is None:
+        return "no answer"
+    if status.get("fault"):
+        return f"fault: {status['fault']}"
+    if status.get("silent"):
+        return f"silent: {status['silent'].get('reason', '')}"
+    return "signing" if status.get("ready") else "waiting"
+
+
+class Observer:
+    """Makes pictures of looks, one after another."""
+
+    def __init__(self, now_s: float) -> None:
+        self._started_s = now_s
+        self._finalized_height = -1
+        self._grown_s = now_s
+        self._waiting_since_s: float | None = None
+        self._longest_s = 0.0
+
+    def take(self, looks: Sequence[NodeLook], now_s: float) -> Picture:
+        """Return the picture of one round of looks, taken at `now_s` of a clock that never goes back."""
+        rows = tuple(_row(look) for look in looks)
+        height = max(
+            [self._finalized_height, *(row.finalized_height for row in rows if row.finalized_height is not None)]
+        )
+        if height > self._finalized_height:
+            self._finalized_height, self._grown_s, self._waiting_since_s = height, now_s, None
+        if not any(row.waiting for row in rows):
+            self._waiting_since_s = None
+        elif self._waiting_since_s is None:
+            self._waiting_since_s = now_s
+        stuck_s = 0.0 if self._waiting_since_s is None else now_s - self._waiting_since_s
+        self._longest_s = max(self._longest_s, stuck_s)
+        return Picture(
+            at_s=now_s - self._started_s,
+            rows=rows,
+            finalized_height=height,
+            finality_age_s=now_s - self._grown_s,
+            stuck_s=stuck_s,
+            longest_stuck_s=self._longest_s,
+        )
+
+
+def _row(look: NodeLook) -> NodeRow:
+    seen = look.status or {}
+    return NodeRow(
+        name=look.name,
+        state=state_of(look),
+        height=seen.get("height"),
+        finalized_height=seen.get("finalized_height"),
+        round=seen.get("round"),
+        epoch=seen.get("epoch"),
+        leader=seen.get("leader"),
+        peers=len(seen["peers"]) if "peers" in seen else None,
+        waiting=seen.get("mempool"),
+        faults=look.faults,
+    )
+
+
+def changes(before: Picture | None, after: Picture) -> list[str]:
+    """Say what is new in a picture, a line each; heights that grow are no news by themselves."""
+    known = {} if before is None else {row.name: row for row in before.rows}
+    lines = [line for row in after.rows for line in _changes_of(known.get(row.name), row)]
+    was_stuck = before is not None and before.stuck_s >= STUCK_AFTER_S
+    if after.stuck_s >= STUCK_AFTER_S and not was_stuck:
+        lines.append(f"nothing has become final for {after.stuck_s:.1f} s, and work waits")
+    if was_stuck and before is not None and after.stuck_s < STUCK_AFTER_S:
+        lines.append(f"final again at height {after.finalized_height}, after {before.stuck_s:.1f} s")
+    return lines
+
+
+def _changes_of(before: NodeRow | None, after: NodeRow) -> list[str]:
+    lines = []
+    if before is None or before.state != after.state:
+        place = "" if after.finalized_height is None else f", final height {after.finalized_height}"
+        lines.append(f"{after.name} is {after.state}{place}")
+    if (() if before is None else before.faults) != after.faults:
+        lines.append(f"{after.name} faults: {'; '.join(after.faults) or 'none'}")
+    if before is None or None in (before.epoch, after.epoch, before.peers, after.peers):
+        return lines
+    if before.epoch != after.epoch:
+        lines.append(f"{after.name} is in epoch {after.epoch}")
+    if before.peers != after.peers:
+        lines.append(f"{after.name} has {after.peers} peers")
+    return lines
