@@ -86,7 +86,7 @@ def _engine(core: ScriptedCore, stage: Stage) -> Engine:
 
 async def _until_it_writes(engine: Engine) -> None:
     """The journal is written in a thread, which virtual time does not wait for."""
-    while engine.fault:
+    while engine.fault:  # noqa: ASYNC110 - nothing tells
         await asyncio.sleep(1)
 
 

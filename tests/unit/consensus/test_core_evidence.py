@@ -1,0 +1,168 @@
+"""R30, R31: whoever signs two different ids in one round is found out, whichever node looks and in whichever order."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from consensus.effects import EvidenceFound
+from consensus.errors import BlockRobotError
+from consensus.events import ProposalReceived, VoteReceived
+from consensus.evidence import evidence_key, make_evidence, verify_evidence
+from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
+from consensus.messages import Proposal
+from consensus.primitives.encoding import encode
+from consensus.signature_cache import SignatureCache
+from tests.sim.named_chain import CHAIN_ID
+from tests.unit.consensus.one_core import NOW_MS, TRANSACTION, OneCore, Peers, of_type
+
+PEERS = Peers()
+ONE, OTHER = PEERS.block(1), PEERS.block(1, transactions=(TRANSACTION,))
+
+
+def hear(node, *words):
+    """Give the node votes and blocks; return the evidence that it finds."""
+    found = []
+    for word in words:
+        if hasattr(word, "index"):
+            event = VoteReceived(vote=word, now_ms=NOW_MS)
+        else:
+            event = ProposalReceived(proposal=Proposal(block=word), sender=None, now_ms=NOW_MS)
+        found += [effect.evidence for effect in of_type(node.handle(event), EvidenceFound)]
+    return found
+
+
+def evidence_of_votes(index=0):
+    words = [(block.block_id, PEERS.vote(index, block).signature) for block in (ONE, OTHER)]
+    return make_evidence("vote", 0, 1, PEERS.keys[index].public_key, *words)
+
+
+def evidence_of_proposals():
+    words = [(block.block_id, block.signature) for block in (ONE, OTHER)]
+    return make_evidence("proposal", 0, 1, PEERS.keys[1].public_key, *words)
+
+
+def test_two_votes_of_one_round_are_evidence_though_only_the_first_counts():
+    node = OneCore()
+    assert hear(node, PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) == [evidence_of_votes()]
+    assert len(node.core._votes) == 1
+
+
+def test_two_proposals_of_one_round_are_evidence_though_only_the_first_is_kept():
+    node = OneCore()
+    assert hear(node, ONE, OTHER) == [evidence_of_proposals()]
+    assert node.core.block(OTHER.block_id) is None
+
+
+def test_evidence_is_the_same_bytes_on_every_node_in_whichever_order_it_came():
+    """CVE-2021-21271: evidence that differs between nodes made a network disagree about a block that holds it."""
+    there = hear(OneCore(3), PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) + hear(OneCore(3), ONE, OTHER)
+    here = hear(OneCore(2), PEERS.vote(0, OTHER), PEERS.vote(0, ONE)) + hear(OneCore(2), OTHER, ONE)
+    assert [encode(evidence) for evidence in there] == [encode(evidence) for evidence in here]
+
+
+def test_a_word_that_is_repeated_is_no_evidence_and_a_pair_is_reported_once():
+    node = OneCore()
+    vote, other = PEERS.vote(0, ONE), PEERS.vote(0, OTHER)
+    assert hear(node, vote, vote, ONE, ONE) == []
+    assert len(hear(node, other, other, vote, PEERS.vote(0, PEERS.block(1, timestamp_ms=NOW_MS)))) == 1
+
+
+def test_the_second_vote_is_noticed_after_the_round_was_certified():
+    """The first one stands in a certificate only: this node never saw it alone."""
+    node = OneCore()
+    node.notice(PEERS.qc(ONE))
+    assert hear(node, PEERS.vote(0, OTHER)) == [evidence_of_votes()]
+
+
+def test_a_certificate_that_contradicts_a_vote_is_evidence():
+    node = OneCore()
+    hear(node, PEERS.vote(0, OTHER))
+    found = [effect.evidence for effect in of_type(node.notice(PEERS.qc(ONE)), EvidenceFound)]
+    assert found == [evidence_of_votes()]
+
+
+def test_a_vote_and_a_proposal_or_words_of_two_rounds_are_no_evidence():
+    node = OneCore(2)
+    later = PEERS.block(2, ONE)
+    assert hear(node, ONE, PEERS.vote(1, OTHER), PEERS.vote(0, ONE), PEERS.vote(0, later)) == []
+
+
+def test_a_forged_second_word_is_no_evidence():
+    node = OneCore()
+    forged = msgspec.structs.replace(PEERS.vote(1, OTHER), index=0)
+    assert hear(node, PEERS.vote(0, ONE), forged, msgspec.structs.replace(OTHER, signature=bytes(64))) == []
+
+
+def test_an_extra_signature_is_looked_at_no_more_than_so_often():
+    """R31: a flood of forgeries of one producer and round costs a bounded number of checks."""
+    checks = []
+
+    class Counting(SignatureCache):
+        def __call__(self, public_key, tag, signature, *parts):
+            checks.append(signature)
+            return super().__call__(public_key, tag, signature, *parts)
+
+    node = OneCore()
+    hear(node, PEERS.vote(0, ONE))
+    node.core._witness._check = Counting()
+    for number in range(10 * WORD_CHECKS_MAX_COUNT):
+        hear(node, msgspec.structs.replace(PEERS.vote(0, OTHER), signature=bytes([number]) * 64))
+    assert 0 < len(checks) <= WORD_CHECKS_MAX_COUNT
+
+
+def test_words_far_from_the_round_are_not_remembered():
+    node = OneCore()
+    far = EVIDENCE_ROUNDS_KEPT_COUNT + 2
+    words = [msgspec.structs.replace(PEERS.vote(0, block), round=far) for block in (ONE, OTHER)]
+    assert hear(node, *words) == []
+    assert far not in node.core._witness._rounds
+
+
+def test_a_node_never_finds_evidence_against_itself():
+    """Its own words come back to it in certificates, and from whoever has its key."""
+    node = OneCore(0)
+    assert hear(node, PEERS.vote(0, ONE), PEERS.vote(0, OTHER)) == []
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"kind": "timeout"},
+        {"round": 2},
+        {"epoch": 1},
+        {"round": -1},
+        {"epoch": 1 << 32},
+        {"first_id": OTHER.block_id, "second_id": OTHER.block_id},
+        {"first_id": b""},
+        {"first_signature": bytes(64)},
+        {"second_signature": b""},
+        {"producer": PEERS.keys[2].public_key},
+        {"producer": b"nobody"},
+    ],
+)
+def test_evidence_that_proves_nothing_is_refused(changes):
+    good = evidence_of_votes()
+    verify_evidence(good, CHAIN_ID)
+    with pytest.raises(BlockRobotError, match="EVIDENCE_INVALID"):
+        verify_evidence(msgspec.structs.replace(good, **changes), CHAIN_ID)
+    with pytest.raises(BlockRobotError, match="EVIDENCE_INVALID"):
+        verify_evidence(good, bytes(32))
+
+
+def test_the_ids_of_evidence_stand_in_order():
+    good = evidence_of_proposals()
+    verify_evidence(good, CHAIN_ID)
+    swapped = msgspec.structs.replace(
+        good,
+        first_id=good.second_id,
+        second_id=good.first_id,
+        first_signature=good.second_signature,
+        second_signature=good.first_signature,
+    )
+    with pytest.raises(BlockRobotError, match="EVIDENCE_INVALID"):
+        verify_evidence(swapped, CHAIN_ID)
+
+
+def test_one_mark_stands_for_a_producer_and_round():
+    assert evidence_key(b"K" * 33, 2, 7) == b"accused/" + b"K" * 33 + bytes([0, 0, 0, 2]) + bytes(7) + b"\x07"

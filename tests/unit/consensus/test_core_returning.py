@@ -1,0 +1,350 @@
+"""R33 to R36: a producer signs nothing before it has heard what it said last, and is silent after it forgot something."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.core import Core
+from consensus.effects import TIMER_ASK, Broadcast, CancelTimer, Persist, SendTo, SetTimer, SilenceChanged
+from consensus.events import PeerConnected, Started, WordsAnswered, WordsAsked
+from consensus.journal_records import SilenceMark, encode_restored_record, read_journal
+from consensus.messages import (
+    ASKING,
+    SILENT,
+    SPEAKING,
+    Proposal,
+    Timeout,
+    Vote,
+    Word,
+    WordsAnswer,
+    WordsRequest,
+)
+from consensus.schedule import Schedule
+from tests.sim.named_chain import CHAIN_ID
+from tests.unit.consensus.one_core import CHECK, GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, of_type, said, told
+
+PEERS = Peers()
+ONE, OTHER = PEERS.block(1), PEERS.block(1, transactions=(TRANSACTION,))
+RESTORED = encode_restored_record()
+
+
+def vote_word(block, index=3, keys=PEERS):
+    vote = keys.vote(index, block)
+    header = block.header
+    return Word("vote", header.epoch, header.round, vote.block_id, 0, vote.signature)
+
+
+def timeout_word(round_number, index=3):
+    return Word("timeout", 0, round_number, b"", 0, PEERS.timeout(index, round_number).signature)
+
+
+def finalize(node, first, last):
+    """Let the others finalize blocks of these rounds without this node (of 7: it leads none of the first six)."""
+    effects = []
+    for block in node.chain(*range(first, last + 1)):
+        effects += node.receive(block)
+        effects += node.notice(node.qc(block))
+    return effects
+
+
+# Asking
+
+
+def test_nothing_is_signed_before_a_quorum_less_one_has_answered():
+    node = OneCore(answered=False)
+    assert said(node.receive(ONE), Vote) == []
+    node.work()
+    assert said(node.fire("round"), Timeout) == []
+    assert said(node.answer_from(0), Vote) == []
+    assert said(node.answer_from(0), Vote) == []
+    assert node.core.silence.reason == ASKING
+    assert said(node.answer_from(1), Vote) == [node.vote(3, ONE)]
+    assert node.core.silence is None
+
+
+def test_a_leader_that_asks_proposes_only_when_it_may_speak():
+    node = OneCore(1, answered=False)
+    assert "BuildBlock" not in {type(effect).__name__ for effect in node.work()}
+    node.answer_from(0)
+    assert "BuildBlock" in {type(effect).__name__ for effect in node.answer_from(2)}
+
+
+def test_a_producer_asks_at_its_start_again_every_interval_and_whoever_connects_until_it_is_answered():
+    node = OneCore(answered=False)
+    assert said(node.started, WordsRequest) == [WordsRequest(epoch=0, asked_at_ms=NOW_MS)]
+    assert of_type(node.started, SetTimer)[-1].kind == TIMER_ASK
+    assert len(said(node.fire(TIMER_ASK), WordsRequest)) == 1
+    assert len(told(node.handle(PeerConnected(index=0, now_ms=NOW_MS)), 0, WordsRequest)) == 1
+    node.answer_from(0)
+    assert CancelTimer(kind=TIMER_ASK) in node.answer_from(2)
+    assert said(node.fire(TIMER_ASK), WordsRequest) == []
+    assert told(node.handle(PeerConnected(index=1, now_ms=NOW_MS)), 1, WordsRequest) == []
+
+
+@pytest.mark.parametrize("node", [OneCore(0, count=1), OneCore(None, answered=False)])
+def test_a_lone_producer_and_a_follower_ask_nobody(node):
+    assert said(node.started, WordsRequest) == []
+    assert node.core.silence is None
+
+
+def test_an_answer_counts_only_from_a_producer_to_what_was_asked_in_this_life_and_with_proven_rounds():
+    node = OneCore(answered=False)
+    good = WordsAnswer(0, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None)
+    for answer, sender in [
+        (good, None),
+        (good, 9),
+        (good, 3),
+        (WordsAnswer(0, NOW_MS - 1, SPEAKING, 0, None, GENESIS_QC, None), 0),
+        (WordsAnswer(1, NOW_MS, SPEAKING, 0, None, GENESIS_QC, None), 0),
+        (WordsAnswer(0, NOW_MS, SPEAKING, 2, None, GENESIS_QC, None), 0),
+        (WordsAnswer(0, NOW_MS, SPEAKING, -1, None, GENESIS_QC, None), 0),
+        (WordsAnswer(0, NOW_MS, SPEAKING, 0, None, PEERS.qc(ONE, (0, 1)), None), 0),
+    ]:
+        node.handle(WordsAnswered(answer=answer, sender=sender, now_ms=NOW_MS))
+    assert node.core._voter.returning._willing == set()
+    node.handle(WordsAnswered(answer=good, sender=0, now_ms=NOW_MS))
+    assert node.core._voter.returning._willing == {0}
+
+
+def test_answers_of_silent_producers_do_not_count():
+    node = OneCore(answered=False)
+    for peer in (0, 1):
+        node.answer_from(peer, speech=SILENT)
+    assert node.core.silence is not None
+    node.answer_from(2)
+    node.answer_from(1, speech=ASKING)
+    assert node.core.silence is None
+
+
+def test_an_answer_brings_the_certificates_of_the_one_who_gives_it():
+    node = OneCore(answered=False)
+    node.answer_from(0, qc=PEERS.qc(ONE), entered_by=node.tc(4, 1), signed_round=5)
+    assert (node.core.round, node.core.high_qc) == (5, PEERS.qc(ONE))
+
+
+# Answering
+
+
+def test_a_producer_tells_another_one_the_newest_word_that_it_heard_of_it():
+    node = OneCore(0)
+    for block in node.chain(1, 2):
+        node.vote_from(3, block)
+    node.timeout_from(2, 1)
+    request = WordsRequest(epoch=0, asked_at_ms=5)
+    for asker, word in [(3, ("vote", 2)), (2, ("timeout", 1)), (1, None)]:
+        (answer,) = told(node.handle(WordsAsked(request=request, sender=asker, now_ms=NOW_MS)), asker, WordsAnswer)
+        assert (answer.asked_at_ms, answer.speech, answer.qc) == (5, SPEAKING, node.core.high_qc)
+        assert (None if answer.word is None else (answer.word.kind, answer.word.round)) == word
+
+
+def test_a_word_is_remembered_out_of_certificates_and_over_a_restart():
+    node = OneCore(0, count=7)
+    one, two = node.chain(1, 2)
+    node.receive(one)
+    node.receive(two)
+    after = node.restarted()
+    request = WordsRequest(epoch=0, asked_at_ms=5)
+    (answer,) = told(after.handle(WordsAsked(request=request, sender=3, now_ms=NOW_MS)), 3, WordsAnswer)
+    assert (answer.word.kind, answer.word.round) == ("vote", 1)
+    (answer,) = told(after.handle(WordsAsked(request=request, sender=2, now_ms=NOW_MS)), 2, WordsAnswer)
+    assert (answer.word.kind, answer.word.round) == ("proposal", 2)
+
+
+def test_nobody_is_told_about_anybody_else_nor_in_another_epoch():
+    node = OneCore(0)
+    before = node.handle(WordsAsked(request=WordsRequest(epoch=1, asked_at_ms=5), sender=3, now_ms=NOW_MS))
+    unknown = node.handle(WordsAsked(request=WordsRequest(epoch=0, asked_at_ms=5), sender=None, now_ms=NOW_MS))
+    assert of_type(before + unknown, SendTo) == []
+
+
+# Silence
+
+
+def test_with_an_old_journal_a_producer_would_sign_twice_if_nobody_held_its_word():
+    """What the rule is for: the journal was put back from before the vote, and nobody tells."""
+    node = OneCore()
+    assert said(node.receive(ONE), Vote) == [node.vote(3, ONE)]
+    forgetful = OneCore(journal=[])
+    assert said(forgetful.receive(OTHER), Vote) == [node.vote(3, OTHER)]
+
+
+@pytest.mark.parametrize("word", [vote_word(ONE), timeout_word(1), timeout_word(7)])
+def test_a_word_that_is_newer_than_the_journal_silences_its_producer(word):
+    node = OneCore(answered=False)
+    node.answer_from(0)
+    effects = node.answer_from(1, word=word)
+    assert node.core.silence.reason == "outdated"
+    assert read_journal(node.journal, 0).silence == SilenceMark("outdated", 0, None)
+    assert of_type(effects, SilenceChanged)[0].reason == "outdated"
+    assert said(node.receive(OTHER), Vote) == []
+    node.work()
+    assert said(node.fire("round"), Timeout) == []
+
+
+def test_a_word_that_the_journal_knows_or_that_is_forged_silences_nobody():
+    node = OneCore()
+    node.receive(ONE)
+    stranger = vote_word(PEERS.block(2, ONE), index=2)
+    proposal = Word("proposal", 0, 9, ONE.block_id, 0, bytes(64))
+    for word in (
+        vote_word(ONE),
+        stranger,
+        proposal,
+        Word("gossip", 0, 9, b"", 0, b""),
+        Word("vote", 0, -1, b"", 0, b""),
+    ):
+        after = OneCore(journal=node.journal, answered=False)
+        after.answer_from(0, word=word)
+        after.answer_from(1)
+        assert after.core.silence is None, word
+
+
+def test_an_equal_round_with_another_word_is_forgotten_too():
+    """The journal has the vote of round 1, and not the timeout of round 1 that came after it."""
+    node = OneCore()
+    node.receive(ONE)
+    for word, reason in [(timeout_word(1), "outdated"), (vote_word(OTHER), "outdated")]:
+        after = OneCore(journal=node.journal, answered=False)
+        after.answer_from(0, word=word)
+        assert after.core.silence.reason == reason
+
+
+def test_ones_own_word_in_a_certificate_or_block_is_as_good_as_told():
+    node = OneCore()
+    node.notice(PEERS.qc(ONE, (0, 1, 3)))
+    assert node.core.silence.reason == "outdated"
+    node = OneCore(1)
+    node.receive(ONE)
+    assert node.core.silence.reason == "outdated"
+
+
+def test_a_restored_producer_is_silent_until_a_block_above_all_that_it_can_have_signed_is_final():
+    """R35: the others signed in round 2 at most, so it signed in round 3 at most: it waits for a block above that."""
+    node = OneCore(6, count=7, journal=[RESTORED], answered=False)
+    assert node.core.silence.reason == "restored"
+    chain = node.chain(1, 2, 3, 4, 5)
+    for peer, signed_round in enumerate([1, 2, 0, 2]):
+        node.answer_from(peer, signed_round=signed_round, qc=node.qc(chain[0]))
+    assert read_journal(node.journal, 0).silence.above_round is None
+    node.answer_from(4, signed_round=1, qc=node.qc(chain[0]))
+    assert read_journal(node.journal, 0).silence == SilenceMark("restored", 0, 3)
+    assert "round 3" in node.core.silence.until
+    assert said(finalize(node, 1, 4), Vote) == []
+    assert node.core.finalized.round == 3
+    assert said(node.receive(chain[4]), Vote) == []
+    effects = node.notice(node.qc(chain[4]))
+    assert node.core.finalized.round == 4
+    assert of_type(effects, SilenceChanged) == [SilenceChanged(reason="", until="")]
+    assert read_journal(node.journal, 0).silence is None
+    assert node.core.last_voted_round == 3
+    seven = node.block(7, chain[4], tc=node.tc(6, 5))
+    assert said(node.receive(seven), Vote) == [node.vote(6, seven)]
+
+
+def test_the_rounds_of_producers_that_are_silent_or_ask_themselves_say_nothing_about_ones_own():
+    node = OneCore(6, count=7, journal=[RESTORED], answered=False)
+    for peer in range(4):
+        node.answer_from(peer)
+    for speech in (ASKING, SILENT):
+        node.answer_from(4, speech=speech)
+        assert read_journal(node.journal, 0).silence.above_round is None
+    node.answer_from(4)
+    assert read_journal(node.journal, 0).silence.above_round == 1
+
+
+def test_a_silent_producer_stays_silent_over_a_crash_and_asks_again():
+    node = OneCore(journal=[RESTORED], answered=False)
+    for after in (node.restarted(), OneCore(journal=list(node.core.journal_snapshot()))):
+        assert after.core.silence.reason == "restored"
+        assert said(after.receive(ONE), Vote) == []
+    for peer in range(3):
+        node.answer_from(peer)
+    after = OneCore(journal=node.journal, answered=False)
+    assert read_journal(after.journal, 0).silence == SilenceMark("restored", 0, 1)
+    assert said(after.started, WordsRequest)
+
+
+def test_the_mark_stands_before_every_word_of_the_new_life():
+    node = OneCore(journal=[RESTORED], answered=False)
+    effects = list(node.started)
+    for peer in range(3):
+        effects += node.answer_from(peer)
+    assert [type(effect) for effect in effects if isinstance(effect, Persist)] == [Persist]
+    assert said(effects, Vote) + said(effects, Proposal) + said(effects, Timeout) == []
+
+
+def test_with_more_silent_producers_than_the_chain_tolerates_the_report_says_that_it_stands_still():
+    node = OneCore(journal=[RESTORED], answered=False)
+    assert "restart" not in node.core.silence.until
+    node.answer_from(0, speech=SILENT)
+    assert "all organisations must sign a restart" in node.core.silence.until
+
+
+def test_a_lone_producer_that_was_restored_goes_on_above_what_its_ledger_proves():
+    node = OneCore(0, count=1, journal=[RESTORED])
+    assert node.core.silence is None
+    assert read_journal(node.journal, 0).silence is None
+    one = node.block(1)
+    core = Core(
+        node.settings,
+        CHAIN_ID,
+        node.schedule,
+        node.keys[0],
+        finalized=one,
+        finalized_qc=node.qc(one),
+        round_zero_id=one.header.parent_id,
+        check=CHECK,
+    )
+    assert (core.round, core.last_voted_round) == (2, 2)
+
+
+# From epoch to epoch
+
+
+def core_of_next_epoch(node, before):
+    schedule = Schedule(1, node.schedule.producers)
+    return Core(
+        node.settings,
+        CHAIN_ID,
+        schedule,
+        node.keys[3],
+        finalized=ONE,
+        finalized_qc=GENESIS_QC.__class__(epoch=1, round=0, block_id=ONE.block_id, votes=()),
+        round_zero_id=ONE.block_id,
+        check=CHECK,
+        before=before,
+    )
+
+
+def test_who_spoke_in_the_epoch_before_speaks_at_once_and_who_did_not_asks():
+    """R36."""
+    spoke, asked, stranger = OneCore(), OneCore(answered=False), OneCore(None)
+    assert core_of_next_epoch(spoke, spoke.core).silence is None
+    for before in (asked.core, stranger.core, None):
+        assert core_of_next_epoch(spoke, before).silence.reason == ASKING
+
+
+def test_a_silence_lasts_into_the_next_epoch():
+    node = OneCore(journal=[RESTORED], answered=False)
+    assert core_of_next_epoch(node, node.core).journal_snapshot()
+    unknown = core_of_next_epoch(node, node.core)
+    assert read_journal(unknown.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+    for peer in range(3):
+        node.answer_from(peer)
+    known = core_of_next_epoch(node, node.core)
+    assert read_journal(known.journal_snapshot(), 1).silence == SilenceMark("restored", 1, 1)
+    known.handle(Started(now_ms=NOW_MS))
+    assert known.silence.reason == "restored"
+
+
+def test_the_mark_in_an_old_journal_is_read_in_every_later_epoch():
+    assert read_journal([RESTORED], 5).silence == SilenceMark("restored", 0, None)
+
+
+def test_what_a_silent_producer_said_before_may_still_be_said_again():
+    node = OneCore()
+    node.receive(ONE)
+    after = OneCore(journal=[*node.journal, RESTORED], answered=False)
+    assert [effect.message for effect in of_type(after.started, Broadcast) if isinstance(effect.message, Vote)] == [
+        node.vote(3, ONE)
+    ]
