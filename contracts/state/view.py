@@ -197,7 +197,8 @@ class MemoryState:
     def copy(self) -> MemoryState:
         """Return an independent state with the same content."""
         other = MemoryState()
-        other.absorb(self._values, self._pages, self._state_root)
+        other._values, other._pages = self._values.copy(), self._pages.copy()
+        other._state_root, other._sorted_keys = self._state_root, self._sorted_keys
         return other
 
 
