@@ -14,9 +14,8 @@ from consensus.genesis import GENESIS_VERSION, ChainSettings, Genesis, NodeEntry
 from consensus.limits import TIME_BUCKET_MS
 from consensus.possession import prove_possession
 from consensus.primitives.hashing import sha256
-from consensus.primitives.keys import PrivateKey
+from consensus.primitives.keys import PrivateKey, verify
 from consensus.records.purposes import PURPOSES
-from consensus.signature_cache import SignatureCache
 from consensus.transaction import Transaction
 from contracts.execution.genesis import complete_genesis
 from contracts.execution.machine import ContractMachine
@@ -88,6 +87,23 @@ class SharedMachine:
             self._results.popitem(last=False)
 
 
+class SharedCheck:
+    """Checks each signature once for all nodes of the process, and remembers forged ones too: liars repeat themselves."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[object, ...], bool] = {}
+
+    def __call__(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
+        """Return True for a genuine signature."""
+        place = (public_key, tag, signature, parts)
+        known = self._known.get(place)
+        if known is None:
+            if len(self._known) >= SIGNATURES_MAX_COUNT:
+                self._known.clear()
+            known = self._known[place] = verify(public_key, tag, signature, *parts)
+        return known
+
+
 @dataclass(frozen=True)
 class Chain:
     """What all networks of one size share. Caches answer for bytes they have seen whole, so they change no history."""
@@ -99,7 +115,7 @@ class Chain:
     registrar: PrivateKey
     admins: tuple[PrivateKey, ...]
     machine: SharedMachine
-    check: SignatureCache
+    check: SharedCheck
     transactions: TransactionCache
 
 
@@ -153,6 +169,6 @@ def make_chain(nodes: int) -> Chain:
         registrar=registrar,
         admins=admins,
         machine=SharedMachine(ContractMachine(genesis.chain_id, require_contracts(genesis))),
-        check=SignatureCache(SIGNATURES_MAX_COUNT),
+        check=SharedCheck(),
         transactions=TransactionCache(),
     )

@@ -18,11 +18,12 @@ GARBLED_MAX_BYTES = 16
 class _Content:
     """A file's bytes, and how many of them are on the medium."""
 
-    __slots__ = ("data", "durable")
+    __slots__ = ("data", "durable", "was_cut")
 
-    def __init__(self) -> None:
-        self.data = bytearray()
-        self.durable = b""
+    def __init__(self, data: bytes = b"") -> None:
+        self.data = bytearray(data)
+        self.durable = bytearray(data)
+        self.was_cut = False
 
 
 class SimDisk:
@@ -86,7 +87,10 @@ class SimDisk:
     def sync(self, content: _Content) -> None:
         """Bring a file's bytes to the medium, unless the power goes before."""
         self.before_sync()
-        content.durable = bytes(content.data)
+        if content.was_cut:
+            content.durable, content.was_cut = content.data.copy(), False
+        else:
+            content.durable += content.data[len(content.durable) :]
         self.busy_s += self.sync_ms / 1000
         self.syncs_count += 1
         self.after_sync()
@@ -95,15 +99,13 @@ class SimDisk:
         """Lose what was not synced, or a part of it, as the dice say."""
         names = self._durable_names if self.dice.random() < 0.5 else self._names
         for content in names.values():
-            unsynced = bytes(content.data[len(content.durable) :])
-            if bytes(content.data[: len(content.durable)]) != content.durable:
-                unsynced = b""  # cut and rewritten since: the old bytes are what is on the medium
+            unsynced = b"" if content.was_cut else bytes(content.data[len(content.durable) :])
             kept = bytearray(unsynced[: self._kept_bytes(len(unsynced))])
             if kept and self.dice.random() < 0.5:
                 for _ in range(min(len(kept), GARBLED_MAX_BYTES)):
                     kept[-1 - self.dice.randrange(min(len(kept), GARBLED_MAX_BYTES))] = self.dice.randrange(256)
-            content.data = bytearray(content.durable + bytes(kept))
-            content.durable = bytes(content.data)
+            content.durable += kept
+            content.data, content.was_cut = content.durable.copy(), False
         self._names = dict(names)
         self._durable_names = dict(names)
         self.tears = "dice"
@@ -115,15 +117,11 @@ class SimDisk:
 
     def image(self) -> dict[Path, bytes]:
         """Return a copy of all files, as a backup takes it."""
-        return {path: content.durable for path, content in self._names.items()}
+        return {path: bytes(content.durable) for path, content in self._names.items()}
 
     def restore(self, image: dict[Path, bytes]) -> None:
         """Put a backup in the place of everything, durably. Only while the node is down."""
-        self._names = {}
-        for path, data in image.items():
-            content = _Content()
-            content.data, content.durable = bytearray(data), data
-            self._names[path] = content
+        self._names = {path: _Content(data) for path, data in image.items()}
         self._durable_names = dict(self._names)
 
 
@@ -148,6 +146,7 @@ class SimFile:
     def truncate(self, size_bytes: int) -> None:
         """Cut the file."""
         del self._content.data[size_bytes:]
+        self._content.was_cut = True
 
     def sync(self) -> None:
         """Make the content durable. Raises OSError on a full disk."""
