@@ -200,7 +200,6 @@ class Assembly:
             writer=self.writer,
             feed=self.feed,
             requester=self.network,
-            check=around.check,
         )
         self.peers.connect(self.network, self.engine, self.sync)
         self.engine.add_epoch_listener(self.peers.begin_epoch)

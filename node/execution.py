@@ -36,10 +36,11 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
-from consensus.transaction import Transaction
+from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.epochs import next_epoch
-from contracts.execution.validity import check_block_transactions, select_valid
+from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
+from node.block_ranges import CheckedBlock
 from node.mempool import Mempool
 from node.storage.ledger_store import FinalizedBlock, LedgerSnapshot, LedgerStore
 from node.transaction_cache import TransactionCache
@@ -246,40 +247,41 @@ class Executor:
         if header.is_closing != must_close or (must_close and block.transactions):
             raise BlockRobotError("BLOCK_INVALID", "Only empty closing blocks stand behind a boundary, and only there.")
         transactions = [self._cache.verified(wire) for wire in block.transactions]
+        checked = CheckedBlock(block, block_id, header, tuple(transactions))
+        executed = self.execute_final(checked, parent, self._time_of(header.parent_id), self._recent(header.parent_id))
+        self._blocks[block_id] = executed
+        return executed
+
+    def execute_final(
+        self, checked: CheckedBlock, parent: StateView, parent_time_ms: int, recent: RecentTransactions
+    ) -> ExecutedBlock:
+        """Execute a block on its parent's state, compare the roots, and keep nothing of it.
+
+        The signatures of its transactions were checked. Raises BLOCK_INVALID, or what is wrong with a transaction.
+        """
+        header, transactions = checked.header, list(checked.transactions)
         check_block_transactions(
             transactions,
             chain_id=self._chain_id,
-            parent_time_ms=self._time_of(header.parent_id),
+            parent_time_ms=parent_time_ms,
             time_ms=header.timestamp_ms,
-            recent=self._recent(header.parent_id),
+            recent=recent,
         )
         result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
         following = next_epoch(result.writes, header.epoch)
         _require_equal(header, result, following)
-        return self._keep(block, block_id, header, transactions, parent, result, following)
+        return _executed(checked.block, checked.block_id, header, transactions, parent, result, following)
 
-    def _keep(
-        self,
-        block: Block,
-        block_id: bytes,
-        header: Header,
-        transactions: list[Transaction],
-        parent: StateView,
-        result: Outcome,
-        following: Epoch | None,
-    ) -> ExecutedBlock:
-        executed = ExecutedBlock(
-            block=block,
-            block_id=block_id,
-            header=header,
-            transactions=transactions,
-            receipts=result.receipts,
-            overlay=Overlay(parent, result.writes, result.page_writes, result.state_root),
-            txids=frozenset(transaction.txid for transaction in transactions),
-            next_epoch=following,
-        )
-        self._blocks[block_id] = executed
-        return executed
+    def read_transaction(self, wire: bytes) -> Transaction:
+        """Decode a transaction and check its signature, without remembering it; safe in another thread.
+
+        Raises ENCODING_*, TRANSACTION_TOO_LARGE, SIGNATURE_*.
+        """
+        transaction = self._cache.get(wire)
+        if transaction is None:
+            transaction = decode_transaction(wire)
+            transaction.verify_sender()
+        return transaction
 
     # Building
 
@@ -336,7 +338,9 @@ class Executor:
             signature=sign_block(self._key, self._chain_id, header.epoch, header.round, block_id),
             transactions=tuple(transaction.wire for transaction in chosen),
         )
-        return self._keep(block, block_id, header, chosen, parent, result, following), faulty
+        executed = _executed(block, block_id, header, chosen, parent, result, following)
+        self._blocks[block_id] = executed
+        return executed, faulty
 
     # Moving up
 
@@ -371,6 +375,27 @@ class Executor:
         previous.close()
         self._reader.close()
         self._reader = self._ledger.snapshot()
+
+
+def _executed(
+    block: Block,
+    block_id: bytes,
+    header: Header,
+    transactions: list[Transaction],
+    parent: StateView,
+    result: Outcome,
+    following: Epoch | None,
+) -> ExecutedBlock:
+    return ExecutedBlock(
+        block=block,
+        block_id=block_id,
+        header=header,
+        transactions=transactions,
+        receipts=result.receipts,
+        overlay=Overlay(parent, result.writes, result.page_writes, result.state_root),
+        txids=frozenset(transaction.txid for transaction in transactions),
+        next_epoch=following,
+    )
 
 
 def _require_equal(header: Header, result: Outcome, following: Epoch | None) -> None:

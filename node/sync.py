@@ -1,38 +1,47 @@
 """Catching up: fetches finalized blocks from peers, checks and executes them. Must never install what is not proved final.
 
-A batch is a run of blocks above one's own head whose last one a two-chain proof makes final; the ids of the parents
-then make all of them final. It never goes beyond a boundary: the next batch is checked with the epoch that the boundary
-decided. Every block is executed here and its roots compared before any of them is stored. Short
-gaps are the core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here.
+A line of requests runs ahead, each for a run of blocks and to another peer; while one run is executed the next ones are
+fetched and checked, and those before are stored. Every block is executed here and its roots compared before any of it
+is stored. A peer that lies is left alone for a while, one that stalls or has nothing for a moment. Short gaps are the
+core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here.
 """
 
 from __future__ import annotations
 
 import asyncio
-from typing import Protocol
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar
 
 import structlog
 
-from consensus.block import Block, EpochProof, FinalityProof
-from consensus.block_rules import check_block
+from consensus.block import Block, FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from consensus.light_client import verify_finality
 from consensus.primitives.encoding import decode, encode
-from consensus.signature_cache import SignatureCache, SignatureCheck
+from node.block_ranges import CheckedRange, check_range, decode_range, read_range
+from node.catching_up import CatchUp
 from node.engine import Engine
-from node.execution import ExecutedBlock, Executor
+from node.execution import Executor
 from node.finality import FinalityFeed, LedgerWriter
 from node.p2p.wire import BlockBatch, FinalizedRequest, RequestKind
-from node.storage.ledger_store import LedgerSnapshot, LedgerStore
+from node.storage.ledger_store import LedgerStore
 
 LAG_TOLERATED_BLOCKS = 32
-BATCH_MAX_COUNT = 64
-BATCH_MAX_BYTES = 4 * 1024 * 1024
-PROOF_SEARCH_MAX_COUNT = 256
+RANGE_COUNT = 64
+RANGES_AHEAD_COUNT = 6
+INLINE_WEIGHT_MAX = 48
+UNSTORED_MAX_COUNT = 4 * RANGE_COUNT
+PATIENCE_MS = 3_000
 RETRY_MS = 500
 FRUITLESS_MS = 5_000
+DISTRUST_MS = 60_000
 INSTALL_TIMEOUT_MS = 30_000
+
+T = TypeVar("T")
 
 log = structlog.get_logger(__name__)
 
@@ -45,54 +54,13 @@ class Requester(Protocol):
         ...
 
 
-def proof_from_blocks(block: Block, child: Block | None, grandchild: Block | None) -> FinalityProof | None:
-    """Return the two-chain proof of a stored block out of the two blocks above it, or None if they make none."""
-    if child is None or grandchild is None:
-        return None
-    header, child_header, qc = block.header, child.header, grandchild.header.qc
-    if child_header.round != header.round + 1 or child_header.epoch != header.epoch:
-        return None
-    if qc.block_id != child.block_id or qc.epoch != header.epoch:
-        return None
-    return FinalityProof(header_bytes=block.header_bytes, child_header_bytes=child.header_bytes, child_qc=qc)
+@dataclass(slots=True)
+class _Ask:
+    """One request of the line: a run of blocks, fetched and checked in a task; None if no peer has it."""
 
-
-def finality_of(snapshot: LedgerSnapshot, height: int) -> FinalityProof | None:
-    """Return the proof that the stored block of this height is final, if it has one of its own."""
-    position = snapshot.position
-    if position is not None and position.height == height:
-        return decode(snapshot.finality, FinalityProof) if snapshot.finality else None
-    found = [snapshot.block(height + offset) for offset in range(3)]
-    block, child, grandchild = (None if data is None else decode(data, Block) for data in found)
-    if block is None:
-        return None
-    return boundary_proof(snapshot, block) or proof_from_blocks(block, child, grandchild)
-
-
-def boundary_proof(snapshot: LedgerSnapshot, block: Block) -> FinalityProof | None:
-    """Return the proof of a stored boundary, which began the next epoch, or None for any other block."""
-    header = block.header
-    if header.next_schedule_hash is None:
-        return None
-    data = snapshot.epoch_proof(header.epoch + 1)
-    return None if data is None else decode(data, EpochProof).finality
-
-
-def read_batch(snapshot: LedgerSnapshot, from_height: int) -> BlockBatch:
-    """Return the run of stored blocks of one epoch from a height on that fits a message and ends with a provable one."""
-    blocks: list[bytes] = []
-    provable, proof, size = 0, None, 0
-    for height, data in snapshot.iter_blocks(from_height, PROOF_SEARCH_MAX_COUNT):
-        size += len(data)
-        if provable and (size > BATCH_MAX_BYTES or len(blocks) >= BATCH_MAX_COUNT):
-            break
-        blocks.append(data)
-        found = finality_of(snapshot, height)
-        if found is not None:
-            provable, proof = len(blocks), found
-        if decode(data, Block).header.next_schedule_hash is not None:
-            break
-    return BlockBatch(blocks=tuple(blocks[:provable]), proof=proof)
+    from_height: int
+    count: int
+    task: asyncio.Task[CheckedRange | None]
 
 
 class Synchroniser:
@@ -108,7 +76,6 @@ class Synchroniser:
         writer: LedgerWriter,
         feed: FinalityFeed,
         requester: Requester,
-        check: SignatureCheck | None = None,
     ) -> None:
         self._genesis = genesis
         self._ledger = ledger
@@ -120,9 +87,12 @@ class Synchroniser:
         self._heights: dict[str, int] = {}
         self._epochs: dict[str, int] = {}
         self._fruitless: dict[str, float] = {}
+        self._distrusted: dict[str, float] = {}
+        self._asked: dict[str, int] = {}
+        self._earliest: dict[str, int] = {}
         self._has_proof = False
-        self._check = SignatureCache() if check is None else check
         self._task: asyncio.Task[None] | None = None
+        self._checking = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sync-check")
         self.blocks_installed_count = 0
 
     @property
@@ -140,8 +110,15 @@ class Synchroniser:
         """How many blocks the peers say that this node is behind the one that is farthest ahead (0 or more)."""
         return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
+    def pruned_by(self) -> dict[str, int]:
+        """Return the peers that are ahead but no longer have the next block, with the height from which they have."""
+        following = self._writer.queued_height + 1
+        return {peer: earliest for peer, earliest in self._earliest.items() if earliest > following}
+
     def note_height(self, peer: str, height: int) -> None:
         """A peer said how far it is: begin to catch up if that is far ahead."""
+        if self._is_distrusted(peer):
+            return
         self._heights[peer] = height
         if height > self._writer.queued_height + LAG_TOLERATED_BLOCKS:
             self._begin()
@@ -149,7 +126,9 @@ class Synchroniser:
     def note_epoch(self, peer: str, epoch: int) -> None:
         """A peer is in a later epoch: catch up with it, however short the gap. Not soon again if it had nothing."""
         until = self._fruitless.get(peer)
-        if epoch > self._engine.epoch.number and (until is None or asyncio.get_running_loop().time() >= until):
+        if self._is_distrusted(peer) or epoch <= self._engine.epoch.number:
+            return
+        if until is None or self._now() >= until:
             self._epochs[peer] = epoch
             self._begin()
 
@@ -162,112 +141,186 @@ class Synchroniser:
         """A peer is gone."""
         self._heights.pop(peer, None)
         self._epochs.pop(peer, None)
+        self._earliest.pop(peer, None)
+
+    def _now(self) -> float:
+        return asyncio.get_running_loop().time()
+
+    def _is_distrusted(self, peer: str) -> bool:
+        return self._distrusted.get(peer, 0.0) > self._now()
 
     def _set_aside(self, peer: str) -> None:
         """A peer had nothing that helps: do not ask it again for a while because of its epoch."""
         self.forget(peer)
-        self._fruitless[peer] = asyncio.get_running_loop().time() + FRUITLESS_MS / 1000
+        self._fruitless[peer] = self._now() + FRUITLESS_MS / 1000
 
-    def _choose_peer(self) -> str | None:
-        """Return the peer to ask next: one of a later epoch, or else the one that is farthest ahead; None if done."""
-        epoch, height = self._engine.epoch.number, self._writer.queued_height
-        later = [peer for peer, number in self._epochs.items() if number > epoch]
-        far = [peer for peer, reached in self._heights.items() if reached > max(self._feed.height, height + 1)]
-        ahead = later or far
-        return max(ahead, key=lambda peer: (self._heights.get(peer, 0), peer)) if ahead else None
+    def _distrust(self, peer: str) -> None:
+        """A peer sent what is not so: believe nothing that it says for a while."""
+        self._set_aside(peer)
+        self._distrusted[peer] = self._now() + DISTRUST_MS / 1000
 
     async def stop(self) -> None:
         """Stop catching up."""
         if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
+        self._checking.shutdown(wait=True)
 
     def serve(self, body: bytes) -> bytes:
         """Answer a peer's request for finalized blocks. Raises ENCODING_*."""
         request = decode(body, FinalizedRequest)
         with self._ledger.snapshot() as snapshot:
-            return encode(read_batch(snapshot, max(1, request.from_height)))
+            return encode(read_range(snapshot, max(1, request.from_height), request.count))
+
+    # The work
+
+    def _is_behind(self) -> bool:
+        """Tell whether a peer is in a later epoch or claims blocks that are not queued here."""
+        reached = max(self._feed.height, self._writer.queued_height + 1)
+        later = any(number > self._engine.epoch.number for number in self._epochs.values())
+        return later or any(height > reached for height in self._heights.values())
 
     async def _run(self) -> None:
         log.info("sync_started", height=self._writer.queued_height)
-        while True:
-            peer = self._choose_peer()
-            if peer is None:
-                break
+        while self._is_behind():
             try:
-                await self._advance(peer)
+                await self._catch_up()
             except BlockRobotError as error:
-                log.warning("sync_failed", peer=peer, code=error.code, detail=error.detail)
-                self._set_aside(peer)
+                log.warning("sync_failed", code=error.code, detail=error.detail)
                 await asyncio.sleep(RETRY_MS / 1000)
         log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
 
-    async def _advance(self, peer: str) -> None:
-        """Fetch, check, execute and install one batch of one peer."""
+    async def _catch_up(self) -> None:
+        """Go on from the stored head until no peer has more, or an epoch ends."""
         if self._feed.height < self._writer.queued_height:
             await self._feed.wait_above(self._writer.queued_height - 1, INSTALL_TIMEOUT_MS)
-        request = FinalizedRequest(from_height=self._feed.height + 1)
-        answer = await self._requester.request(peer, RequestKind.FINALIZED, encode(request))
-        batch = decode(answer, BlockBatch)
-        blocks = [decode(data, Block) for data in batch.blocks]
-        if not blocks or batch.proof is None:
-            self._set_aside(peer)
-            return
-        self._check_batch(blocks, batch.proof)
-        self._has_proof = True
-        executed: list[ExecutedBlock] = []
-        for block in blocks:
-            executed.append(await self._execute(block))
-            await asyncio.sleep(0)
-        self._writer.store(
-            [block for block in executed if block.header.height > self._writer.queued_height], batch.proof
-        )
-        if not await self._feed.wait_above(blocks[-1].header.height - 1, INSTALL_TIMEOUT_MS):
-            raise BlockRobotError("STORAGE_UNWRITABLE", "The ledger did not take the blocks in time.")
-        self.blocks_installed_count += len(blocks)
-
-    def _check_batch(self, blocks: list[Block], proof: FinalityProof) -> None:
-        """Check that the blocks follow one another above the head, in its epoch, and that the last one is final."""
-        chain_id, start = self._genesis.chain_id, self._engine.epoch
-        verify_finality(proof, start.schedule, chain_id, start.round_zero_id)
-        if proof.header_bytes != blocks[-1].header_bytes:
-            raise BlockRobotError("CERTIFICATE_INVALID", "The proof is not for the last block of the batch.")
-        with self._ledger.snapshot() as snapshot:
-            position = snapshot.position
-        if position is None:
-            raise AssertionError("the ledger holds genesis")
-        parent_id, height = position.block_id, position.height
-        for place, block in enumerate(blocks, start=1):
-            header = block.header
-            height += 1
-            if header.is_closing or (header.next_schedule_hash is not None and place < len(blocks)):
-                raise BlockRobotError("BLOCK_INVALID", "The peer's blocks go on behind a boundary.")
-            if header.parent_id != parent_id or header.height != height:
-                raise BlockRobotError("BLOCK_INVALID", "The peer's blocks do not follow one another.")
-            check_block(
-                block,
-                header,
-                chain_id=chain_id,
-                schedule=start.schedule,
-                round_zero_id=start.round_zero_id,
-                check=self._check,
-            )
-            parent_id = block.block_id
-
-    async def _execute(self, block: Block) -> ExecutedBlock:
-        """Execute a block between two events of the core. Raises what `Executor.verify` raises."""
-        done: asyncio.Future[ExecutedBlock] = asyncio.get_running_loop().create_future()
-
-        def execute() -> None:
-            if done.cancelled():
-                return
-            try:
-                done.set_result(self._executor.verify(block))
-            except Exception as error:  # noqa: BLE001 - handed to the one who waits
-                done.set_exception(error)
-
-        self._engine.call_between_events(execute)
+        work = CatchUp(self._ledger, self._executor)
+        line: deque[_Ask] = deque()
         try:
-            return await done
-        except LookupError:
-            raise BlockRobotError("BLOCK_INVALID", "The head moved while the batch was being executed.") from None
+            while True:
+                self._lengthen(line, work.height)
+                if not line:
+                    break
+                ask = line.popleft()
+                run = await ask.task
+                if run is None:
+                    break
+                await self._install(work, run)
+                if run.ends_epoch:
+                    break
+                if line and run.last.header.height < ask.from_height + ask.count - 1:
+                    _cancel(line)
+        finally:
+            _cancel(line)
+            work.close()
+        await self._wait_stored(self._writer.queued_height)
+
+    def _lengthen(self, line: deque[_Ask], height: int) -> None:
+        """Ask for the next runs, as far as some peer claims to have them."""
+        following = line[-1].from_height + line[-1].count if line else height + 1
+        top = max(self._heights.values(), default=0)
+        while len(line) < RANGES_AHEAD_COUNT and (following <= top or (not line and self._is_behind())):
+            task = asyncio.get_running_loop().create_task(self._fetch(following, RANGE_COUNT))
+            line.append(_Ask(following, RANGE_COUNT, task))
+            following += RANGE_COUNT
+
+    def _choose_peer(self, height: int, tried: set[str]) -> str | None:
+        """Return a peer to ask for a height: the one with the fewest open requests; None if none is left."""
+        epoch = self._engine.epoch.number
+        able = [
+            peer
+            for peer in self._heights.keys() | self._epochs.keys()
+            if peer not in tried
+            and (self._heights.get(peer, 0) >= height or self._epochs.get(peer, 0) > epoch)
+            and self._earliest.get(peer, 0) <= height
+        ]
+        return min(able, key=lambda peer: (self._asked.get(peer, 0), -self._heights.get(peer, 0), peer), default=None)
+
+    async def _fetch(self, from_height: int, count: int) -> CheckedRange | None:
+        """Return a checked run from some peer, trying one after another; None if none has it (in this epoch)."""
+        tried: set[str] = set()
+        while (peer := self._choose_peer(from_height, tried)) is not None:
+            tried.add(peer)
+            self._asked[peer] = self._asked.get(peer, 0) + 1
+            try:
+                found = await self._fetch_from(peer, from_height, count)
+            except BlockRobotError as error:
+                log.warning("sync_peer_failed", peer=peer, code=error.code, detail=error.detail)
+                if error.code == "PEER_UNAVAILABLE":
+                    self._set_aside(peer)
+                else:
+                    self._distrust(peer)
+                continue
+            finally:
+                self._asked[peer] -= 1
+            if found is not None:
+                return found
+        return None
+
+    async def _fetch_from(self, peer: str, from_height: int, count: int) -> CheckedRange | None:
+        """Return a checked run from one peer, or None if it has none. Raises PEER_UNAVAILABLE, and what is wrong."""
+        request = encode(FinalizedRequest(from_height=from_height, count=count))
+        try:
+            async with asyncio.timeout(PATIENCE_MS / 1000):
+                answer = await self._requester.request(peer, RequestKind.FINALIZED, request)
+        except TimeoutError:
+            raise BlockRobotError("PEER_UNAVAILABLE", f"{peer} did not answer in time.") from None
+        batch = decode(answer, BlockBatch)
+        blocks = decode_range(batch)
+        if not blocks or batch.proof is None:
+            self._note_nothing(peer, batch.earliest_height, from_height)
+            return None
+        if blocks[0].header.epoch > self._engine.epoch.number:
+            return None
+        return await self._check(peer, blocks, batch.proof, from_height)
+
+    def _note_nothing(self, peer: str, earliest_height: int, from_height: int) -> None:
+        """A peer has no blocks from this height on: it pruned them, or is not as far as it said."""
+        if from_height == self._writer.queued_height + 1:
+            self._set_aside(peer)
+        if earliest_height > from_height:
+            self._earliest[peer] = earliest_height
+        elif self._heights.get(peer, 0) >= from_height:
+            self._heights[peer] = from_height - 1
+
+    async def _check(self, peer: str, blocks: list[Block], proof: FinalityProof, from_height: int) -> CheckedRange:
+        """Check a run in a thread of its own: signatures take most of the time, and another core can do them."""
+        start, chain_id, read = self._engine.epoch, self._genesis.chain_id, self._executor.read_transaction
+
+        def check() -> CheckedRange:
+            checked = check_range(blocks, proof, from_height=from_height, start=start, chain_id=chain_id, read=read)
+            return CheckedRange(peer, checked, proof)
+
+        return await _work(self._checking, check, sum(1 + len(block.transactions) for block in blocks))
+
+    async def _install(self, work: CatchUp, run: CheckedRange) -> None:
+        """Execute a run and hand it to the writer; wait only if too much is not stored yet, or an epoch ends."""
+        self._has_proof = True
+        weight = sum(1 + len(checked.transactions) for checked in run.blocks)
+        try:
+            executed = await _work(self._executor.thread, partial(work.execute, run), weight)
+        except BlockRobotError:
+            self._distrust(run.peer)
+            raise
+        fresh = [block for block in executed if block.header.height > self._writer.queued_height]
+        self._writer.store(fresh, run.proof)
+        self.blocks_installed_count += len(fresh)
+        await self._wait_stored(work.height if run.ends_epoch else work.height - UNSTORED_MAX_COUNT)
+
+    async def _wait_stored(self, height: int) -> None:
+        """Wait until a height is stored and everybody heard of it. Raises STORAGE_UNWRITABLE after a while."""
+        if self._feed.height < height and not await self._feed.wait_above(height - 1, INSTALL_TIMEOUT_MS):
+            raise BlockRobotError("STORAGE_UNWRITABLE", "The ledger did not take the blocks in time.")
+
+
+async def _work(thread: ThreadPoolExecutor, action: Callable[[], T], weight: int) -> T:
+    """Do a small piece of work at once and a large one in a thread, so that the event loop goes on."""
+    if weight <= INLINE_WEIGHT_MAX:
+        return action()
+    return await asyncio.get_running_loop().run_in_executor(thread, action)
+
+
+def _cancel(line: deque[_Ask]) -> None:
+    for ask in line:
+        ask.task.cancel()
+    line.clear()

@@ -107,16 +107,21 @@ class BranchRequest(Wire, frozen=True):
 
 
 class FinalizedRequest(Wire, frozen=True):
-    """Ask for finalized blocks from a height on, as many as fit."""
+    """Ask for so many finalized blocks from a height on, and what it takes to prove the last one."""
 
     from_height: int
+    count: int
 
 
 class BlockBatch(Wire, frozen=True):
-    """Blocks, oldest first, each the canonical bytes of a `Block`. `proof`, if there, proves the last one final."""
+    """Blocks, oldest first, each the canonical bytes of a `Block`. `proof`, if there, proves the last one final.
+
+    Below `earliest_height` the sender has no bodies.
+    """
 
     blocks: tuple[bytes, ...]
     proof: FinalityProof | None
+    earliest_height: int = 0
 
 
 class ClipRequest(Wire, frozen=True):

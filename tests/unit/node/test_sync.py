@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -14,10 +13,11 @@ from consensus.errors import BlockRobotError
 from consensus.messages import sign_block
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
+from consensus.transaction import decode_transaction
+from node.block_ranges import check_range, finality_of, proof_from_blocks, read_range
 from node.epochs import start_of_genesis
-from node.finality import FinalityFeed
+from node.snapshot.making import header_of_block
 from node.storage.memory_store import MemoryStore
-from node.sync import BATCH_MAX_COUNT, Synchroniser, finality_of, proof_from_blocks, read_batch
 from tests.unit.node.hand_made_chain import KEYS, certify, make_chain, make_genesis, prove, stored
 
 GENESIS = make_genesis()
@@ -38,18 +38,15 @@ async def _refusal(blocks: list[Block], proof: FinalityProof, height: int = 0) -
 
 
 async def _error(blocks: list[Block], proof: FinalityProof, height: int = 0) -> BlockRobotError | None:
-    nothing: Any = None
-    sync = Synchroniser(
-        genesis=GENESIS,
-        ledger=await _ledger(height),
-        engine=SimpleNamespace(epoch=start_of_genesis(GENESIS)),  # type: ignore[arg-type]
-        executor=nothing,
-        writer=nothing,
-        feed=FinalityFeed(height),
-        requester=nothing,
-    )
     try:
-        sync._check_batch(blocks, proof)
+        check_range(
+            blocks,
+            proof,
+            from_height=height + 1,
+            start=start_of_genesis(GENESIS),
+            chain_id=GENESIS.chain_id,
+            read=decode_transaction,
+        )
     except BlockRobotError as error:
         return error
     return None
@@ -92,7 +89,7 @@ async def test_a_block_that_was_changed_on_the_way_is_noticed() -> None:
 async def test_what_a_node_serves_is_what_another_believes(from_height: int) -> None:
     ledger = await _ledger(10)
     with ledger.snapshot() as snapshot:
-        batch = read_batch(snapshot, from_height)
+        batch = read_range(snapshot, from_height, 64)
     assert batch.proof is not None
     blocks = [decode(data, Block) for data in batch.blocks]
     assert blocks == CHAIN[from_height:11]
@@ -100,15 +97,31 @@ async def test_what_a_node_serves_is_what_another_believes(from_height: int) -> 
 
 
 async def test_a_long_chain_is_served_in_parts_each_with_its_proof() -> None:
-    chain = make_chain(GENESIS, BATCH_MAX_COUNT + 12)
-    ledger = await _ledger(BATCH_MAX_COUNT + 10, chain)
+    ledger = await _ledger(10)
     with ledger.snapshot() as snapshot:
-        batch = read_batch(snapshot, 1)
-        beyond = read_batch(snapshot, BATCH_MAX_COUNT + 11)
-    assert len(batch.blocks) == BATCH_MAX_COUNT
-    assert batch.proof is not None
-    assert batch.proof.header_bytes == chain[BATCH_MAX_COUNT].header_bytes
+        for from_height, asked, last in ((1, 4, 4), (5, 4, 8), (9, 1, 10)):
+            batch = read_range(snapshot, from_height, asked)
+            assert len(batch.blocks) == last + 1 - from_height
+            assert batch.proof is not None
+            assert batch.proof.header_bytes == CHAIN[last].header_bytes
+        beyond = read_range(snapshot, 11, 4)
     assert (beyond.blocks, beyond.proof) == ((), None)
+
+
+async def test_a_pruned_run_is_not_served_and_the_peer_hears_from_where_on_there_is_one() -> None:
+    ledger = await _ledger(10)
+    await ledger.prune(5, header_of_block)
+    with ledger.snapshot() as snapshot:
+        batch = read_range(snapshot, 3, 4)
+        later = read_range(snapshot, 5, 2)
+    assert (batch.blocks, batch.proof, batch.earliest_height) == ((), None, 5)
+    assert (len(later.blocks), later.earliest_height) == (2, 5)
+
+
+async def test_a_block_signed_by_another_producer_is_noticed() -> None:
+    """The id of a block does not cover its producer's signature."""
+    forged = msgspec.structs.replace(CHAIN[3], signature=CHAIN[2].signature)
+    assert await _refusal([*CHAIN[1:3], forged, *CHAIN[4:9]], prove(GENESIS, CHAIN, 8)) == "BLOCK_INVALID"
 
 
 def _changed(block: Block, **changes: Any) -> Block:
@@ -142,7 +155,7 @@ async def test_a_run_ends_at_the_boundary_with_the_proof_that_began_the_next_epo
     blocks[3] = replace(blocks[3], epoch_proof_bytes=encode(EpochProof(own, epoch)))
     await ledger.commit(blocks, encode(prove(GENESIS, CHAIN, 7)))
     with ledger.snapshot() as snapshot:
-        batch = read_batch(snapshot, 1)
+        batch = read_range(snapshot, 1, 64)
         assert finality_of(snapshot, 3) == own
     assert len(batch.blocks) == 3
     assert batch.proof == own

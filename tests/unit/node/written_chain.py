@@ -29,6 +29,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, sign_transaction
+from contracts.execution.epochs import EPOCH_KEY
 from contracts.execution.results import BlockResult
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState, StateView
@@ -61,6 +62,19 @@ class WritingMachine:
             gas_used=10 * len(transactions),
             left_out=(),
         )
+
+
+def _epoch_value(epoch: Epoch, height: int) -> bytes:
+    """What the contracts write when an epoch is decided."""
+    return encode_value(
+        {
+            "number": epoch.number,
+            "producers": list(epoch.producers),
+            "leaderless": list(epoch.leaderless),
+            "settings": msgspec.structs.asdict(epoch.settings),
+            "height": height,
+        }
+    )
 
 
 def receipts_of(transactions: Sequence[Transaction]) -> Receipts:
@@ -107,6 +121,8 @@ class WrittenChain:
         if writes is None:
             writes = {b"records\x00%d" % self.random.randrange(400): self.random.randbytes(20) for _ in range(10)}
             writes[b"records\x00%d" % self.random.randrange(400)] = None
+        if next_epoch is not None:
+            writes = {**writes, EPOCH_KEY: _epoch_value(next_epoch, len(self.blocks))}
         parent = self.blocks[-1].header
         timestamp_ms = parent.timestamp_ms + later_ms
         shares = [list(writes.items())[index::transactions] for index in range(transactions)]
