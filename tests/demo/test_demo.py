@@ -16,20 +16,32 @@ from network.bench.fresh_network import find_base_port
 DEMO_TIMEOUT_S = 280
 
 
-def run_demo(home: Path, out: Path, *arguments: str) -> tuple[int, dict[str, Any]]:
-    """Run `blockrobot demo --json` and return its exit code and its one object."""
+def start_demo(home: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
+    """Start `blockrobot demo --json`."""
     ports = str(find_base_port(4))
     command = [sys.executable, "-m", "network.cli.main", "demo", "--json", "--out", str(out), "--base-port", ports]
-    done = subprocess.run(
+    return subprocess.Popen(
         [*command, *arguments],
         env={**os.environ, "BLOCKROBOT_HOME": str(home)},
-        capture_output=True,
-        timeout=DEMO_TIMEOUT_S,
-        check=False,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
     )
-    assert b"Traceback" not in done.stderr
-    answer: dict[str, Any] = json.loads(done.stdout)
-    return done.returncode, answer
+
+
+def read_demo(demo: subprocess.Popen[bytes]) -> tuple[int, dict[str, Any]]:
+    """Wait for a demonstration to end; return its exit code and its one object."""
+    try:
+        output, errors = demo.communicate(timeout=DEMO_TIMEOUT_S)
+    finally:
+        demo.kill()
+    assert b"Traceback" not in errors
+    answer: dict[str, Any] = json.loads(output)
+    return demo.returncode, answer
+
+
+def run_demo(home: Path, out: Path, *arguments: str) -> tuple[int, dict[str, Any]]:
+    """Run `blockrobot demo --json` and return its exit code and its one object."""
+    return read_demo(start_demo(home, out, *arguments))
 
 
 def failed_checks(answer: dict[str, Any]) -> list[str]:
