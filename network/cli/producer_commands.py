@@ -33,6 +33,8 @@ from network.cli.governing import (
     with_client,
 )
 
+TOLERANT_MIN_COUNT = 4
+
 
 @click.group()
 def producer() -> None:
@@ -74,7 +76,7 @@ def _ready(row: CandidateRow, view: ProducersView) -> str:
 def _seat_of(row: CandidateRow) -> str:
     if row.turn is None:
         return "-"
-    return str(row.turn + 1) if row.leads else f"{row.turn + 1}, leads nothing"
+    return str(row.turn + 1) if row.leads else f"{row.turn + 1}*"
 
 
 def _print_evidence(row: CandidateRow) -> None:
@@ -121,6 +123,8 @@ def list_producers(folder: Path | None, organisation: str | None, key_file: Path
         cells = [_seat_of(row), row.name, row.organisation, row.status, votes, _ready(row, view), shown_id(row.key)[:8]]
         table.add_row(*map(escape, cells))
     console.print(table)
+    if view.epoch.leaderless:
+        console.print("* keeps its seat and its vote, and leads nothing")
     for row in view.candidates:
         if row.evidence:
             _print_evidence(row)
@@ -182,6 +186,9 @@ def _vote(
     console.print(f"{what} {escape(node)}: final at height {decision.height}.")
     if decision.epoch is not None:
         console.print(f"Epoch {decision.epoch} begins with the block after that height: {_standing(row, view)}.")
+        if len(view.epoch.producers) < TOLERANT_MIN_COUNT:
+            count = len(view.epoch.producers)
+            console.print(f"With {count} producers, none of them may fail: the chain goes on only while all work.")
     else:
         console.print(f"Now: {_standing(row, view)}. {_next_step(node, row, membership)}")
 

@@ -1,0 +1,52 @@
+"""A client whose network is a consortium in memory: what it proves is the state, what it sends is executed at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+
+from clients.sdk.receipts import FinalReceipt, final_receipt
+from clients.sdk.transactions import TransactionBuilder
+from clients.sdk.trust import ProvedState
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+from consensus.transaction import Transaction
+from contracts.execution.standing import require_standing
+from tests.unit.contracts.system.consortium import Consortium
+
+
+class ConsortiumClient:
+    """Stands in for `NetworkClient` in front of `Governor` and the readers."""
+
+    def __init__(self, chain: Consortium) -> None:
+        self.chain = chain
+        self.transactions = TransactionBuilder(chain.chain_id, self)
+
+    def now_ms(self) -> int:
+        return self.chain.time_ms
+
+    async def __aenter__(self) -> ConsortiumClient:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    async def catch_up(self, key: PrivateKey) -> None:
+        if self.chain.state.get(b"identity\x00admin/" + key.public_key) is None:
+            raise BlockRobotError("SESSION_REFUSED")
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        assert 1 <= len(keys) <= 128
+        data = {flat: self.chain.state.get(flat) for flat in keys}
+        values = {flat: None if value is None else decode_value(value) for flat, value in data.items()}
+        return ProvedState(height=self.chain.height, timestamp_ms=self.chain.time_ms, values=values)
+
+    async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
+        require_standing(self.chain.state, transaction, self.chain.time_ms)
+        (receipt,) = self.chain.block([transaction])
+        return final_receipt(
+            receipt, height=self.chain.height, index=0, block_id=bytes(32), timestamp_ms=self.chain.time_ms
+        )

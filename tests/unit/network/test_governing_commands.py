@@ -1,0 +1,203 @@
+"""`org`, `producer` and `settings` on the command line, in front of a consortium in memory."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+import network.cli.governing as governing
+from consensus.errors import CATALOGUE
+from consensus.genesis import genesis_to_json
+from network.authority import create_authority, issue_node_certificate
+from network.cli.org_commands import org, read_serial
+from network.cli.producer_commands import producer
+from network.cli.settings_commands import settings
+from tests.unit.clients.sdk.consortium_client import ConsortiumClient
+from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, node_fields, producer_of
+
+
+@pytest.fixture
+def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Consortium:
+    """Three organisations whose folders lie in the network's folder."""
+    chain = Consortium()
+    folder = tmp_path / "network"
+    for name in chain.organisations:
+        place = folder / "organisations" / name
+        place.mkdir(parents=True)
+        (place / "admin.key").write_bytes(admin_of(name).secret)
+    (folder / "genesis.json").write_text(genesis_to_json(chain.genesis), encoding="utf-8")
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    monkeypatch.setattr(governing, "NetworkClient", lambda genesis: ConsortiumClient(chain))
+    return chain
+
+
+def run(group: click.Group, *arguments: str) -> Result:
+    return CliRunner().invoke(group, list(arguments))
+
+
+def answer(group: click.Group, *arguments: str) -> dict[str, Any]:
+    result = run(group, *arguments, "--json")
+    document: dict[str, Any] = json.loads(result.stdout)
+    assert document["ok"] == (result.exit_code == 0), result.output
+    return document
+
+
+def refusal(group: click.Group, *arguments: str) -> str:
+    """The code of a refusal; in words it comes with its next step."""
+    spoken = run(group, *arguments)
+    assert "Next step: " in spoken.stderr
+    assert spoken.exit_code not in {0, 2}
+    problem = answer(group, *arguments)["error"]
+    assert problem["next_step"] == CATALOGUE[problem["code"]].next_step
+    return str(problem["code"])
+
+
+def test_a_setting_goes_from_proposal_to_force(chain: Consortium) -> None:
+    proposed = run(settings, "propose", "heartbeat_ms", "9000", "--as", "org-01")
+    assert "1 of the 2 organisations needed" in proposed.output
+    proposal = answer(settings, "list")["proposals"][0]["id"][:12]
+    assert f"settings approve {proposal} --as ORG" in proposed.output
+    assert "heartbeat_ms = 9000 │ org-01" in run(settings, "list").output
+    approved = run(settings, "approve", proposal, "--as", "org-03")
+    assert approved.output.splitlines() == [
+        "heartbeat_ms = 9000: in force since height 2.",
+        "Epoch 1 begins with the block after that height.",
+    ]
+    assert answer(settings, "list")["settings"]["heartbeat_ms"] == 9000
+    assert "No open proposals." in run(settings, "list").output
+
+
+def test_a_proposal_is_taken_back_by_who_made_it(chain: Consortium) -> None:
+    opened = answer(settings, "propose", "heartbeat_ms", "9000", "--as", "org-01")["proposal"]["id"]
+    assert refusal(settings, "withdraw", opened, "--as", "org-02") == "GOVERNANCE_NOT_ADMIN"
+    assert "Withdrawal of heartbeat_ms = 9000: in force" in run(settings, "withdraw", opened, "--as", "org-01").output
+    assert refusal(settings, "approve", opened, "--as", "org-02") == "GOVERNANCE_PROPOSAL_CLOSED"
+
+
+def test_one_must_say_for_whom_one_speaks_but_anybody_may_read(chain: Consortium) -> None:
+    result = run(settings, "propose", "heartbeat_ms", "9000")
+    assert result.exit_code == 2
+    assert "--as org-01 | org-02 | org-03" in result.stderr
+    assert answer(org, "list")["height"] == 0
+    assert refusal(settings, "propose", "heartbeat_ms", "1", "--as", "nobody") == "ORGANISATION_KEY_NOT_FOUND"
+    assert refusal(org, "list", "--key", "/nowhere/admin.key") == "ORGANISATION_KEY_NOT_FOUND"
+
+
+def test_an_organisation_that_is_not_one_yet_does_not_hinder_reading(chain: Consortium, tmp_path: Path) -> None:
+    place = tmp_path / "network" / "organisations" / "aaa"
+    place.mkdir()
+    (place / "admin.key").write_bytes(key_of("aaa").secret)
+    assert answer(org, "list")["majority"] == 2
+    assert refusal(org, "list", "--as", "aaa") == "GOVERNANCE_NOT_ADMIN"
+
+
+def test_a_key_may_lie_elsewhere(chain: Consortium, tmp_path: Path) -> None:
+    path = tmp_path / "elsewhere.key"
+    path.write_bytes(admin_of("org-02").secret)
+    opened = answer(settings, "propose", "heartbeat_ms", "9000", "--key", str(path))
+    assert opened["proposal"]["organisation"] == "org-02"
+
+
+def test_without_a_network_that_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    for group in (org, producer, settings):
+        assert refusal(group, "list") == "CLUSTER_NOT_RUNNING"
+
+
+def test_a_new_organisation_is_made_proposed_and_approved(chain: Consortium) -> None:
+    made = answer(org, "new", "clinic")
+    assert Path(made["folder"]).joinpath("ca.crt.pem").exists()
+    assert refusal(org, "new", "clinic") == "DATA_DIRECTORY_INVALID"
+    opened = answer(org, "propose", "add-org", "clinic", "--as", "org-01")["proposal"]["id"]
+    assert "add-org clinic" in run(org, "list").output
+    answer(org, "approve", opened, "--as", "org-02")
+    listed = answer(org, "list")
+    assert [row["name"] for row in listed["organisations"]] == ["clinic", "org-01", "org-02", "org-03"]
+    assert answer(settings, "propose", "heartbeat_ms", "1000", "--as", "clinic")["proposal"]["needed"] == 3
+
+
+def test_a_node_joins_by_its_entry_and_is_voted_in(chain: Consortium, tmp_path: Path) -> None:
+    fields = node_fields("node-05", "org-02")
+    entry = tmp_path / "node-entry.json"
+    entry.write_text(json.dumps({k: v.hex() if isinstance(v, bytes) else v for k, v in fields.items()}), "utf-8")
+    opened = answer(org, "propose", "add-node", "--from", str(entry), "--as", "org-01")["proposal"]["id"]
+    answer(org, "approve", opened, "--as", "org-02")
+    assert "node-05" in run(org, "list").output
+    said = run(producer, "propose", "node-05", "--as", "org-01")
+    assert "another organisation says blockrobot producer approve node-05" in said.output
+    chain.ready("node-05")
+    voted = answer(producer, "approve", "node-05", "--as", "org-03")
+    assert (voted["epoch"], voted["producer"]["turn"], voted["votes_needed"]) == (1, 4, 2)
+    entry.write_text("[]", "utf-8")
+    assert refusal(org, "propose", "add-node", "--from", str(entry), "--as", "org-01") == "FILE_UNUSABLE"
+
+
+def test_the_list_of_producers_shows_seats_votes_and_the_evidence(chain: Consortium) -> None:
+    chain.must(producer_of("node-01"), "producers", "accuse", *chain.evidence(producer_of("node-02")))
+    answer(producer, "withdraw", "node-03", "--as", "org-02")
+    answer(producer, "remove", "node-04", "--as", "org-02")
+    said = run(producer, "list").output
+    assert "│ 2*   │ node-02" in said
+    assert "* keeps its seat and its vote, and leads nothing" in said
+    assert "node-02 signed two votes in epoch 0, round 7; entered on chain at height 1" in said
+    assert "producer approve NODE --as ORG" in said
+    rows = {row["node"]: row for row in answer(producer, "list")["producers"]}
+    assert rows["node-02"]["evidence"]["first_signature"] == rows["node-02"]["evidence"]["first_signature"].lower()
+    assert rows["node-03"]["votes"] == ["org-01", "org-03"]
+    assert rows["node-04"]["removals"] == ["org-02"]
+
+
+def test_a_removal_tells_what_is_still_missing_and_what_the_rest_can_bear(chain: Consortium) -> None:
+    said = run(producer, "remove", "node-02", "--as", "org-01").output
+    assert "another organisation says blockrobot producer remove node-02" in said
+    said = run(producer, "remove", "node-02", "--as", "org-03").output
+    assert "Epoch 1 begins" in said
+    assert "3 producers" in said
+    assert "none of them may fail" in said
+
+
+def test_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:
+    key = producer_of("node-03").public_key.hex()
+    answer(producer, "withdraw", key, "--as", "org-01")
+    answer(producer, "withdraw", key[:10], "--as", "org-02")
+    assert refusal(producer, "withdraw", "node-99", "--as", "org-01") == "NOT_FOUND"
+    assert refusal(producer, "withdraw", "02", "--as", "org-01") == "NOT_FOUND"
+
+
+def test_organisations_nodes_keys_and_certificates_are_changed(chain: Consortium, tmp_path: Path) -> None:
+    authority = create_authority("org-02")
+    certificate = tmp_path / "ca.crt.pem"
+    certificate.write_text(authority.certificate_pem, encoding="utf-8")
+    issued = issue_node_certificate(authority, "node-02")
+    (tmp_path / "tls.crt.pem").write_bytes(issued.certificate_pem)
+    (tmp_path / "new.key").write_bytes(key_of("new").secret)
+    new_admin = key_of("new-admin").public_key
+    changes = [
+        ("replace-ca", "org-02", "--certificate", str(certificate)),
+        ("rekey-producer", "node-02", "--producer-key", str(tmp_path / "new.key")),
+        ("revoke-certificate", "org-02", "--serial", "0a:0b"),
+        ("remove-node", "node-04"),
+        ("replace-keys", "org-03", "--admin", new_admin.hex()),
+    ]
+    for change in changes:
+        opened = answer(org, "propose", *change, "--as", "org-01")["proposal"]["id"]
+        assert answer(org, "approve", opened, "--as", "org-02")["executed"]
+    assert chain.value("membership", b"org/org-02")["ca_certificate"] == authority.certificate_pem
+    assert chain.value("membership", b"node/node-02")["producer_key"] == key_of("new").public_key
+    assert chain.value("membership", b"revoked/org-02/" + (0x0A0B).to_bytes(20, "big")) is not None
+    assert chain.value("membership", b"node/node-04")["status"] == "removed"
+    assert chain.view("identity", "admin_of", new_admin) == "org-03"
+
+    own = run(org, "revoke-certificate", "--certificate", str(tmp_path / "tls.crt.pem"), "--as", "org-02")
+    assert "in force since height" in own.output
+    serial = issued.serial.to_bytes(20, "big")
+    assert read_serial(tmp_path / "tls.crt.pem", None) == serial
+    assert chain.value("membership", b"revoked/org-02/" + serial) is not None
+    assert run(org, "revoke-certificate", "--as", "org-02").exit_code == 2
+    opened = answer(org, "propose", "remove-org", "org-01", "--as", "org-02")["proposal"]["id"]
+    answer(org, "withdraw", opened, "--as", "org-02")
