@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+import sys
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 import pytest
 
 from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.story import Story
 
 
 @pytest.fixture
@@ -18,4 +20,24 @@ async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
         await network.start()
         yield network
     finally:
+        await network.close()
+
+
+@pytest.fixture
+async def story(
+    request: pytest.FixtureRequest, tmp_path: Path, record_property: Callable[[str, object], None]
+) -> AsyncIterator[Story]:
+    """Four running nodes (or as many as the test's parameter says) that can be broken; figures go to the report."""
+
+    def report(name: str, value: object) -> None:
+        record_property(name, value)
+        sys.stdout.write(f"{name}: {value}\n")
+
+    network = NetworkUnderTest(tmp_path / "network", nodes=getattr(request, "param", 4))
+    story = Story(network, report)
+    try:
+        await network.start()
+        yield story
+    finally:
+        await story.close()
         await network.close()

@@ -1,0 +1,266 @@
+"""A story of a broken network: clients that work all the while, faults, and at the end the clients' own books.
+
+What is checked comes from what the clients were told and read, proved from the genesis file alone: every record that was
+acknowledged is there, once, on every node; nothing else is; all nodes have the same state. How long nothing became final
+is measured by when clients were told, and reported as a property of the test.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.registrar.desk import Desk
+from clients.sdk import NetworkClient
+from clients.sdk.enrolment import NewMember, register_member
+from consensus.errors import BlockRobotError
+from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.primitives.keys import PrivateKey
+from consensus.records.envelopes import RECORD_ID_BYTES
+from consensus.records.owner_keys import open_visit_keys
+from consensus.records.vouchers import decode_card_code
+from network.bench.finality_probe import longest_gap_s
+from network.faults.actions import Action
+from network.faults.control import FaultControl
+from tests.cluster.network_under_test import NetworkUnderTest
+
+WORK_TIMEOUT_S = 60.0
+SAME_TIMEOUT_S = 60.0
+_POLL_S = 0.1
+_PROOF_KEYS_COUNT = 100
+
+Report = Callable[[str, object], None]
+
+
+@dataclass(frozen=True)
+class Acknowledged:
+    """A record that a client was told is final: where, and when it asked and was told (s of the test's clock)."""
+
+    record_id: bytes
+    txid: bytes
+    height: int
+    index: int
+    asked_s: float
+    told_s: float
+
+
+def _new_key() -> PrivateKey:
+    return PrivateKey(secrets.token_bytes(32))
+
+
+@dataclass
+class Client:
+    """A robot with a visit of its own, who prefers one node and asks the others when that one does not help."""
+
+    name: str
+    network: NetworkUnderTest
+    key: PrivateKey = field(default_factory=_new_key)
+    owner: bytes = b""
+    bucket_ms: int = 0
+    book: list[Acknowledged] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        nodes = self.network.genesis.nodes
+        first = [node.name for node in nodes].index(self.name)
+        order = [*nodes[first:], *nodes[:first]]
+        self.client = NetworkClient(self.network.genesis, {node.name: node.api_url for node in order})
+
+    async def enrol(self) -> None:
+        """Register with a new card and open a visit."""
+        genesis = self.network.genesis
+        desk = Desk(self.network.folder / "organisations" / genesis.organisations[0].name, genesis)
+        card = decode_card_code(desk.issue(f"robot-{secrets.token_hex(4)}", "robot"))
+        spend, view = _new_key(), _new_key()
+        member = NewMember(self.key, spend.public_key, view.public_key, secrets.token_bytes(32))
+        await register_member(self.client, card, member, [])
+        visit = open_visit_keys(
+            secrets.token_bytes(32),
+            view.public_key,
+            spend.public_key,
+            chain_id=genesis.chain_id,
+            robot=self.key.public_key,
+        )
+        now_ms = time.time_ns() // 1_000_000
+        self.owner, self.bucket_ms = visit.owner, now_ms - now_ms % TIME_BUCKET_MS
+        opening = [visit.owner, visit.ephemeral, visit.view_tag, self.bucket_ms, "demo"]
+        await self.client.call(self.key, "records", "open_visit", opening)
+
+    async def record(self) -> None:
+        """Submit one record, again and again until it is final, and write it into the book."""
+        record_id, asked_s = secrets.token_bytes(RECORD_ID_BYTES), time.monotonic()
+        roots = [secrets.token_bytes(32), secrets.token_bytes(32)]
+        arguments = [record_id, self.owner, *roots, secrets.token_bytes(SEALED_METADATA_BYTES), self.bucket_ms]
+        transaction = self.client.transactions.build(
+            self.key, "records", "record", [*arguments, self.bucket_ms + RETENTION_DEFAULT_MS]
+        )
+        try:
+            receipt = await self.client.submit_and_wait(transaction, round(WORK_TIMEOUT_S * 1000))
+        except BlockRobotError as error:
+            if error.code in {"TRANSACTION_NOT_FINAL_IN_TIME", "CALL_REFUSED"}:
+                raise
+            self.refused.append(error.code)
+            await asyncio.sleep(_POLL_S)
+            return
+        assert receipt.ok, receipt
+        self.book.append(
+            Acknowledged(record_id, receipt.txid, receipt.height, receipt.index, asked_s, time.monotonic())
+        )
+
+
+class Story:
+    """A running network, clients at work, and the switch to break it with. Made by the fixture `story`."""
+
+    def __init__(self, network: NetworkUnderTest, report: Report) -> None:
+        self.network = network
+        self.cluster = network.cluster
+        self.names = network.names
+        self.control = FaultControl(network.cluster)
+        self.clients: list[Client] = []
+        self._report = report
+        self._stop = asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+
+    # Clients
+
+    async def work(self, *names: str) -> None:
+        """Let one client at each of these nodes (at every node, if none is named) work from now on."""
+        fresh = [Client(name, self.network) for name in names or self.names]
+        await asyncio.gather(*(client.enrol() for client in fresh))
+        self.clients += fresh
+        self._tasks += [asyncio.create_task(self._keep_working(client)) for client in fresh]
+
+    async def _keep_working(self, client: Client) -> None:
+        while not self._stop.is_set():
+            await client.record()
+
+    async def until_told(self, more: int = 5, timeout_s: float = WORK_TIMEOUT_S) -> None:
+        """Wait until clients were told of so many more final records than up to now."""
+        goal, deadline_s = self.told_count + more, time.monotonic() + timeout_s
+        while self.told_count < goal:
+            self._raise_what_failed()
+            assert time.monotonic() < deadline_s, f"nothing more was final in {timeout_s} s"
+            await asyncio.sleep(_POLL_S / 4)
+
+    @property
+    def told_count(self) -> int:
+        """How many records clients were told are final."""
+        return sum(len(client.book) for client in self.clients)
+
+    def _raise_what_failed(self) -> None:
+        for task in self._tasks:
+            if task.done() and not task.cancelled():
+                task.result()
+
+    async def rest(self) -> None:
+        """Let every client finish what it has begun, and stop."""
+        self._stop.set()
+        await asyncio.gather(*self._tasks)
+        self._tasks.clear()
+        self._stop = asyncio.Event()
+
+    async def close(self) -> None:
+        """End whatever still runs, of clients and of faults."""
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for client in self.clients:
+            await client.client.close()
+
+    # Faults
+
+    async def do(self, *actions: Action) -> float:
+        """Break or mend something; return when it was done (s)."""
+        for action in actions:
+            await self.control.carry_out(action)
+        return time.monotonic()
+
+    async def leader(self) -> str:
+        """The node that leads now, as most nodes say."""
+        said = [str(row.status["leader"]) for row in await self.cluster.status() if row.status is not None]
+        return max(set(said), key=said.count)
+
+    async def status(self, name: str) -> dict[str, Any]:
+        """What one node says of itself; nothing if it does not answer."""
+        rows = await self.cluster.status(timeout_s=1.0)
+        return next((row.status or {} for row in rows if row.name == name), {})
+
+    async def wait_until(self, name: str, is_so: Callable[[dict[str, Any]], bool], timeout_s: float = 30.0) -> None:
+        """Wait until a node says something of itself."""
+        deadline_s = time.monotonic() + timeout_s
+        while not is_so(said := await self.status(name)):
+            assert time.monotonic() < deadline_s, f"{name} says {said}"
+            await asyncio.sleep(_POLL_S)
+
+    # Figures
+
+    def gap(self, from_s: float, until_s: float | None = None) -> float:
+        """Return the longest time between two records becoming final for a client (s)."""
+        told_s = [entry.told_s for client in self.clients for entry in client.book]
+        return longest_gap_s(told_s, from_s, time.monotonic() if until_s is None else until_s)
+
+    def report_gap(self, what: str, from_s: float, until_s: float | None = None) -> float:
+        """Report, and return, the longest time without finality (s)."""
+        gap_s = self.gap(from_s, until_s)
+        self._report(f"without_finality_{what}_s", round(gap_s, 3))
+        return gap_s
+
+    # The end
+
+    async def end(self, *, without: Sequence[str] = ()) -> None:
+        """Let clients finish; check the same state everywhere, and each client's book against every node.
+
+        `without` names nodes whose word counts for nothing: those that are down for good, or lie.
+        """
+        await self.rest()
+        honest = [name for name in self.names if name not in without]
+        await self.same_state(honest)
+        self._report("acknowledged_count", self.told_count)
+        for client in self.clients:
+            check_order(client)
+            for name in honest:
+                await check_book(client, name)
+
+    async def same_state(self, names: Sequence[str]) -> str:
+        """Wait until these nodes are at one height with one state root, at least as far as clients know; return it."""
+        known = max((entry.height for client in self.clients for entry in client.book), default=0)
+        deadline_s = time.monotonic() + SAME_TIMEOUT_S
+        while True:
+            said = [row.status or {} for row in await self.cluster.status() if row.name in names]
+            heights = {status.get("finalized_height", -1) for status in said}
+            roots = {status.get("state_root") for status in said}
+            if len(heights) == 1 and max(heights) >= known:
+                assert len(roots) == 1, f"at height {heights} the nodes have different states: {roots}"
+                return str(roots.pop())
+            assert time.monotonic() < deadline_s, f"the nodes stay at different heights: {heights}, known: {known}"
+            await asyncio.sleep(_POLL_S)
+
+
+def check_order(client: Client) -> None:
+    """One after another: what a client asked for after it was told of something stands behind that, and only once."""
+    places = [(entry.height, entry.index) for entry in client.book]
+    assert places == sorted(set(places)), f"the records of the client at {client.name} stand out of order"
+    assert len({entry.txid for entry in client.book}) == len(client.book)
+
+
+async def check_book(client: Client, name: str) -> None:
+    """Every record in the client's book is proved by this node to be there, and the visit has no other entries."""
+    genesis = client.network.genesis
+    only = {name: genesis.node(name).api_url}
+    record_keys = [b"records\x00record/" + entry.record_id for entry in client.book]
+    count_key = b"audit\x00count/" + client.owner
+    async with NetworkClient(genesis, only, pinned=client.client.pinned) as reader:
+        audited = (await reader.state_values([count_key], client.key)).values[count_key]
+        # The first entry is that the visit was opened.
+        assert audited == 1 + len(client.book), f"{name} has {audited - 1} records of {len(client.book)}"
+        for start in range(0, len(record_keys), _PROOF_KEYS_COUNT):
+            some = record_keys[start : start + _PROOF_KEYS_COUNT]
+            found = (await reader.state_values(some, client.key)).values
+            for entry in client.book[start : start + _PROOF_KEYS_COUNT]:
+                record = found[b"records\x00record/" + entry.record_id]
+                assert record is not None, f"{name} has lost a record that was final at height {entry.height}"
+                assert (record["height"], record["txid"]) == (entry.height, entry.txid)
