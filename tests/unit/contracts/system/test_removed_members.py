@@ -1,0 +1,83 @@
+"""Who was registered by an organisation that is no more: its robots and staff lose their roles, its subjects nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.primitives.hashing import sha256
+from consensus.records.vouchers import issue_card, sign_card
+from contracts.execution.standing import has_standing
+from tests.unit.contracts.system.consortium import (
+    DAY_MS,
+    Consortium,
+    admin_of,
+    key_of,
+    organisation_fields,
+    producer_of,
+)
+
+
+def _register(chain: Consortium, name: str, role: str, organisation: str) -> bytes:
+    """Register somebody by a card of the organisation; return the member key."""
+    member, spend, view = (key_of(f"{name}/{part}") for part in ("member", "spend", "view"))
+    card = issue_card(
+        key_of(organisation + "/registrar"),
+        chain_id=chain.chain_id,
+        handle=sha256(name.encode()),
+        card_secret=sha256(name.encode() + b"/card"),
+        role=role,
+        not_after_ms=chain.time_ms + DAY_MS,
+    )
+    keys = {
+        "member": member.public_key,
+        "spend": spend.public_key,
+        "view": view.public_key,
+        "sealing": sha256(name.encode() + b"/sealing"),
+    }
+    signature = sign_card(card, chain_id=chain.chain_id, **keys)
+    arguments = [card.handle, card.card_public, role, card.not_after_ms, card.voucher_signature]
+    arguments += [keys["spend"], keys["view"], keys["sealing"], signature, ["care"]]
+    chain.must(member, "identity", "register", *arguments)
+    return member.public_key
+
+
+def test_only_subjects_outlast_their_organisation(consortium: Consortium) -> None:
+    roles = ("robot", "staff", "officer", "auditor", "subject")
+    members = {role: _register(consortium, role, role, "org-02") for role in roles}
+    elsewhere = _register(consortium, "elsewhere", "robot", "org-03")
+    consortium.agree("remove_org", {"name": "org-02"})
+    found = {role: consortium.view("identity", "role_of", member) for role, member in members.items()}
+    assert found == {"robot": "", "staff": "", "officer": "", "auditor": "", "subject": "subject"}
+    assert consortium.view("identity", "role_of", elsewhere) == "robot"
+    consortium.must(key_of("subject/member"), "identity", "authenticate", sha256(b"subject"))
+    again = {**organisation_fields("org-02"), "admins": [key_of("new").public_key]}
+    consortium.agree("add_org", again)
+    assert consortium.view("identity", "role_of", members["robot"]) == "robot"
+
+
+def test_admins_and_registrars_of_a_removed_organisation_stand_no_more(consortium: Consortium) -> None:
+    def stands(key_name: str) -> bool:
+        transaction = consortium.sign(key_of(key_name), "settings", "propose", "heartbeat_ms", 1)
+        return has_standing(consortium.state, transaction, consortium.time_ms)
+
+    names = ("org-02/admin", "org-02/registrar", "node-02/custodian")
+    assert all(stands(name) for name in names)
+    consortium.agree("remove_org", {"name": "org-02"})
+    assert not any(stands(name) for name in names)
+    assert stands("org-01/admin")
+
+
+@pytest.mark.parametrize(("contract", "entry"), [("producers", "ready"), ("producers", "accuse")])
+def test_producers_stand_for_what_producers_say_and_nothing_else(
+    consortium: Consortium, contract: str, entry: str
+) -> None:
+    def stands(name: str, contract: str, entry: str) -> bool:
+        transaction = consortium.sign(producer_of(name), contract, entry, 1, bytes(32))
+        return has_standing(consortium.state, transaction, consortium.time_ms)
+
+    assert stands("node-02", contract, entry)
+    assert not stands("node-02", contract, "propose")
+    assert not stands("node-02", "records", entry)
+    assert not stands("node-09", contract, entry)
+    consortium.must(admin_of("org-02"), "producers", "remove", producer_of("node-02").public_key)
+    assert not stands("node-02", contract, entry)
