@@ -215,7 +215,7 @@ class Cluster:
         """Wait until a node's operator listener answers, ready or not. Raises CLUSTER_START_FAILED with why not."""
         deadline = time.monotonic() + timeout_s
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=1)) as session:
-            while not self._is_own(name, await _fetch_status(session, self.configs[name])):
+            while not self._is_own(name, await fetch_status(session, self.configs[name])):
                 if not self.is_running(name):
                     raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
                 if time.monotonic() > deadline:
@@ -224,7 +224,7 @@ class Cluster:
 
     async def _answers_ready(self, session: aiohttp.ClientSession, name: str, *, is_asked_for: bool) -> bool:
         """Tell whether this node is ready: it, on this chain, and not some other program on its port."""
-        status = await _fetch_status(session, self.configs[name])
+        status = await fetch_status(session, self.configs[name])
         if status is None or not self._is_own(name, status):
             return False
         is_left_out = status.get("membership", "active") != "active" or bool(status.get("problem"))
@@ -244,7 +244,7 @@ class Cluster:
     async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
         """Ask every node's operator listener."""
         async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=timeout_s)) as session:
-            answers = await asyncio.gather(*(_fetch_status(session, config) for config in self.configs.values()))
+            answers = await asyncio.gather(*(fetch_status(session, config) for config in self.configs.values()))
         return [
             NodeStatusReport(
                 name=name, running=self.is_running(name), status=answer if self._is_own(name, answer) else None
@@ -268,7 +268,8 @@ def _operator_url(config: NodeConfig, path: str) -> str:
     return f"http://{config.host}:{config.operator_port}{path}"
 
 
-async def _fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
+async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:
+    """Return what a node's operator listener says, or None if nothing that is a status answers there."""
     try:
         async with session.get(_operator_url(config, "/status")) as response:
             status: dict[str, Any] = await response.json()

@@ -110,6 +110,20 @@ def _replay(data: bytes, path: Path) -> tuple[_FileHead, list[JournalEntry], int
     return head, entries, offset
 
 
+def count_records(path: Path) -> int:
+    """Return how many whole records a journal's file holds, without opening it to write: another process may have it.
+
+    Raises JOURNAL_MISSING, JOURNAL_DAMAGED, FILE_UNUSABLE.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise BlockRobotError("JOURNAL_MISSING", f"There is no journal at {path}.") from None
+    except OSError as error:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path}: {error.strerror}.") from None
+    return len(_replay(data, path)[1])
+
+
 def _make_content(identity: bytes, first: int, records: list[tuple[int, bytes]]) -> tuple[list[JournalEntry], bytes]:
     """Return the entries of a new file and its bytes, in which all of them count as synced with the file itself."""
     entries = [JournalEntry(first + index, kind, record) for index, (kind, record) in enumerate(records)]

@@ -1,0 +1,1 @@
+"""What is wrong with a network, and what to do about it: `blockrobot doctor`."""

@@ -1,0 +1,153 @@
+"""What running nodes say of themselves, held against one another. Must never take one node's word against itself alone.
+
+All checks here are pure: they take answers that were collected before.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from network.doctor.findings import Finding
+from node.directory import DirectoryContent
+
+BEHIND_BLOCKS_COUNT = 32
+SKEW_SHARE = 0.5
+STALE_HEARTBEATS_COUNT = 3
+JUST_STARTED_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What was heard from one node: whether its process is there, its status, its clock's offset to this machine's."""
+
+    name: str
+    running: bool
+    status: dict[str, Any] | None
+    offset_ms: int = 0
+    taken_ports: tuple[int, ...] = ()
+
+
+def check_presence(answers: Sequence[Answer]) -> list[Finding]:
+    """Name nodes that are down or silent, with ports that others have taken."""
+    found = []
+    for answer in answers:
+        if answer.status is not None:
+            continue
+        if answer.running:
+            found.append(Finding("NODE_SILENT", answer.name, "Its process is there, but its operator port is silent."))
+            continue
+        found.append(Finding("NODE_DOWN", answer.name, "Its process is not there."))
+        found += [
+            Finding("PORT_TAKEN", answer.name, f"Another program listens on port {port}.")
+            for port in answer.taken_ports
+        ]
+    return found
+
+
+def check_words(answers: Sequence[Answer]) -> list[Finding]:
+    """Pass on what nodes say is wrong with themselves and with their peers."""
+    found = []
+    for answer in answers:
+        status = answer.status or {}
+        if status.get("fault"):
+            found.append(Finding("NODE_FAULT", answer.name, str(status["fault"])))
+        if status.get("silent"):
+            found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
+        membership = status.get("membership")
+        if membership == "unknown":
+            found.append(Finding("NODE_NOT_ADDED", answer.name, "Its own chain does not name it."))
+        elif membership == "removed":
+            found.append(Finding("NODE_REMOVED", answer.name, "The directory says that it was removed."))
+        for refusal in status.get("refused_peers", []):
+            detail = f"{answer.name} refuses {refusal['peer']}: {refusal['code']}. {refusal['detail']}"
+            found.append(Finding("PEER_REFUSED", str(refusal["peer"]), detail))
+    return found
+
+
+def check_links(answers: Sequence[Answer], directory: DirectoryContent) -> list[Finding]:
+    """Name pairs of running, active nodes that are not linked, though neither refuses the other."""
+    here = {
+        answer.name: answer.status
+        for answer in answers
+        if answer.status is not None and answer.name in directory.active and not answer.status.get("problem")
+    }
+    found = []
+    for name, status in sorted(here.items()):
+        refused = {row["peer"] for row in status.get("refused_peers", [])}
+        for other, theirs in sorted(here.items()):
+            refuses = {row["peer"] for row in theirs.get("refused_peers", [])}
+            linked = other in status.get("peers", []) and name in theirs.get("peers", [])
+            if name < other and not linked and other not in refused and name not in refuses:
+                found.append(Finding("LINK_MISSING", name, f"{name} and {other} both run, but are not linked."))
+    return found
+
+
+def check_clocks(answers: Sequence[Answer], max_drift_ms: int) -> list[Finding]:
+    """Name nodes whose clock is off by more than half of what the chain tolerates."""
+    found = []
+    for answer in answers:
+        if answer.status is not None and abs(answer.offset_ms) > max_drift_ms * SKEW_SHARE:
+            word = "ahead of" if answer.offset_ms > 0 else "behind"
+            detail = (
+                f"Its clock is {abs(answer.offset_ms) / 1000:.1f} s {word} this machine's; "
+                f"the chain tolerates {max_drift_ms / 1000:.1f} s."
+            )
+            found.append(Finding("CLOCK_SKEW", answer.name, detail))
+    return found
+
+
+def check_heights(answers: Sequence[Answer]) -> list[Finding]:
+    """Name nodes that are far behind the others."""
+    heights = {answer.name: answer.status["finalized_height"] for answer in answers if answer.status is not None}
+    highest = max(heights.values(), default=0)
+    return [
+        Finding("NODE_BEHIND", name, f"It is at height {height}; another node is at {highest}.")
+        for name, height in sorted(heights.items())
+        if highest - height > BEHIND_BLOCKS_COUNT
+    ]
+
+
+def check_versions(answers: Sequence[Answer], own_version: str) -> list[Finding]:
+    """Name nodes whose version is not that of most, or of this program."""
+    versions = {answer.name: str(answer.status["version"]) for answer in answers if answer.status is not None}
+    usual = Counter([*versions.values(), own_version]).most_common(1)[0][0]
+    return [
+        Finding("VERSION_DIFFERS", name, f"It runs {version}; most run {usual}.")
+        for name, version in sorted(versions.items())
+        if version != usual
+    ]
+
+
+def check_roots(roots: dict[str, dict[int, str]]) -> list[Finding]:
+    """Name nodes whose state root at a height is not that of the others. `roots` maps names to heights to roots.
+
+    Where most agree, the others are named; where nobody is in the majority, all are.
+    """
+    found = []
+    named: set[str] = set()
+    for height in sorted({height for known in roots.values() for height in known}):
+        here = {name: known[height] for name, known in roots.items() if height in known}
+        counts = Counter(here.values()).most_common()
+        if len(counts) < 2:
+            continue
+        usual = counts[0][0] if counts[0][1] > counts[1][1] else None
+        for name, root in sorted(here.items()):
+            if root != usual and name not in named:
+                named.add(name)
+                detail = f"At height {height} its state root is {root[:16]}...; others have another one."
+                found.append(Finding("STATE_DIVERGED", name, detail))
+    return found
+
+
+def check_finality(newest_ms: int, now_ms: int, heartbeat_ms: int, production: str, up_s: float) -> list[Finding]:
+    """Say so if the newest final block is older than several heartbeats, though nodes have run for that long."""
+    tolerated_ms = STALE_HEARTBEATS_COUNT * heartbeat_ms
+    if production == "manual" or up_s * 1000 < tolerated_ms or now_ms - newest_ms <= tolerated_ms:
+        return []
+    detail = (
+        f"The newest final block is {(now_ms - newest_ms) // 1000} s old; one is due every {heartbeat_ms // 1000} s."
+    )
+    return [Finding("FINALITY_STALE", "", detail)]

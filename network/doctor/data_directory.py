@@ -1,0 +1,127 @@
+"""What can be seen in a data directory without the node: keys, certificate, disk, journal. Must never change a file.
+
+Writability is tried with a file of its own that is gone again at once.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+import tempfile
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from network.certificates import read_report
+from network.doctor.findings import Finding
+from node.config import NodeConfig
+from node.directory import DirectoryContent
+from node.journal import count_records
+from node.p2p.identity import format_time, load_authority
+
+DISK_FREE_LEAST_BYTES = 512 * 1024 * 1024
+DISK_FREE_LEAST_PER_CENT = 3
+AUTHORITY_WARNING_MS = 365 * 24 * 3600 * 1000
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+_CERTIFICATE_CODES = {
+    "expired": "CERTIFICATE_EXPIRED",
+    "expiring": "CERTIFICATE_EXPIRES_SOON",
+    "revoked": "CERTIFICATE_REVOKED",
+}
+
+
+def check_directory(
+    config: NodeConfig, directory: DirectoryContent, now_ms: int, disk_free: tuple[int, int] | None = None
+) -> list[Finding]:
+    """Return what is wrong in a node's data directory. `disk_free` is (free, total) bytes, measured unless given."""
+    return [
+        *check_certificate(config, directory, now_ms),
+        *check_keys(config),
+        *check_disk(config, disk_free),
+        *check_journal(config),
+    ]
+
+
+def check_certificate(config: NodeConfig, directory: DirectoryContent, now_ms: int) -> list[Finding]:
+    """Look at the node's own certificate and key."""
+    report = read_report(config)
+    state = report.state(now_ms, directory.revoked)
+    if state == "unusable":
+        return [Finding("CERTIFICATE_UNUSABLE", config.name, report.trouble)]
+    if state == "valid" or report.facts is None:
+        return []
+    verb = {"expired": "expired on", "expiring": "expires on", "revoked": "was revoked; it would count until"}[state]
+    detail = f"Certificate {report.facts.serial_hex} {verb} {report.facts.expires}."
+    return [Finding(_CERTIFICATE_CODES[state], config.name, detail)]
+
+
+def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]:
+    """Look at the certificate authorities of the active organisations."""
+    found = []
+    for organisation in directory.organisations.values():
+        authority = load_authority(organisation.ca_certificate)
+        if authority is None or not organisation.is_active:
+            continue
+        end_ms = round(authority.not_valid_after_utc.timestamp() * 1000)
+        if end_ms - now_ms < AUTHORITY_WARNING_MS:
+            detail = f"The authority of {organisation.name} counts until {format_time(end_ms)}."
+            found.append(Finding("AUTHORITY_EXPIRES_SOON", "", detail))
+    return found
+
+
+def check_keys(config: NodeConfig) -> list[Finding]:
+    """Look whether the key files are there, and for nobody else."""
+    keys = [config.tls_key_path, config.producer_key_path, config.custodian_key_path]
+    found = [
+        Finding("KEY_FILE_MISSING", config.name, f"{path.relative_to(config.data_dir)} is missing.")
+        for path in keys
+        if path is not None and not path.exists()
+    ]
+    secrets = [*(path for path in keys if path is not None), config.data_dir]
+    for path in secrets:
+        mode = _mode(path)
+        if mode is not None and mode & _OTHERS:
+            name = "the data directory" if path == config.data_dir else str(path.relative_to(config.data_dir))
+            found.append(Finding("KEY_FILE_EXPOSED", config.name, f"{name} has mode {stat.S_IMODE(mode):o}."))
+    return found
+
+
+def _mode(path: Path) -> int | None:
+    try:
+        return path.stat().st_mode
+    except OSError:
+        return None
+
+
+def check_disk(config: NodeConfig, disk_free: tuple[int, int] | None = None) -> list[Finding]:
+    """Look whether the disk has room and takes writes."""
+    found = []
+    if disk_free is None:
+        usage = shutil.disk_usage(config.data_dir)
+        disk_free = usage.free, usage.total
+    free, total = disk_free
+    if free < DISK_FREE_LEAST_BYTES or free * 100 < total * DISK_FREE_LEAST_PER_CENT:
+        detail = f"{free // 2**20} MiB of {total // 2**20} MiB are free."
+        found.append(Finding("DISK_LOW", config.name, detail))
+    for folder in (config.data_dir, config.journal_dir, config.ledger_dir):
+        if not folder.is_dir():
+            continue
+        try:
+            with tempfile.TemporaryFile(dir=folder) as file:
+                file.write(b"\0")
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            detail = f"{folder} takes no file: {error.strerror}."
+            found.append(Finding("DIRECTORY_UNWRITABLE", config.name, detail))
+    return found
+
+
+def check_journal(config: NodeConfig) -> list[Finding]:
+    """Look whether the voting journal is there and whole."""
+    try:
+        count_records(config.journal_path)
+    except BlockRobotError as error:
+        code = error.code if error.code in {"JOURNAL_MISSING", "JOURNAL_DAMAGED"} else "DIRECTORY_UNWRITABLE"
+        return [Finding(code, config.name, error.detail)]
+    return []

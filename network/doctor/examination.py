@@ -1,0 +1,172 @@
+"""The whole examination of a network's folder, or of one data directory. Must never change what it examines.
+
+What it sees: the data directories, their ledgers, the nodes' operator listeners, the ports of nodes that do not run.
+A node that runs elsewhere is known by what the others say of it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+
+import aiohttp
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_from_json
+from network.certificates import now_ms
+from network.cluster import fetch_status
+from network.doctor import answers as words
+from network.doctor.answers import Answer
+from network.doctor.data_directory import check_authorities, check_directory
+from network.doctor.findings import Finding, in_order
+from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
+from network.joining import newest_directory
+from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
+
+ASK_TIMEOUT_S = 3.0
+DRIFT_DEFAULT_MS = 5_000
+
+
+@dataclass(frozen=True, slots=True)
+class Examination:
+    """What was found, problems first, and which nodes were looked at."""
+
+    nodes: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def ok(self) -> bool:
+        """Tell whether there is no problem; warnings may be there."""
+        return all(finding.kind.severity != "problem" for finding in self.findings)
+
+
+def find_data_directories(network: Path) -> list[Path]:
+    """Return the data directories of a network's folder. Raises CLUSTER_NOT_RUNNING if it is none."""
+    if not (network / "genesis.json").is_file():
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {network}.")
+    return sorted(path.parent for path in (network / "nodes").glob(f"*/{CONFIG_FILE}"))
+
+
+def examine_network(network: Path) -> Examination:
+    """Examine all nodes of a network's folder. Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
+    directories = find_data_directories(network)
+    genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
+    return examine(directories, genesis, whole=True)
+
+
+def examine_node(data_dir: Path) -> Examination:
+    """Examine one data directory."""
+    return examine([data_dir.resolve()], None, whole=False)
+
+
+def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool) -> Examination:
+    """Examine these data directories. `whole`: they are all that there is, so that they can be held against each other."""
+    findings: list[Finding] = []
+    configs = []
+    for path in directories:
+        config = _load(path, genesis, findings)
+        if config is not None:
+            configs.append(config)
+            genesis = genesis or load_genesis(config)
+    if genesis is None:
+        return Examination(tuple(path.name for path in directories), tuple(in_order(findings)))
+    ledgers = probe_ledgers(configs)
+    findings += [Finding("LEDGER_DAMAGED", facts.name, facts.trouble) for facts in ledgers.values() if facts.trouble]
+    whole_configs = [config for config in configs if not ledgers[config.name].trouble]
+    directory = newest_directory(genesis, whole_configs)
+    time_ms = now_ms()
+    for config in configs:
+        findings += check_directory(config, directory, time_ms)
+    findings += check_authorities(directory, time_ms)
+    answers = asyncio.run(_ask_all(configs, genesis))
+    findings += _check_answers(answers, ledgers)
+    if whole:
+        findings += words.check_links(answers, directory)
+    return Examination(tuple(path.name for path in directories), tuple(in_order(findings)))
+
+
+def _load(path: Path, genesis: Genesis | None, findings: list[Finding]) -> NodeConfig | None:
+    """Read a node's configuration and genesis file, noting what is wrong with them."""
+    try:
+        config = load_config(path)
+        own = load_genesis(config)
+    except (BlockRobotError, OSError) as error:
+        detail = error.detail if isinstance(error, BlockRobotError) else f"{path}: {error.strerror}."
+        findings.append(Finding("CONFIGURATION_WRONG", path.name, detail))
+        return None
+    if genesis is not None and own.chain_id != genesis.chain_id:
+        findings.append(Finding("GENESIS_DIFFERS", config.name, f"Its chain id is {own.chain_id.hex()[:16]}..."))
+        return None
+    return config
+
+
+async def _ask_all(configs: Sequence[NodeConfig], genesis: Genesis) -> list[Answer]:
+    timeout = aiohttp.ClientTimeout(total=ASK_TIMEOUT_S)
+    async with aiohttp.ClientSession(timeout=timeout) as session:
+        return list(await asyncio.gather(*(_ask(session, config, genesis) for config in configs)))
+
+
+async def _ask(session: aiohttp.ClientSession, config: NodeConfig, genesis: Genesis) -> Answer:
+    before_ms = time.time() * 1000
+    status = await fetch_status(session, config)
+    middle_ms = (before_ms + time.time() * 1000) / 2
+    if status is not None and (status.get("name"), status.get("chain_id")) != (config.name, genesis.chain_id.hex()):
+        status = None
+    running = status is not None or _is_locked(config.data_dir)
+    ports = () if running else tuple(port for port in _ports(config) if _is_taken(config.host, port))
+    offset_ms = 0 if status is None else round(status.get("now_ms", middle_ms) - middle_ms)
+    return Answer(config.name, running, status, offset_ms, ports)
+
+
+def _is_locked(data_dir: Path) -> bool:
+    """Tell whether a process has this data directory: the kernel says so, whoever started it."""
+    if not (data_dir / LOCK_FILE_NAME).exists():
+        return False
+    try:
+        DirectoryLock(data_dir).release()
+    except BlockRobotError as error:
+        return error.code == "DATA_DIRECTORY_IN_USE"
+    return False
+
+
+def _ports(config: NodeConfig) -> tuple[int, int, int]:
+    return config.p2p_port, config.api_port, config.operator_port
+
+
+def _is_taken(host: str, port: int) -> bool:
+    """Tell whether somebody listens on a port of this machine."""
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        probe.settimeout(ASK_TIMEOUT_S)
+        try:
+            return probe.connect_ex((host, port)) == 0
+        except OSError:
+            return False
+
+
+def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -> list[Finding]:
+    facts = max(ledgers.values(), key=lambda item: item.height, default=None)
+    roots = {name: dict(item.roots) for name, item in ledgers.items() if not item.trouble}
+    for answer in answers:
+        if answer.status is not None and answer.status.get("state_root"):
+            known = roots.setdefault(answer.name, {})
+            known.setdefault(int(answer.status["finalized_height"]), str(answer.status["state_root"]))
+    found = [
+        *words.check_presence(answers),
+        *words.check_words(answers),
+        *words.check_clocks(
+            answers, DRIFT_DEFAULT_MS if facts is None else facts.max_clock_drift_ms or DRIFT_DEFAULT_MS
+        ),
+        *words.check_heights(answers),
+        *words.check_versions(answers, version("blockrobot")),
+        *words.check_roots(roots),
+    ]
+    up_s = max((float(item.status.get("uptime_s", 0)) for item in answers if item.status is not None), default=0.0)
+    if facts is not None and facts.height > 0:
+        found += words.check_finality(facts.timestamp_ms, now_ms(), facts.heartbeat_ms, facts.production, up_s)
+    return found

@@ -1,0 +1,218 @@
+"""The fixed list of what the doctor can find. Must never name a trouble without what to do about it.
+
+Each kind has a code, a severity and a next step. A *problem* makes the doctor's exit code 1; a *warning* will be one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Severity = Literal["problem", "warning"]
+
+
+@dataclass(frozen=True, slots=True)
+class FindingKind:
+    """One row of the list."""
+
+    code: str
+    severity: Severity
+    meaning: str
+    next_step: str
+
+
+def _table(*rows: FindingKind) -> dict[str, FindingKind]:
+    return {row.code: row for row in rows}
+
+
+KINDS: dict[str, FindingKind] = _table(
+    FindingKind(
+        "CONFIGURATION_WRONG",
+        "problem",
+        "The node's configuration, genesis file or data directory cannot be used.",
+        "Mend node.toml or put the genesis file back; compare both with another node's.",
+    ),
+    FindingKind(
+        "GENESIS_DIFFERS",
+        "problem",
+        "The node is of another network: its genesis file is not that of the others.",
+        "Put the network's genesis file into the data directory, or move the node out of the network's folder.",
+    ),
+    FindingKind("NODE_DOWN", "problem", "The node does not run.", "Start it: blockrobot node run NODE --detach."),
+    FindingKind(
+        "NODE_SILENT",
+        "problem",
+        "The node's process is there but does not answer.",
+        "It may be starting, paused or stuck: see blockrobot logs NODE; kill and start it if it stays so.",
+    ),
+    FindingKind(
+        "NODE_FAULT",
+        "problem",
+        "The node says that it cannot take part.",
+        "See blockrobot logs NODE for the first error; mend what it names, then restart the node.",
+    ),
+    FindingKind(
+        "NODE_NOT_ADDED",
+        "warning",
+        "The network does not know the node (yet), as far as the node's own chain says.",
+        "Have it added: blockrobot org propose add-node --from node-entry.json; if it was, let it catch up.",
+    ),
+    FindingKind(
+        "NODE_REMOVED", "warning", "The network removed the node.", "Stop it; keep or destroy its data directory."
+    ),
+    FindingKind(
+        "NODE_BEHIND",
+        "warning",
+        "The node's chain is far behind the others'.",
+        "Wait while it catches up; if it does not, look at its links and its log.",
+    ),
+    FindingKind(
+        "PRODUCER_SILENT",
+        "warning",
+        "The producer signs nothing for now: its data directory or journal came from a backup.",
+        "Wait: it speaks again when the chain has gone on without it long enough.",
+    ),
+    FindingKind(
+        "LINK_MISSING",
+        "problem",
+        "Two nodes that run are not linked.",
+        "Look at what stands between them: network, firewall, faults that are on (blockrobot fault status).",
+    ),
+    FindingKind(
+        "PEER_REFUSED",
+        "problem",
+        "A node refuses a peer.",
+        "Do what the code of the refusal says (docs/reference/errors.md).",
+    ),
+    FindingKind(
+        "STATE_DIVERGED",
+        "problem",
+        "Nodes have different states at the same height.",
+        "Stop trusting either; find the first difference: blockrobot node diff A B.",
+    ),
+    FindingKind(
+        "FINALITY_STALE",
+        "problem",
+        "Nothing has become final for long.",
+        "Bring back enough nodes for a quorum; see the other findings.",
+    ),
+    FindingKind(
+        "CLOCK_SKEW",
+        "problem",
+        "The node's clock is wrong by much of what the chain tolerates.",
+        "Set the clock (NTP, chrony); a producer whose clock is wrong gets no votes.",
+    ),
+    FindingKind(
+        "VERSION_DIFFERS",
+        "warning",
+        "Nodes run different versions of the program.",
+        "Bring all nodes to the same version, one after another.",
+    ),
+    FindingKind(
+        "CERTIFICATE_EXPIRED",
+        "problem",
+        "The node's certificate is over: no peer talks to it.",
+        "Renew it: blockrobot certificate renew NODE; a running node takes it at once.",
+    ),
+    FindingKind(
+        "CERTIFICATE_EXPIRES_SOON",
+        "warning",
+        "The node's certificate ends within thirty days.",
+        "Renew it: blockrobot certificate renew NODE; a running node takes it at once.",
+    ),
+    FindingKind(
+        "CERTIFICATE_REVOKED",
+        "problem",
+        "The node's certificate was revoked: no peer talks to it.",
+        "Make a new one: blockrobot certificate renew NODE --new-key.",
+    ),
+    FindingKind(
+        "CERTIFICATE_UNUSABLE",
+        "problem",
+        "The node's certificate or TLS key cannot be used.",
+        "Make both anew: blockrobot certificate renew NODE --new-key.",
+    ),
+    FindingKind(
+        "AUTHORITY_EXPIRES_SOON",
+        "warning",
+        "An organisation's certificate authority ends within a year.",
+        "Make a new one and have it agreed: blockrobot org propose replace-ca; then renew the nodes' certificates.",
+    ),
+    FindingKind(
+        "KEY_FILE_EXPOSED",
+        "problem",
+        "Others than the node's user can read a key.",
+        "chmod 600 the file (700 the folder); if others may have read it, replace the key.",
+    ),
+    FindingKind("KEY_FILE_MISSING", "problem", "A key file that node.toml names is not there.", "Put it back."),
+    FindingKind(
+        "DISK_LOW",
+        "problem",
+        "The disk of the data directory is nearly full.",
+        "Free space, or move the directory to a larger disk; a node that cannot write signs nothing.",
+    ),
+    FindingKind(
+        "DIRECTORY_UNWRITABLE",
+        "problem",
+        "The data directory cannot be written to.",
+        "Check its owner, its mode and whether the disk is mounted read-only.",
+    ),
+    FindingKind(
+        "PORT_TAKEN",
+        "problem",
+        "Another program listens on a port of this node, which does not run.",
+        "Stop that program, or change the port in node.toml (the peers' port: by governance).",
+    ),
+    FindingKind(
+        "JOURNAL_MISSING",
+        "problem",
+        "The node's voting journal is not there.",
+        "Put the newest journal back, or start once with: blockrobot node run NODE --restored.",
+    ),
+    FindingKind(
+        "JOURNAL_DAMAGED",
+        "problem",
+        "The node's voting journal is damaged in its middle.",
+        "Keep the directory for inspection; restore a backup and start once with --restored.",
+    ),
+    FindingKind(
+        "LEDGER_DAMAGED",
+        "problem",
+        "The node's ledger is damaged.",
+        "Stop the node, keep the folder for inspection, and bring it back from a snapshot: blockrobot node snapshot.",
+    ),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is wrong: its code, the node it is about ("" for the whole network), what was seen."""
+
+    code: str
+    node: str
+    detail: str
+
+    @property
+    def kind(self) -> FindingKind:
+        """The row of the list that it is of."""
+        return KINDS[self.code]
+
+    @property
+    def next_step(self) -> str:
+        """What to do, with the node's name put in."""
+        return self.kind.next_step.replace("NODE", self.node) if self.node else self.kind.next_step
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it ready for JSON."""
+        return {
+            "code": self.code,
+            "severity": self.kind.severity,
+            "node": self.node,
+            "detail": self.detail,
+            "next_step": self.next_step,
+        }
+
+
+def in_order(findings: list[Finding]) -> list[Finding]:
+    """Return findings with problems first, then by node and code, none twice."""
+    return sorted(set(findings), key=lambda item: (item.kind.severity, item.node, item.code, item.detail))
