@@ -84,6 +84,26 @@ def vm(seconds: float, as_json: bool) -> None:
     _finish(result, as_json=as_json)
 
 
+@bench.command("sync")
+@click.option(
+    "--seconds", default=20.0, show_default=True, type=click.FloatRange(2.0, 900.0), help="How long it is down."
+)
+@click.option("--rate", default=100, show_default=True, type=click.IntRange(1, 1_000), help="Calls a second meanwhile.")
+@click.option("--nodes", default=4, show_default=True, type=click.IntRange(4, 21), help="Node processes.")
+@click.option("--new", is_flag=True, help="The node comes back with an empty ledger, and begins at genesis.")
+@json_option
+@plain_errors
+def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool) -> None:
+    """Measure how fast a node that was down catches up while the chain goes on.
+
+    Example: blockrobot bench sync --seconds 30 --json
+    """
+    from network.bench.sync import SyncOptions, run_sync_benchmark  # noqa: PLC0415 - only when it is needed
+
+    options = SyncOptions(seconds=seconds, rate=rate, nodes=nodes, new=new)
+    _finish(asyncio.run(run_sync_benchmark(options)), as_json=as_json)
+
+
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:
     """Print a result and exit 1 if it is not `ok`."""
     if as_json:
