@@ -183,10 +183,12 @@ class Synchroniser:
     async def _run(self) -> None:
         log.info("sync_started", height=self._writer.queued_height)
         while self._is_behind():
+            reached = self._writer.queued_height
             try:
                 await self._catch_up()
             except BlockRobotError as error:
                 log.warning("sync_failed", code=error.code, detail=error.detail)
+            if self._writer.queued_height == reached:
                 await asyncio.sleep(RETRY_MS / 1000)
         log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
 
@@ -270,8 +272,10 @@ class Synchroniser:
         if not blocks or batch.proof is None:
             self._note_nothing(peer, batch.earliest_height, from_height)
             return None
-        if blocks[0].header.epoch > self._engine.epoch.number:
-            return None
+        if blocks[0].header.epoch != self._engine.epoch.number:
+            if from_height == self._writer.queued_height + 1:
+                self._set_aside(peer)
+            return None  # an epoch ended here meanwhile, or ends before this run: no reason for distrust
         return await self._check(peer, blocks, batch.proof, from_height)
 
     def _note_nothing(self, peer: str, earliest_height: int, from_height: int) -> None:
