@@ -172,7 +172,7 @@ class SmallNodes:
     def heal(self) -> None:
         """Let those that were cut off come back."""
         back, self.cut_off = self.cut_off, set()
-        for name in back & self.links.keys():
+        for name in sorted(back & self.links.keys()):
             self.links[name].greet()
 
     def transaction(self, contract: str, entry: str, *arguments: Any, key: PrivateKey = ADMIN) -> Transaction:

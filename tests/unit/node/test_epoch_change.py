@@ -209,3 +209,38 @@ def test_a_candidate_says_that_it_is_ready_and_enters_by_itself() -> None:
         await crowd.stop()
 
     run_virtual(story())
+
+
+def test_a_network_grows_from_four_to_ten_and_shrinks_again_under_load() -> None:
+    async def story() -> None:
+        names = [f"n{number}" for number in range(10)]
+        crowd = SmallNodes(make_genesis(names))
+        await crowd.start()
+        stop = asyncio.Event()
+
+        async def load(node: str) -> None:
+            while not stop.is_set():
+                await crowd.finalize(node, crowd.transaction("identity", "authenticate", bytes(32)))
+                await asyncio.sleep(0.05)
+
+        async def decide(entry: str, chosen: list[str], seats: int) -> None:
+            for name in chosen:
+                await crowd.finalize("n1", crowd.transaction("producers", entry, producer_key(name).public_key))
+            async with asyncio.timeout(60):
+                while any(len(node.engine.epoch.epoch.producers) != seats for node in crowd.nodes.values()):  # noqa: ASYNC110
+                    await asyncio.sleep(0.01)
+
+        loads = [asyncio.create_task(load(node)) for node in ("n0", "n5", "n9")]
+        await decide("remove", names[4:], 4)
+        await decide("propose", names[4:7], 7)
+        await decide("propose", names[7:], 10)
+        assert all(node.core.index is not None for node in crowd.nodes.values())
+        await decide("remove", names[:3], 7)
+        await decide("remove", names[3:6], 4)
+        stop.set()
+        await asyncio.gather(*loads)
+        assert [node.core.index for node in crowd.nodes.values()][:6] == [None] * 6
+        assert len(crowd.newest_common()) == 1
+        await crowd.stop()
+
+    run_virtual(story())
