@@ -1,0 +1,115 @@
+"""A producer's data directory is put back from a backup: it says nothing until it is safe, and then takes part again.
+
+The field's incidents: a sign state that rolled back makes conflicting votes (cometbft#6031), a producer signs twice after
+a forced kill (bsc#2598), a lost safety file keeps a finalizer from voting for ever (spring#456, leap#2070).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.cluster.network_under_test import NetworkUnderTest
+
+RETURN_TIMEOUT_S = 60.0
+
+
+@pytest.fixture
+async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
+    under_test = NetworkUnderTest(tmp_path / "network", nodes=4)
+    await under_test.start()
+    yield under_test
+    await under_test.close()
+
+
+async def _work(network: NetworkUnderTest, name: str, count: int) -> None:
+    for _ in range(count):
+        await network.finalize(name, network.transaction())
+
+
+async def _silence(network: NetworkUnderTest, name: str) -> dict[str, Any] | None:
+    """What the node says of its silence, once it answers."""
+    deadline = time.monotonic() + RETURN_TIMEOUT_S
+    while "silent" not in (status := await network.status(name)):
+        assert time.monotonic() < deadline, f"{name} did not answer"
+        await asyncio.sleep(0.05)
+    silent: dict[str, Any] | None = status["silent"]
+    return silent
+
+
+async def _until_it_speaks(network: NetworkUnderTest, name: str, others: str) -> int:
+    """Work at another node until this one signs again; return how many transactions that took."""
+    deadline = time.monotonic() + RETURN_TIMEOUT_S
+    count = 0
+    while await _silence(network, name) is not None:
+        assert time.monotonic() < deadline, f"{name} is silent for ever"
+        await _work(network, others, 1)
+        count += 1
+    return count
+
+
+async def _require_its_votes(network: NetworkUnderTest, name: str, dead: str) -> None:
+    """With one of the others dead, nothing becomes final without this node's votes."""
+    network.cluster.kill(dead)
+    await _work(network, name, 2)
+
+
+async def test_a_whole_directory_from_a_backup_is_silent_for_a_while_and_then_votes(network: NetworkUnderTest) -> None:
+    name, directory = "node-4", network.cluster.config("node-4").data_dir
+    await _work(network, "node-1", 3)
+    network.cluster.stop(name)
+    shutil.copytree(directory, directory.with_name("backup"))
+    network.cluster.start(name)
+    await _work(network, "node-1", 5)
+    network.cluster.kill(name)
+    shutil.rmtree(directory)
+    directory.with_name("backup").rename(directory)
+    network.cluster.start(name, restored=True)
+    silent = await _silence(network, name)
+    assert silent is not None
+    assert silent["reason"] == "restored"
+    assert await _until_it_speaks(network, name, "node-1") > 0
+    await _require_its_votes(network, name, "node-2")
+
+
+async def test_an_old_journal_is_noticed_by_what_the_others_remember(network: NetworkUnderTest) -> None:
+    """Nobody gave the flag. The ledger beside the journal is the newest one."""
+    name, journal = "node-3", network.cluster.config("node-3").journal_path
+    await _work(network, "node-1", 2)
+    old = journal.read_bytes()
+    await _work(network, "node-1", 4)
+    network.cluster.kill(name)
+    journal.write_bytes(old)
+    network.cluster.start(name)
+    silent = await _silence(network, name)
+    assert silent is not None
+    assert silent["reason"] in ("asking", "outdated")
+    await _until_it_speaks(network, name, "node-1")
+    assert '"outdated"' in network.cluster.config(name).log_path.read_text()
+    await _require_its_votes(network, name, "node-2")
+
+
+async def test_a_lost_journal_starts_with_the_flag_only(network: NetworkUnderTest) -> None:
+    name, config = "node-2", network.cluster.config("node-2")
+    await _work(network, "node-1", 3)
+    network.cluster.kill(name)
+    config.journal_path.unlink()
+    network.cluster.start(name)
+    deadline = time.monotonic() + RETURN_TIMEOUT_S
+    while network.cluster.is_running(name):
+        assert time.monotonic() < deadline
+        await asyncio.sleep(0.05)
+    output = (config.data_dir / "output.log").read_text()
+    assert "JOURNAL_MISSING" in output
+    assert "--restored" in output
+    network.cluster.start(name, restored=True)
+    await _until_it_speaks(network, name, "node-1")
+    network.cluster.kill(name)
+    network.cluster.start(name)
+    await _require_its_votes(network, name, "node-4")
