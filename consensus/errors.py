@@ -104,6 +104,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
     ErrorEntry("FAULT_UNKNOWN", 400, "There is no such fault, behaviour, link profile or node.", "See `blockrobot fault --help` for the names."),
     ErrorEntry("FAULT_INVALID", 400, "A fault is described with a figure that makes no sense.", "Compare it with the examples in `blockrobot fault --help`."),
+    ErrorEntry("FAULT_TARGET_ABSENT", 409, "The node is down, paused or starting, so that it cannot be told.", "See `blockrobot fault list`; resume or restart the node first.", retryable=True),
     ErrorEntry("FAULT_PLAN_INVALID", 400, "A line of the fault plan is wrong; nothing of it was done.", "Mend the line that is named; see docs/how-to/break-the-network.md."),
     ErrorEntry("FAULTS_DISABLED", 403, "The node takes no faults: its node.toml does not allow them.", "Use a network made by `blockrobot up`; no other should allow it."),
     ErrorEntry("OPERATOR_TOKEN_INVALID", 401, "The operator's token is missing or wrong.", "Send the token of the file operator.token in the node's data directory."),

@@ -72,7 +72,7 @@ class FaultControl:
         self._seed = seed
 
     async def carry_out(self, action: Action) -> None:
-        """Do one thing. Raises FAULT_UNKNOWN, FAULTS_DISABLED, NODE_UNREACHABLE, CLUSTER_START_FAILED."""
+        """Do one thing. Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
         match action:
             case Kill(node=node):
                 await asyncio.to_thread(self._running(node).kill, node)
@@ -111,7 +111,7 @@ class FaultControl:
 
     def _running(self, name: str) -> Cluster:
         if not self.cluster.is_running(self.reader.node(name)):
-            raise BlockRobotError("NODE_UNREACHABLE", f"{name} is not running.")
+            raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} is not running.")
         return self.cluster
 
     def _require_allowed(self, names: Iterable[str]) -> None:
@@ -124,7 +124,7 @@ class FaultControl:
         """Refuse before anything is done, if one of these nodes is paused and would not hear of it."""
         for name in names:
             if self.cluster.is_paused(name):
-                raise BlockRobotError("NODE_UNREACHABLE", f"{name} is paused; resume it first.")
+                raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} is paused.")
 
     async def _restart(self, name: str, behaviour: str, seed: int) -> None:
         self.reader.node(name)
@@ -177,7 +177,7 @@ class FaultControl:
     async def _switched(self, name: str) -> Mapping[str, Any]:
         """Return what a node's switch says is on; of one that cannot answer, what its file says.
 
-        Raises FAULTS_DISABLED, NODE_UNREACHABLE.
+        Raises FAULTS_DISABLED, FAULT_TARGET_ABSENT.
         """
         self._require_allowed([name])
         if not self.cluster.is_running(name) or self.cluster.is_paused(name):
@@ -208,7 +208,7 @@ class FaultControl:
             ):
                 answer: dict[str, Any] = await response.json()
         except (OSError, aiohttp.ClientError, TimeoutError, ValueError):
-            raise BlockRobotError("NODE_UNREACHABLE", f"{name} does not answer; it may still be starting.") from None
+            raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} does not answer; it may still be starting.") from None
         if response.status == 200:
             return answer
         code = str(answer.get("code", ""))

@@ -87,7 +87,7 @@ def test_a_link_has_its_seed_and_both_directions_if_asked(control: FaultControl)
 def test_who_is_down_cannot_be_killed_or_paused(control: FaultControl, action: Action) -> None:
     with pytest.raises(BlockRobotError) as refused:
         _do(control, action)
-    assert refused.value.code == "NODE_UNREACHABLE"
+    assert refused.value.code == "FAULT_TARGET_ABSENT"
 
 
 def test_an_unknown_node_is_refused(control: FaultControl) -> None:
@@ -128,6 +128,6 @@ def test_a_plan_is_carried_out_on_time_and_a_step_that_fails_is_told_and_not_the
     told: list[StepDone] = []
     done = asyncio.run(run_plan(parse_plan(text, control.cluster.names), control, told.append))
     assert done == told
-    assert [None if item.error is None else item.error.code for item in done] == [None, "NODE_UNREACHABLE", None]
+    assert [None if item.error is None else item.error.code for item in done] == [None, "FAULT_TARGET_ABSENT", None]
     assert all(item.at_ms >= item.step.at_ms for item in done)
     assert {tuple(row.describe()) for row in asyncio.run(control.state())} == {("down",)}

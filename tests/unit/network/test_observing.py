@@ -1,0 +1,114 @@
+"""What a watcher is told: how each node is, what changed, and for how long work has waited without finality."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from rich.console import Console
+
+from network.cli.watch import render
+from network.observing import STUCK_AFTER_S, NodeLook, Observer, changes, state_of
+
+
+def look(name: str = "node-1", *, faults: tuple[str, ...] = (), **status: Any) -> NodeLook:
+    said = {
+        "ready": True,
+        "height": 5,
+        "finalized_height": 4,
+        "round": 7,
+        "epoch": 0,
+        "leader": "node-2",
+        "peers": ["node-2", "node-3"],
+        "mempool": 0,
+        "fault": "",
+        "silent": None,
+    }
+    return NodeLook(name, running=True, paused=False, status=said | status, faults=faults)
+
+
+@pytest.mark.parametrize(
+    ("seen", "state"),
+    [
+        (look(), "signing"),
+        (look(ready=False), "waiting"),
+        (look(fault="The disk is full."), "fault: The disk is full."),
+        (look(silent={"reason": "asking", "until": "later"}), "silent: asking"),
+        (NodeLook("node-1", running=True, paused=False, status=None), "no answer"),
+        (NodeLook("node-1", running=True, paused=True, status=None), "paused"),
+        (NodeLook("node-1", running=False, paused=False, status=None), "stopped"),
+    ],
+)
+def test_a_nodes_state_is_said_in_a_few_words(seen: NodeLook, state: str) -> None:
+    assert state_of(seen) == state
+
+
+def test_an_idle_network_ages_but_is_not_stuck() -> None:
+    observer = Observer(100.0)
+    observer.take([look()], 100.0)
+    picture = observer.take([look()], 160.0)
+    assert (picture.finality_age_s, picture.stuck_s, picture.longest_stuck_s) == (60.0, 0.0, 0.0)
+
+
+def test_work_that_waits_without_finality_is_counted_until_a_height_grows() -> None:
+    observer = Observer(0.0)
+    observer.take([look()], 0.0)
+    observer.take([look(mempool=3)], 1.0)
+    stuck = observer.take([look(mempool=3)], 4.0)
+    assert (stuck.stuck_s, stuck.longest_stuck_s, stuck.finality_age_s) == (3.0, 3.0, 4.0)
+    again = observer.take([look(mempool=3, finalized_height=5)], 5.0)
+    assert (again.stuck_s, again.longest_stuck_s, again.finality_age_s) == (0.0, 3.0, 0.0)
+
+
+def test_the_finality_of_any_node_counts_and_a_silent_one_takes_nothing_back() -> None:
+    observer = Observer(0.0)
+    observer.take([look("node-1", finalized_height=9), look("node-2", finalized_height=3)], 0.0)
+    gone = NodeLook("node-1", running=False, paused=False, status=None)
+    picture = observer.take([gone, look("node-2", finalized_height=4, mempool=1)], 2.0)
+    assert (picture.finalized_height, picture.finality_age_s) == (9, 2.0)
+
+
+def test_only_changes_are_told_and_growing_heights_are_none() -> None:
+    observer = Observer(0.0)
+    first = observer.take([look()], 0.0)
+    assert changes(None, first) == ["node-1 is signing, final height 4"]
+    second = observer.take([look(height=8, finalized_height=7, round=11)], 1.0)
+    assert changes(first, second) == []
+    third = observer.take([look(epoch=1, peers=["node-2"], faults=("-> node-3: cut",), finalized_height=7)], 2.0)
+    assert changes(second, third) == ["node-1 faults: -> node-3: cut", "node-1 is in epoch 1", "node-1 has 1 peers"]
+    fourth = observer.take([NodeLook("node-1", running=False, paused=False, status=None)], 3.0)
+    assert changes(third, fourth) == ["node-1 is stopped", "node-1 faults: none"]
+
+
+def test_being_stuck_and_going_on_are_told_once_each() -> None:
+    observer = Observer(0.0)
+    before, told = None, []
+    for second in range(8):
+        height = 4 if second < 5 else 5
+        picture = observer.take([look(mempool=1, finalized_height=height)], float(second))
+        told.append(changes(before, picture))
+        before = picture
+    assert STUCK_AFTER_S == 2.0
+    assert told[2] == ["nothing has become final for 2.0 s, and work waits"]
+    assert told[5] == ["final again at height 5, after 4.0 s"]
+    assert told[1] == told[3] == told[4] == told[6] == []
+
+
+def test_the_table_shows_faults_and_the_time_without_finality() -> None:
+    observer = Observer(0.0)
+    observer.take([look(mempool=1)], 0.0)
+    looks = [look(mempool=1, faults=("clock +1h",)), NodeLook("node-2", running=False, paused=False, status=None)]
+    picture = observer.take(looks, 3.5)
+    console = Console(width=160, record=True, force_terminal=False)
+    with console.capture() as capture:
+        console.print(render(picture, "network"))
+    shown = capture.get()
+    for words in ("clock +1h", "stopped", "signing", "Nothing has become final for 3.5 s", "q quits"):
+        assert words in shown
+
+
+def test_a_picture_is_ready_for_json() -> None:
+    document = Observer(1.0).take([look()], 2.0004).to_json()
+    assert document["at_s"] == 1.0
+    assert document["nodes"][0]["name"] == "node-1"
+    assert document["nodes"][0]["peers"] == 2
