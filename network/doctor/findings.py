@@ -76,7 +76,7 @@ KINDS: dict[str, FindingKind] = _table(
         "LINK_MISSING",
         "problem",
         "Two nodes that run are not linked.",
-        "Look at what stands between them: network, firewall, faults that are on (blockrobot fault status).",
+        "Look at what stands between them: network, firewall, faults that are on (blockrobot fault list).",
     ),
     FindingKind(
         "PEER_REFUSED",

@@ -1,0 +1,120 @@
+"""The doctor holds the nodes' words against one another and names what does not fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from network.doctor.answers import (
+    Answer,
+    check_clocks,
+    check_finality,
+    check_heights,
+    check_links,
+    check_presence,
+    check_roots,
+    check_versions,
+    check_words,
+)
+from network.doctor.findings import KINDS, Finding, in_order
+from node.directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
+
+VERSION = "0.1.0"
+
+
+def answer(name: str, offset_ms: int = 0, **status: Any) -> Answer:
+    fields = {"finalized_height": 10, "version": VERSION, "peers": [], "membership": "active"}
+    return Answer(name, running=True, status=fields | status, offset_ms=offset_ms)
+
+
+def directory(*names: str) -> DirectoryContent:
+    nodes = {name: DirectoryNode(name, "hospital", "127.0.0.1", 1, "", b"", b"") for name in names}
+    return DirectoryContent(3, nodes, {"hospital": DirectoryOrganisation("hospital", "")})
+
+
+def codes(findings: list[Finding]) -> list[tuple[str, str]]:
+    return [(finding.code, finding.node) for finding in findings]
+
+
+def test_a_sound_network_gives_no_finding() -> None:
+    answers = [answer("a", peers=["b"]), answer("b", peers=["a"])]
+    for findings in (
+        check_presence(answers),
+        check_words(answers),
+        check_links(answers, directory("a", "b")),
+        check_clocks(answers, 5_000),
+        check_heights(answers),
+        check_versions(answers, VERSION),
+        check_roots({"a": {9: "aa", 10: "bb"}, "b": {10: "bb"}}),
+        check_finality(1_000_000, 1_050_000, 30_000, "on-demand", 500.0),
+    ):
+        assert findings == []
+
+
+def test_a_dead_and_a_silent_node_are_told_apart() -> None:
+    answers = [Answer("a", running=False, status=None, taken_ports=(7272,)), Answer("b", running=True, status=None)]
+    assert codes(check_presence(answers)) == [("NODE_DOWN", "a"), ("PORT_TAKEN", "a"), ("NODE_SILENT", "b")]
+
+
+def test_a_clock_is_wrong_beyond_half_of_what_is_tolerated() -> None:
+    answers = [answer("a", 2_400), answer("b", 2_600), answer("c", -3_600_000)]
+    found = check_clocks(answers, 5_000)
+    assert codes(found) == [("CLOCK_SKEW", "b"), ("CLOCK_SKEW", "c")]
+    assert "3600.0 s behind" in found[1].detail
+
+
+def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
+    refusal = {"peer": "c", "code": "PEER_CERTIFICATE_EXPIRED", "detail": "It expired."}
+    answers = [
+        answer("a", fault="The journal cannot be written.", refused_peers=[refusal]),
+        answer("b", membership="removed", silent={"since": 1}),
+        answer("c", membership="unknown"),
+    ]
+    assert codes(check_words(answers)) == [
+        ("NODE_FAULT", "a"),
+        ("PEER_REFUSED", "c"),
+        ("PRODUCER_SILENT", "b"),
+        ("NODE_REMOVED", "b"),
+        ("NODE_NOT_ADDED", "c"),
+    ]
+
+
+def test_a_missing_link_is_named_once_unless_it_is_refused() -> None:
+    answers = [answer("a", peers=["b"]), answer("b", peers=["a"]), answer("c")]
+    assert codes(check_links(answers, directory("a", "b", "c"))) == [("LINK_MISSING", "a"), ("LINK_MISSING", "b")]
+    assert check_links(answers, directory("a", "b")) == []
+    refusal = {"peer": "c", "code": "PEER_REMOVED", "detail": ""}
+    refusing = [answer(name, peers=peers, refused_peers=[refusal]) for name, peers in (("a", ["b"]), ("b", ["a"]))]
+    assert check_links([*refusing, answer("c")], directory("a", "b", "c")) == []
+
+
+def test_the_minority_of_a_divergence_is_named_and_where_nobody_is_all_are() -> None:
+    three = {"a": {7: "x", 8: "y"}, "b": {7: "x", 8: "y"}, "c": {7: "x", 8: "z", 9: "w"}}
+    assert codes(check_roots(three)) == [("STATE_DIVERGED", "c")]
+    two = {"a": {8: "y"}, "b": {8: "z"}}
+    assert codes(check_roots(two)) == [("STATE_DIVERGED", "a"), ("STATE_DIVERGED", "b")]
+
+
+def test_far_behind_is_named_and_a_little_behind_is_not() -> None:
+    answers = [answer("a", finalized_height=100), answer("b", finalized_height=80), answer("c", finalized_height=2)]
+    assert codes(check_heights(answers)) == [("NODE_BEHIND", "c")]
+
+
+def test_the_odd_version_is_named() -> None:
+    answers = [answer("a"), answer("b", version="0.2.0")]
+    assert codes(check_versions(answers, VERSION)) == [("VERSION_DIFFERS", "b")]
+
+
+def test_finality_is_stale_only_after_several_heartbeats_of_running() -> None:
+    assert codes(check_finality(0, 100_000, 30_000, "on-demand", 500.0)) == [("FINALITY_STALE", "")]
+    assert check_finality(0, 100_000, 30_000, "on-demand", 20.0) == []
+    assert check_finality(0, 100_000, 30_000, "manual", 500.0) == []
+
+
+def test_each_kind_says_what_to_do_with_the_nodes_name_in_it() -> None:
+    assert all(kind.next_step and kind.meaning for kind in KINDS.values())
+    assert Finding("NODE_DOWN", "node-3", "").next_step == "Start it: blockrobot node run node-3 --detach."
+
+
+def test_problems_come_first_and_nothing_twice() -> None:
+    warning, problem = Finding("NODE_BEHIND", "a", "1"), Finding("NODE_DOWN", "b", "2")
+    assert in_order([warning, problem, warning]) == [problem, warning]

@@ -1,0 +1,146 @@
+"""Each thing in a data directory is broken on purpose, and the doctor names it."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from network.certificates import DAY_MS, find_authority, now_ms, read_report, renew
+from network.cluster import Cluster
+from network.doctor.data_directory import check_authorities, check_directory, check_disk
+from network.doctor.examination import Examination, examine_network, examine_node
+from network.doctor.findings import Finding
+from network.layout import create_network
+from node.config import NodeConfig
+from node.directory import DirectoryContent, content_of_genesis
+from node.storage.directory_lock import DirectoryLock
+
+GIB = 2**30
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=_free_base_port())
+    return tmp_path / "network"
+
+
+def _free_base_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+    return min(port, 60_000)
+
+
+@pytest.fixture
+def config(folder: Path) -> NodeConfig:
+    return Cluster(folder).config("node-1")
+
+
+@pytest.fixture
+def directory(folder: Path) -> DirectoryContent:
+    return content_of_genesis(Cluster(folder).genesis)
+
+
+def codes(findings: list[Finding]) -> list[str]:
+    return [finding.code for finding in findings]
+
+
+def of(examination: Examination, name: str) -> set[str]:
+    """The codes found for one node; how full this machine's disk is does not matter here."""
+    return {finding.code for finding in examination.findings if finding.node == name} - {"DISK_LOW"}
+
+
+def test_a_new_data_directory_is_sound(config: NodeConfig, directory: DirectoryContent) -> None:
+    assert check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB)) == []
+
+
+def test_a_certificate_near_its_end_over_it_and_revoked(
+    folder: Path, config: NodeConfig, directory: DirectoryContent
+) -> None:
+    renew(config, find_authority(folder, "hospital"), days=10)
+    room = (20 * GIB, 40 * GIB)
+    assert codes(check_directory(config, directory, now_ms(), room)) == ["CERTIFICATE_EXPIRES_SOON"]
+    assert codes(check_directory(config, directory, now_ms() + 11 * DAY_MS, room)) == ["CERTIFICATE_EXPIRED"]
+    facts = read_report(config).facts
+    assert facts is not None
+    revoked = DirectoryContent(
+        1, directory.nodes, directory.organisations, frozenset({(facts.organisation, facts.serial)})
+    )
+    assert codes(check_directory(config, revoked, now_ms(), room)) == ["CERTIFICATE_REVOKED"]
+
+
+def test_keys_that_others_can_read_or_that_are_gone(config: NodeConfig, directory: DirectoryContent) -> None:
+    config.tls_key_path.chmod(0o640)
+    assert config.producer_key_path is not None
+    config.producer_key_path.unlink()
+    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
+    assert codes(found) == ["KEY_FILE_MISSING", "KEY_FILE_EXPOSED"]
+    assert found[1].detail == "keys/tls.key.pem has mode 640."
+
+
+def test_a_data_directory_that_others_can_read(config: NodeConfig, directory: DirectoryContent) -> None:
+    config.data_dir.chmod(0o755)
+    found = check_directory(config, directory, now_ms(), (20 * GIB, 40 * GIB))
+    assert [finding.detail for finding in found] == ["the data directory has mode 755."]
+
+
+@pytest.mark.parametrize(("free", "total"), [(100 * 2**20, 400 * GIB), (2 * GIB, 400 * GIB)])
+def test_a_disk_that_is_nearly_full(config: NodeConfig, free: int, total: int) -> None:
+    assert codes(check_disk(config, (free, total))) == ["DISK_LOW"]
+
+
+def test_a_journal_that_is_gone_or_damaged(config: NodeConfig, directory: DirectoryContent) -> None:
+    room = (20 * GIB, 40 * GIB)
+    config.journal_path.write_bytes(b"rubbish, not a journal")
+    assert codes(check_directory(config, directory, now_ms(), room)) == ["JOURNAL_DAMAGED"]
+    config.journal_path.unlink()
+    assert codes(check_directory(config, directory, now_ms(), room)) == ["JOURNAL_MISSING"]
+
+
+def test_authorities_in_their_last_year(directory: DirectoryContent) -> None:
+    assert check_authorities(directory, now_ms()) == []
+    assert codes(check_authorities(directory, now_ms() + 10 * 365 * DAY_MS - 30 * DAY_MS)) == [
+        "AUTHORITY_EXPIRES_SOON",
+        "AUTHORITY_EXPIRES_SOON",
+    ]
+
+
+def test_nodes_that_do_not_run_and_a_port_that_another_program_took(folder: Path, config: NodeConfig) -> None:
+    with socket.create_server(("127.0.0.1", config.api_port)):
+        examination = examine_network(folder)
+    assert not examination.ok
+    assert {"NODE_DOWN", "PORT_TAKEN"} <= of(examination, "node-1")
+    assert of(examination, "node-2") & {"NODE_DOWN", "PORT_TAKEN"} == {"NODE_DOWN"}
+
+
+def test_a_node_that_holds_its_directory_but_says_nothing_is_silent_not_down(config: NodeConfig) -> None:
+    lock = DirectoryLock(config.data_dir)
+    try:
+        assert of(examine_node(config.data_dir), "node-1") == {"NODE_SILENT"}
+    finally:
+        lock.release()
+    assert of(examine_node(config.data_dir), "node-1") == {"NODE_DOWN"}
+
+
+def test_a_configuration_that_cannot_be_read_hides_no_other_node(folder: Path, config: NodeConfig) -> None:
+    (config.data_dir / "node.toml").write_text("[node]\nname = 7\n")
+    examination = examine_network(folder)
+    assert of(examination, "node-1") == {"CONFIGURATION_WRONG"}
+    assert "NODE_DOWN" in of(examination, "node-2")
+
+
+def test_a_node_of_another_network(tmp_path: Path, folder: Path, config: NodeConfig) -> None:
+    other = tmp_path / "other"
+    create_network(other, nodes=2, organisations=2, base_port=20_000)
+    config.genesis_path.write_bytes((other / "genesis.json").read_bytes())
+    assert of(examine_network(folder), "node-1") == {"GENESIS_DIFFERS"}
+
+
+@pytest.mark.parametrize("content", [b"", b"rubbish" * 2_000])
+def test_a_ledger_that_is_no_ledger(folder: Path, config: NodeConfig, content: bytes) -> None:
+    config.ledger_dir.mkdir(exist_ok=True)
+    (config.ledger_dir / "data.mdb").write_bytes(content)
+    assert "LEDGER_DAMAGED" in of(examine_network(folder), "node-1")
+    assert "LEDGER_DAMAGED" not in of(examine_network(folder), "node-2")

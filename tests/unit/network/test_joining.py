@@ -1,0 +1,106 @@
+"""A node that joins has a data directory of its own, and an entry that holds no secret."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.possession import POSSESSION_TAG
+from consensus.primitives.keys import verify
+from network.certificates import find_authority, now_ms, read_report
+from network.cli.org_commands import read_node_entry
+from network.cluster import Cluster
+from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port, organisation_of
+from network.layout import PORTS_PER_NODE, create_network
+from node.config import load_config, load_genesis
+from node.directory import content_of_genesis
+from node.journal import count_records
+
+BASE_PORT = 20_000
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    return tmp_path / "network"
+
+
+@pytest.fixture
+def genesis(folder: Path) -> Genesis:
+    return create_network(folder, nodes=2, organisations=2, base_port=BASE_PORT)
+
+
+def newcomer(name: str = "node-3", organisation: str = "hospital", **changes: object) -> Newcomer:
+    return Newcomer(name, organisation, "127.0.0.1", BASE_PORT + 20, **changes)  # type: ignore[arg-type]
+
+
+def test_a_newcomer_can_be_opened_as_any_node(folder: Path, genesis: Genesis) -> None:
+    place = folder / "nodes" / "node-3"
+    directory = content_of_genesis(genesis)
+    entry = init_node(place, newcomer(is_custodian=True), genesis, find_authority(folder, "hospital"), directory)
+    config = load_config(place)
+    assert load_genesis(config).chain_id == genesis.chain_id
+    assert (config.name, config.organisation, config.p2p_port) == ("node-3", "hospital", BASE_PORT + 20)
+    assert count_records(config.journal_path) == 0
+    assert read_report(config).state(now_ms()) == "valid"
+    assert config.custodian_key_path is not None
+    assert len(entry.custodian_key) == 33
+    assert Cluster(folder).names == ["node-1", "node-2", "node-3"]
+
+
+def test_its_entry_proves_its_key_and_holds_no_secret(folder: Path, genesis: Genesis) -> None:
+    place = folder / "nodes" / "node-3"
+    init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    arguments = read_node_entry(place / ENTRY_FILE)
+    assert arguments["custodian_key"] == b""
+    assert verify(arguments["producer_key"], POSSESSION_TAG, arguments["producer_possession"], b"node-3")
+    secret = (place / "keys" / "producer.key").read_bytes().hex()
+    assert secret not in (place / ENTRY_FILE).read_text()
+    assert json.loads((place / ENTRY_FILE).read_text())["api_url"] == f"http://127.0.0.1:{BASE_PORT + 21}"
+
+
+@pytest.mark.parametrize(
+    ("wanted", "code"),
+    [
+        (newcomer(name="node-1"), "NODE_EXISTS"),
+        (newcomer(organisation="clinic"), "NOT_FOUND"),
+        (newcomer(name="Node 3"), "CONFIGURATION_INVALID"),
+        (newcomer(name="n" * 41), "CONFIGURATION_INVALID"),
+    ],
+)
+def test_what_the_network_would_refuse_is_refused_at_once(
+    folder: Path, genesis: Genesis, wanted: Newcomer, code: str
+) -> None:
+    place = folder / "nodes" / "new"
+    with pytest.raises(BlockRobotError) as caught:
+        init_node(place, wanted, genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    assert caught.value.code == code
+    assert not place.exists()
+
+
+def test_a_data_directory_is_never_overwritten(folder: Path, genesis: Genesis) -> None:
+    place = folder / "nodes" / "node-3"
+    place.mkdir()
+    with pytest.raises(BlockRobotError, match="NODE_EXISTS"):
+        init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    assert list(place.iterdir()) == []
+
+
+def test_ports_are_those_behind_all_known_ones(folder: Path, genesis: Genesis) -> None:
+    configs = list(Cluster(folder).configs.values())
+    assert next_base_port(content_of_genesis(genesis), configs) == BASE_PORT + 2 * PORTS_PER_NODE
+
+
+def test_whose_a_node_is_stands_in_genesis_or_in_its_own_file(folder: Path, genesis: Genesis) -> None:
+    configs = list(Cluster(folder).configs.values())
+    assert [organisation_of(config, configs) for config in configs] == ["hospital", "university"]
+    place = folder / "nodes" / "node-3"
+    init_node(place, newcomer(), genesis, find_authority(folder, "hospital"), content_of_genesis(genesis))
+    assert organisation_of(load_config(place), []) == "hospital"
+
+
+def test_without_ledgers_the_genesis_file_says_who_is_there(folder: Path, genesis: Genesis) -> None:
+    assert newest_directory(genesis, Cluster(folder).configs.values()) == content_of_genesis(genesis)
