@@ -47,6 +47,7 @@ from node.offchain.erase_keys import ErasableKeys
 from node.offchain.store import CustodyStore
 from node.p2p.network import PeerHandler
 from node.peers import Network, Peers
+from node.pruning import Pruner
 from node.recording import VotingJournal
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync import LAG_TOLERATED_BLOCKS, Synchroniser
@@ -100,6 +101,7 @@ class Surroundings:
     transactions: TransactionCache = field(default_factory=TransactionCache)
     wrap_outbox: Callable[[Outbox], Outbox] | None = None
     directory: Directory | None = None
+    keep_blocks: int = 0
 
 
 async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
@@ -203,12 +205,14 @@ class Assembly:
         )
         self.peers.connect(self.network, self.engine, self.sync)
         self.engine.add_epoch_listener(self.peers.begin_epoch)
+        self.directory.add_listener(lambda _directory: self.peers.name_producers())
         self.pool = Pool(
             mempool=self.mempool, engine=self.engine, gossip=self.peers.gossip, feed=self.feed, clock=around.clock
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
+        self._pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
         self._candidacy = self._make_candidacy()
         self.accuser = self._make_accuser()
 
@@ -262,6 +266,13 @@ class Assembly:
         )
         self.peers.clips = custody
         return custody
+
+    def _custody_height(self) -> int | None:
+        """Return how far the node's custodian has followed (-1: not at all), or None if it has none."""
+        if self.custody is None:
+            return None
+        followed = self.custody.checkpoint_height
+        return -1 if followed is None else followed
 
     async def start(self) -> None:
         """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
@@ -348,6 +359,7 @@ class Assembly:
             self.pool.purge_expired()
             self.peers.retry_unsettled()
             self.engine.note_work()
+            await self._pruner.run_once()
             if self._candidacy is not None:
                 await self._candidacy.speak_if_due()
             if self.accuser is not None:
@@ -376,6 +388,7 @@ class Assembly:
             "ready": self.is_ready(),
             "height": core.finalized.height + len(core.certified_branch()),
             "finalized_height": self.feed.height,
+            "earliest_height": self.executor.reader.earliest_height,
             "state_root": position.state_root.hex() if position else None,
             "round": core.round,
             "epoch": core.epoch,
@@ -417,7 +430,10 @@ class Assembly:
                 "Rounds that this node gave up since its start.",
                 lambda: self.engine.rounds_timed_out_count,
             ),
-            "blockrobot_signing": ("1 while the node takes part.", lambda: float(self.engine.is_signing)),
+            "blockrobot_signing": (
+                "1 while the node takes part.",
+                lambda: float(self.engine.is_signing and self.core.silence is None),
+            ),
         }
 
 

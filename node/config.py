@@ -16,6 +16,8 @@ from consensus.possession import require_possession
 from consensus.primitives.keys import PrivateKey
 
 CONFIG_FILE = "node.toml"
+KEEP_BLOCKS_MIN_COUNT = 256
+"""A node serves at least so many blocks to peers that missed a few."""
 _PORT_MAX = 65_535
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 _SECTIONS: dict[str, frozenset[str]] = {
@@ -25,6 +27,7 @@ _SECTIONS: dict[str, frozenset[str]] = {
     "custody": frozenset({"store"}),
     "log": frozenset({"level"}),
     "faults": frozenset({"enabled"}),
+    "storage": frozenset({"keep_blocks"}),
 }
 
 
@@ -46,6 +49,8 @@ class NodeConfig:
     custody_store: str
     log_level: str
     faults_enabled: bool = False
+    keep_blocks: int = 0
+    """How many of the newest blocks keep their bodies; 0: all."""
     organisation: str = ""
     """Only for a node that joined later: whose it is. The genesis file says so of the first ones."""
 
@@ -111,6 +116,12 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a port number {field!r}.")
         return value
 
+    def count(self, field: str, least: int) -> int:
+        value = self._table.get(field, 0)
+        if not isinstance(value, int) or isinstance(value, bool) or not (value == 0 or value >= least):
+            raise _invalid(f"[{self._name}] needs 0, or a number of at least {least}, for {field!r}.")
+        return value
+
     def flag(self, field: str) -> bool:
         value = self._table.get(field, False)
         if not isinstance(value, bool):
@@ -133,7 +144,7 @@ def load_config(data_dir: Path) -> NodeConfig:
     unknown = sorted(set(document) - set(_SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log, faults = (_Section(document, name) for name in _SECTIONS)
+    node, listen, keys, custody, log, faults, storage = (_Section(document, name) for name in _SECTIONS)
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")
@@ -156,6 +167,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         custody_store=custody.text("store", "sqlite"),
         log_level=level,
         faults_enabled=faults.flag("enabled"),
+        keep_blocks=storage.count("keep_blocks", KEEP_BLOCKS_MIN_COUNT),
         organisation=node.optional_text("organisation") or "",
     )
 
@@ -189,6 +201,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "[log]",
         f'level = "{config.log_level}"',
         *(["", "[faults]", "enabled = true"] if config.faults_enabled else []),
+        *(["", "[storage]", f"keep_blocks = {config.keep_blocks}"] if config.keep_blocks else []),
     ]
     return "\n".join(lines) + "\n"
 

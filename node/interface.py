@@ -18,6 +18,7 @@ from node.engine import Engine
 from node.finality import FinalityFeed
 from node.gossip import Gossip
 from node.mempool import Mempool
+from node.snapshot.making import read_header_bytes
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
 SUBMIT_SLICE_COUNT = 64
@@ -80,6 +81,15 @@ class DecodedSnapshot:
         """Return the receipts of the block of this height, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(data, Receipts).receipts
+
+    def header_bytes(self, height: int) -> bytes | None:
+        """Return the bytes of the finalized header of this height, pruned or not."""
+        return read_header_bytes(self._snapshot, height)
+
+    @property
+    def earliest_height(self) -> int:
+        """The height from which on all blocks and receipts are here."""
+        return self._snapshot.earliest_height
 
     def epoch_proof(self, number: int) -> bytes | None:
         """Return the encoded `EpochProof` that began epoch `number` (1 or above), or None."""

@@ -19,9 +19,6 @@ from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_store import LmdbStore
 
-KEEP_BLOCKS_MIN_COUNT = 256
-"""A node serves at least so many blocks to peers that missed a few."""
-
 PRUNE_SLACK_COUNT = 64
 """A running node prunes this many blocks at once, or none."""
 
@@ -38,24 +35,22 @@ async def prune_ledger(ledger: LedgerStore, below_height: int) -> int:
         await asyncio.sleep(0)
 
 
-def highest_prunable(head: int, keep: int, custody_height: int | None, *, is_custodian: bool) -> int:
-    """Return the height below which bodies may go: `keep` stay, and none that the custodian still has to follow."""
+def highest_prunable(head: int, keep: int, followed: int | None) -> int:
+    """Return the height below which bodies may go: `keep` stay, and all that the custodian still has to follow.
+
+    `followed` is the height of the custodian's checkpoint, -1 if it has none yet, None without a custodian.
+    """
     below = head - keep + 1
-    if is_custodian:
-        below = min(below, 0 if custody_height is None else custody_height + 1)
-    return max(0, below)
+    return max(0, below if followed is None else min(below, followed + 1))
 
 
 class Pruner:
-    """Prunes a running node's ledger now and then. `custody_height` is None where there is no custodian yet."""
+    """Prunes a running node's ledger now and then; `keep` of 0 keeps everything. `followed` as above."""
 
-    def __init__(
-        self, ledger: LedgerStore, keep: int, custody_height: Callable[[], int | None], *, is_custodian: bool
-    ) -> None:
+    def __init__(self, ledger: LedgerStore, keep: int, followed: Callable[[], int | None]) -> None:
         self._ledger = ledger
         self._keep = keep
-        self._custody_height = custody_height
-        self._is_custodian = is_custodian
+        self._followed = followed
         self._done_below = 0
 
     async def run_once(self) -> None:
@@ -63,7 +58,7 @@ class Pruner:
         position = self._ledger.position
         if not self._keep or position is None:
             return
-        below = highest_prunable(position.height, self._keep, self._custody_height(), is_custodian=self._is_custodian)
+        below = highest_prunable(position.height, self._keep, self._followed())
         if below < self._done_below + PRUNE_SLACK_COUNT:
             return
         try:
@@ -80,18 +75,17 @@ async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:
     Returns `height`, `earliest_height` and whether the custodian's checkpoint kept it from dropping more. Raises
     DATA_DIRECTORY_INVALID, STORAGE_*, STORE_UNAVAILABLE.
     """
-    is_custodian = config.custodian_key_path is not None
     followed: int | None = None
-    if is_custodian:
+    if config.custodian_key_path is not None:
         async with open_store(config.custody_store, config.custody_dir) as store:
             checkpoint = await store.checkpoint()
-            followed = None if checkpoint is None else checkpoint.height
+            followed = -1 if checkpoint is None else checkpoint.height
     ledger = LmdbStore.open(config.ledger_dir)
     try:
         head = 0 if ledger.position is None else ledger.position.height
-        below = highest_prunable(head, keep, followed, is_custodian=is_custodian)
+        below = highest_prunable(head, keep, followed)
         earliest = await prune_ledger(ledger, below)
     finally:
         await ledger.close()
-    wanted = highest_prunable(head, keep, None, is_custodian=False)
+    wanted = highest_prunable(head, keep, None)
     return {"height": head, "earliest_height": earliest, "held_back_by_custody": earliest < wanted}

@@ -132,6 +132,7 @@ class Node:
                 key=self._own_key(directory, config.producer_key_path, "producer"),
                 directory=directory,
                 custody=await self._open_custody(directory),
+                keep_blocks=config.keep_blocks,
                 wrap_outbox=None if wrap is None else lambda outbox: wrap(outbox, self._parts),
             )
         )

@@ -13,9 +13,9 @@ from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import folder_option
 from network.cli.node_commands import find_node
-from node.config import NodeConfig, load_genesis
+from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
 from node.difference import LedgerDiff, describe_difference
-from node.pruning import KEEP_BLOCKS_MIN_COUNT, prune_stopped_node
+from node.pruning import prune_stopped_node
 from node.replaying import Base, base_of_genesis, base_of_snapshot, machine_of
 from node.snapshot.form import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock

@@ -221,9 +221,10 @@ class BlockSummary(Document, frozen=True):
 
 
 class BlocksAnswer(Document, frozen=True):
-    """Consecutive finalized blocks. `head` is the height of the newest one."""
+    """Consecutive finalized blocks. `head` is the height of the newest one, `earliest_height` that of the oldest here."""
 
     head: int
+    earliest_height: int
     blocks: list[BlockSummary]
 
 

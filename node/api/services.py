@@ -68,6 +68,15 @@ class LedgerSnapshot(Protocol):
         """Return the receipts of the block of this height, in its order, or None."""
         ...
 
+    def header_bytes(self, height: int) -> bytes | None:
+        """Return the bytes of the finalized header of this height, pruned or not; None where it is not known."""
+        ...
+
+    @property
+    def earliest_height(self) -> int:
+        """The height from which on all blocks and receipts are here; 0 unless older ones were pruned."""
+        ...
+
     def epoch_proof(self, number: int) -> bytes | None:
         """Return the encoded `EpochProof` that began epoch `number` (1 or above), or None."""
         ...

@@ -10,6 +10,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from node.api.access import MEMBER
 from node.api.documents import PAGE_MAX_COUNT, BlockAnswer, BlocksAnswer, BlockSummary
+from node.api.pruned import require_kept
 from node.api.routes.transactions import receipt_document
 from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
 
@@ -31,13 +32,20 @@ async def _list_blocks(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
     with call.services.ledger.snapshot() as snapshot:
         head = snapshot.header.height
+        require_kept(snapshot, first)
         blocks = [snapshot.block(height) for height in range(first, min(first + limit, head + 1))]
-    return json_answer(BlocksAnswer(head=head, blocks=[_summary(block) for block in blocks if block is not None]))
+        earliest = snapshot.earliest_height
+    return json_answer(
+        BlocksAnswer(
+            head=head, earliest_height=earliest, blocks=[_summary(block) for block in blocks if block is not None]
+        )
+    )
 
 
 async def _get_block(call: Call) -> web.StreamResponse:
     height = call.int_of("height")
     with call.services.ledger.snapshot() as snapshot:
+        require_kept(snapshot, height)
         block, receipts = snapshot.block(height), snapshot.receipts(height)
     if block is None:
         raise BlockRobotError("NOT_FOUND", "There is no finalized block of this height here.")
@@ -64,6 +72,7 @@ ROUTES = (
             Parameter("from_height", "query", "The first height.", default=0),
             Parameter("limit", "query", "How many at most.", None, 1, PAGE_MAX_COUNT, 50),
         ),
+        errors=("BLOCK_PRUNED",),
     ),
     Route(
         "GET",
@@ -74,6 +83,6 @@ ROUTES = (
         _get_block,
         Answer(JSON, BlockAnswer, "The block."),
         parameters=(Parameter("height", "path", "The height.", None),),
-        errors=("NOT_FOUND",),
+        errors=("NOT_FOUND", "BLOCK_PRUNED"),
     ),
 )

@@ -11,6 +11,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from node.api.access import MEMBER
+from node.api.pruned import require_kept
 from node.api.routing import SSE, Answer, Call, Parameter, Route
 from node.api.services import LedgerSnapshot
 
@@ -30,6 +31,7 @@ def _read_cursor(call: Call, head: int) -> tuple[int, int]:
 
 
 def _events_of(snapshot: LedgerSnapshot, height: int, after: int) -> list[bytes]:
+    require_kept(snapshot, height)
     receipts = snapshot.receipts(height)
     if receipts is None:
         raise BlockRobotError("NOT_FOUND", f"Block {height} is no longer kept here.")
@@ -54,6 +56,7 @@ async def _send_events(call: Call) -> web.StreamResponse:
     ledger, expires_at_ms = call.services.ledger, call.session.expires_at_ms if call.session else 0
     with ledger.snapshot() as snapshot:
         height, after = _read_cursor(call, snapshot.header.height)
+        require_kept(snapshot, height)
     response = web.StreamResponse(headers={"Content-Type": SSE, "Cache-Control": "no-store"})
     await response.prepare(call.http)
     while call.services.clock.now_ms() < expires_at_ms:
@@ -82,5 +85,6 @@ ROUTES = (
         _stream,
         Answer(SSE, None, "The stream."),
         parameters=(Parameter("cursor", "query", "height:index of the last event seen.", pattern="^[0-9]+:[0-9]+$"),),
+        errors=("BLOCK_PRUNED",),
     ),
 )

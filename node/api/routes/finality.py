@@ -42,10 +42,10 @@ async def _get_headers(call: Call) -> web.StreamResponse:
     headers: list[str] = []
     with call.services.ledger.snapshot() as snapshot:
         for height in range(first, min(first + limit, snapshot.header.height + 1)):
-            block = snapshot.block(height)
-            if block is None:
+            header = snapshot.header_bytes(height)
+            if header is None:
                 break
-            headers.append(block.header_bytes.hex())
+            headers.append(header.hex())
     return json_answer(HeadersAnswer(from_height=first, headers=headers))
 
 

@@ -17,6 +17,7 @@ from node.api.access import ANYONE
 from node.api.documents import Problem, ReceiptDocument, SubmitAnswer, SubmitOutcome, TransactionState
 from node.api.evidence import build_evidence
 from node.api.problems import problem_document
+from node.api.pruned import require_kept
 from node.api.routing import JSON, MSGPACK, Answer, Body, Call, Parameter, Route, json_answer
 from node.api.services import LedgerSnapshot, SubmitResult
 
@@ -55,6 +56,7 @@ def _find(snapshot: LedgerSnapshot, txid: bytes, with_evidence: bool) -> Transac
     place = snapshot.locate(txid)
     if place is None:
         return None
+    require_kept(snapshot, place.height)
     block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
     if block is None or receipts is None:
         raise BlockRobotError("NOT_FOUND", "The block of this transaction is no longer kept here.")
@@ -121,7 +123,7 @@ ROUTES = (
             Parameter("wait_ms", "query", "How long to wait for finality, in ms.", maximum=WAIT_MAX_MS, default=0),
             Parameter("evidence", "query", "1 adds what proves the receipt to anyone.", maximum=1, default=0),
         ),
-        errors=("NOT_FOUND",),
+        errors=("NOT_FOUND", "BLOCK_PRUNED"),
     ),
 )
 assert BATCH_MAX_BYTES >= TRANSACTION_SIZE_MAX_BYTES
