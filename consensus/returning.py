@@ -19,7 +19,7 @@ _FIRST_ROUND = 1
 
 
 class SilenceReport(NamedTuple):
-    """Why a producer signs nothing, and until when, in words for its operator."""
+    """Why a producer signs nothing (a word), and the rest of the sentence "it signs nothing until ..."."""
 
     reason: str
     until: str
@@ -75,13 +75,13 @@ class Returning:
             return None
         mark = self.mark
         if mark is None:
-            answered = f"{len(self._willing)} of {self._needed_to_speak} other producers"
-            return SilenceReport(ASKING, f"{answered} have said what they last heard of this one")
+            needed = f"{self._needed_to_speak} other producers have said what they last heard of this one"
+            return SilenceReport(ASKING, f"{needed} ({len(self._willing)} so far)")
         if mark.above_round is not None:
             until = f"a block above round {mark.above_round} of epoch {mark.epoch} is final without it"
         else:
-            told = f"{len(self._signed_rounds)} of {self._needed_for_round} other producers that speak"
-            until = f"{told} have told their last round, and a block above all of these is final"
+            needed = f"{self._needed_for_round} other producers that may sign have told their last round"
+            until = f"{needed} ({len(self._signed_rounds)} so far) and a block above it is final"
         if 1 + len(self._silent) > self._tolerated:
             until += (
                 f" (which cannot be while {1 + len(self._silent)} producers are silent and the chain tolerates"

@@ -161,3 +161,7 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         cells = [*values, peers, seen.get("mempool"), custody]
         table.add_row(row.name, state, *("-" if cell is None else str(cell) for cell in cells))
     console.print(table)
+    for row in reports:
+        if row.status is not None and row.status.get("silent"):
+            silent = row.status["silent"]
+            console.print(f"{row.name} signs nothing ({silent['reason']}) until {silent['until']}.", soft_wrap=True)
