@@ -61,7 +61,7 @@ class WalletContent(msgspec.Struct):
     role: str = ""
     visits: list[KnownVisit] = msgspec.field(default_factory=list)
     scanned_count: int = 0
-    pinned_header: bytes = b""
+    pin: bytes = b""
     asked_erasures: list[bytes] = msgspec.field(default_factory=list)
 
     def __repr__(self) -> str:

@@ -62,13 +62,13 @@ class Wallet:
         self.store = store
         self.genesis = genesis
         self.keys: WalletKeys = derive_keys(store.content.words)
-        self.network = NetworkClient(genesis, pinned=store.content.pinned_header or None)
+        self.network = NetworkClient(genesis, pinned=store.content.pin or None)
 
     async def __aenter__(self) -> Wallet:
         return self
 
     async def __aexit__(self, *exception: object) -> None:
-        self.store.content.pinned_header = self.network.pinned or b""
+        self.store.content.pin = self.network.pinned or b""
         self.store.save()
         await self.network.close()
 

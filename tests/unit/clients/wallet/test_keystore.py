@@ -32,7 +32,7 @@ def code_of(path: Path, passphrase: str = "tea") -> str:
 def test_what_was_saved_is_found_again(path: Path) -> None:
     store = Keystore.create(path, WORDS, "tea", CHEAP)
     store.content.visits.append(VISIT)
-    store.content.pinned_header = b"header"
+    store.content.pin = b"header"
     store.save()
     again = Keystore.open(path, "tea").content
     assert (again.words, again.visits, again.pinned_header) == (WORDS, [VISIT], b"header")

@@ -171,4 +171,4 @@ async def test_many_records_are_proven_in_parts(world: World) -> None:
 async def test_the_newest_verified_header_is_kept_for_the_next_time(world: World) -> None:
     async with world.wallet:
         await world.wallet.scan()
-    assert Keystore.open(world.store._path, "tea").content.pinned_header == b"pinned"
+    assert Keystore.open(world.store._path, "tea").content.pin == b"pinned"
