@@ -35,7 +35,7 @@ def test_what_was_saved_is_found_again(path: Path) -> None:
     store.content.pin = b"header"
     store.save()
     again = Keystore.open(path, "tea").content
-    assert (again.words, again.visits, again.pinned_header) == (WORDS, [VISIT], b"header")
+    assert (again.words, again.visits, again.pin) == (WORDS, [VISIT], b"header")
 
 
 def test_a_wrong_passphrase_is_said_to_be_wrong(path: Path) -> None:
