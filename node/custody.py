@@ -273,7 +273,9 @@ class Custody:
 
     def _is_due(self, row: OutboxRow, now_ms: int) -> bool:
         submission = self._submitted.get(row.key)
-        return submission is None or submission.valid_until_ms <= now_ms
+        if submission is None or submission.valid_until_ms <= now_ms:
+            return True
+        return submission.valid_until_ms > now_ms + OUTBOX_LIFETIME_MS  # signed while this clock was ahead of the others
 
     def _sign(self, row: OutboxRow, valid_until_ms: int) -> Transaction:
         return sign_transaction(

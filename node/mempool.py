@@ -158,8 +158,11 @@ class Mempool:
         return count
 
     def purge_expired(self, now_ms: int) -> list[bytes]:
-        """Take out what no block after `now_ms` may hold; return the txids."""
-        expired = [txid for txid, entry in self._entries.items() if entry.transaction.body.valid_until_ms <= now_ms]
+        """Take out what would not be admitted at `now_ms`: too old, or (the clock was put back) too far ahead.
+
+        Returns the txids.
+        """
+        expired = [txid for txid, entry in self._entries.items() if not _is_timely(entry.transaction, now_ms)]
         self.remove(expired)
         return expired
 

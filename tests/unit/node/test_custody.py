@@ -165,6 +165,16 @@ async def test_a_store_that_does_not_answer_is_asked_again_and_no_block_is_left_
     assert rig.custodian.heights == [0, 1, 2]
 
 
+async def test_what_a_custodian_signed_by_a_clock_an_hour_ahead_is_signed_anew_once_the_clock_is_right(rig: Rig) -> None:
+    rig.now_ms += 3_600_000
+    await rig.custody._submit_due()
+    rig.now_ms -= 3_600_000
+    await rig.custody._submit_due()
+    await rig.custody._submit_due()
+    expiries = [decode_transaction(wire).body.valid_until_ms for wire in rig.pool.wires]
+    assert expiries == [rig.now_ms + 3_600_000 + OUTBOX_LIFETIME_MS, rig.now_ms + OUTBOX_LIFETIME_MS]
+
+
 async def test_what_is_owed_is_signed_by_the_custodian_and_submitted_again_only_after_it_expired(rig: Rig) -> None:
     await rig.custody._submit_due()
     await rig.custody._submit_due()

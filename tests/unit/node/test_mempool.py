@@ -158,6 +158,14 @@ def test_what_has_expired_is_neither_taken_nor_kept() -> None:
     assert len(pool) == 0
 
 
+def test_what_was_signed_while_the_clock_was_ahead_does_not_wait_for_an_hour_once_it_is_put_right() -> None:
+    pool, ahead = make_pool(), transaction(1, valid_until_ms=NOW_MS + 3_660_000)
+    pool.admit(ahead.wire, NOW_MS + 3_600_000)
+    assert pool.purge_expired(NOW_MS + 3_600_000) == []
+    assert pool.purge_expired(NOW_MS) == [ahead.txid]
+    assert len(pool) == 0
+
+
 def test_a_transaction_left_out_of_enough_roomy_blocks_is_no_reason_for_another() -> None:
     pool = make_pool()
     pool.admit(transaction(1).wire, NOW_MS)
