@@ -22,7 +22,7 @@ from network.sim.clients import SimClient
 from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
 from network.sim.links import LinkQuality, Wires
 from network.sim.loop import Owner, SimLoop
-from network.sim.node import SimNode
+from network.sim.node import Backup, SimNode
 from network.sim.plan import PROFILES, Fault, Plan
 from node.storage.ledger_store import FinalizedBlock
 
@@ -184,10 +184,8 @@ class SimCluster:
                 node.arm(fault.point, back)
                 self._after(ARMED_MAX_MS, lambda: self._give_up(node, life, back))
             case "old-disk":
-                image = node.disk.image()
-                self._after(fault.amount, lambda: node.crash("old-disk"))
-                self._after(fault.amount + 1, lambda: node.disk.restore(image))
-                self._after(fault.amount + fault.for_ms, node.start)
+                backup = node.back_up()
+                self._after(fault.amount, lambda: self._put_back(node, backup, fault))
             case "pause":
                 owner = node.owner
                 self.loop.pause(owner)
@@ -211,11 +209,15 @@ class SimCluster:
             node.crash("crash")
             back()
 
+    def _put_back(self, node: SimNode, backup: Backup, fault: Fault) -> None:
+        """A node dies, a backup is put back, and it starts again."""
+        node.crash("old-disk")
+        node.restore(backup, whole=fault.point == "machine")
+        self._after(fault.for_ms, node.start)
+
     def _free_disk(self, node: SimNode) -> None:
-        """There is room again; a node that could not write is started anew by its operator."""
+        """There is room again: the node goes on by itself; one that did not even start is started."""
         node.disk.is_full = node.ledger.is_full = False
-        if node.parts is not None and not node.parts.engine.is_signing:
-            node.crash("operator")
         if not node.is_up and not self._is_healed:
             self._after(1, node.start)
 
@@ -262,8 +264,6 @@ class SimCluster:
             if node.is_up:
                 self.loop.resume(node.owner)
             node.note_faults()
-            if node.parts is not None and not node.parts.engine.is_signing:
-                node.crash("operator")
             node.start()
         self.wires.reconnect_all()
         height = max(node.handed_height for node in self.honest)

@@ -6,11 +6,12 @@ between loses it whole, as it loses a transaction that was not committed.
 
 from __future__ import annotations
 
+import copy
 import random
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from node.offchain.erase_keys import ERASE_KEY_BYTES
 from node.offchain.store import (
@@ -203,6 +204,14 @@ class MemoryCustodyStore:
         """See `ReceiptOutbox.outbox_of`."""
         rows = [row for row in self._outbox.values() if (row.kind, row.subject) == (kind, subject)]
         return sorted(rows, key=lambda row: row.part)
+
+    def image(self) -> dict[str, Any]:
+        """Return a copy of everything, as a backup takes it."""
+        return {name: copy.deepcopy(value) for name, value in vars(self).items() if name != "_pause"}
+
+    def restore(self, image: dict[str, Any]) -> None:
+        """Put a backup in the place of everything. Only while the node is down."""
+        vars(self).update(image)
 
     def holdings(self) -> Holdings:
         """Return what the store holds now, for an audit."""

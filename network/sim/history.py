@@ -38,6 +38,12 @@ class NodeRefusedStart(Observation, frozen=True):
     code: str
 
 
+class NodeRestored(Observation, frozen=True):
+    """A backup was put back on a node that is down: its ledger now ends at this height."""
+
+    height: int
+
+
 class NodeStopped(Observation, frozen=True):
     """A node lost its power, or was stopped."""
 

@@ -71,6 +71,16 @@ class SimLedger:
         """Store the genesis block, before the node's first life."""
         _finish(self._inner.commit([first_block], b""))
 
+    def image(self) -> MemoryStore:
+        """Return a copy of what is safe now, as a backup takes it."""
+        backup = MemoryStore()
+        backup._tables = self._inner._tables.copy()
+        return backup
+
+    def restore(self, image: MemoryStore) -> None:
+        """Put a backup in the place of everything. Only while the node is down."""
+        self._inner = image
+
     async def close(self) -> None:
         """Nothing is to be done: the store outlives its node."""
 

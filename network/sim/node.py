@@ -8,8 +8,9 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from consensus.effects import FetchBlocks, Message
 from consensus.errors import BlockRobotError
@@ -23,6 +24,7 @@ from network.sim.history import (
     BlockFinalized,
     CodeFault,
     NodeRefusedStart,
+    NodeRestored,
     NodeStarted,
     NodeStopped,
     ProposalSent,
@@ -37,6 +39,7 @@ from node.engine import Outbox
 from node.journal import IDENTITY_SIZE_BYTES, Journal
 from node.p2p.network import PeerHandler
 from node.storage.ledger_store import FinalizedBlock
+from node.storage.memory_store import MemoryStore
 
 if TYPE_CHECKING:
     from network.sim.cluster import SimCluster
@@ -71,6 +74,15 @@ class ObservedOutbox:
     def gossip_again(self) -> None:
         """Send the waiting transactions again."""
         self._inner.gossip_again()
+
+
+@dataclass(frozen=True)
+class Backup:
+    """What a backup of a machine holds."""
+
+    disk: dict[Path, bytes]
+    ledger: MemoryStore
+    store: dict[str, Any]
 
 
 class SimNode:
@@ -221,6 +233,21 @@ class SimNode:
         self.disk.cut_power()
         self.ledger.cut_power()
         cluster.history.add(NodeStopped(cluster.now, self.index, why))
+
+    # Backups
+
+    def back_up(self) -> Backup:
+        """Return a copy of what is safe on the machine, but for the erase keys, which are never copied."""
+        return Backup(self.disk.image(), self.ledger.image(), self.store.image())
+
+    def restore(self, backup: Backup, *, whole: bool) -> None:
+        """Put a backup's journal, or with `whole` all of it, in place. Only while the node is down."""
+        self.disk.restore(backup.disk)
+        if whole:
+            self.ledger.restore(backup.ledger)
+            self.store.restore(backup.store)
+            self.handed_height = 0
+        self.cluster.history.add(NodeRestored(self.cluster.now, self.index, self.ledger_height))
 
     # Crashing at a point
 

@@ -15,6 +15,7 @@ import msgspec
 from consensus.errors import BlockRobotError
 
 PLAN_MS_PER_ROUND = 22
+OLD_DISK_SHARE = 0.15
 CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
 PROFILES: dict[str, dict[str, float]] = {
     "lan": {"delay_min_ms": 1, "delay_max_ms": 14},
@@ -44,8 +45,8 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fiel
 
     crash: `node` dies at `point` and is back after `for_ms`. power-cut: all die at once. partition: `groups` are apart.
     one-way: `node` is not heard by `peer`. links: `profile`. pause, skew (`amount` ms), slow-disk (`amount` ms a
-    sync), full-disk, slow-store (`amount` ms a commit): of `node`. old-disk: `node` dies and comes back with the
-    journal of a backup taken `amount` ms before.
+    sync), full-disk, slow-store (`amount` ms a commit): of `node`. old-disk: of `node` a backup is taken, `amount` ms
+    later it dies, and comes back with what the backup held: its `journal`, or the whole `machine` (`point`).
     """
 
     kind: FaultKind
@@ -88,6 +89,11 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return {int(index): behaviour for index, behaviour in self.byzantine.items()}
 
 
+def max_faulty(nodes: int) -> int:
+    """Return f: how many nodes of so many may be faulty."""
+    return (nodes - 1) // 3
+
+
 def make_plan(
     seed: int, *, nodes: int = 4, rounds: int = 200, byzantine: int = 0, behaviours: tuple[str, ...] = ()
 ) -> Plan:
@@ -110,6 +116,8 @@ def make_plan(
         weights=[30, 6, 14, 8, 14, 6, 4, 6, 4, 8],
         k=dice.randint(1, 12),
     )
+    if byzantine < max_faulty(nodes) and dice.random() < OLD_DISK_SHARE:
+        kinds.append("old-disk")  # of more than f forgetful or dishonest nodes nobody could say what was signed
     faults = [_draw(dice, kind, nodes, span_ms) for kind in kinds]
     chosen = dice.sample(range(nodes), byzantine) if behaviours else []
     return Plan(
@@ -147,6 +155,9 @@ def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fau
             fields = {"node": node, "amount": dice.choice((2, 10, 80))}
         case "slow-store":
             fields = {"node": node, "amount": dice.choice((50, 300, 1_500))}
+        case "old-disk":
+            age_ms = dice.choice((20, 200, 1_000))
+            fields = {"node": node, "amount": age_ms, "point": dice.choice(("journal", "machine"))}
         case _:
             fields = {"node": node}
     return Fault(kind=kind, at_ms=at_ms, for_ms=max(1, for_ms), **fields)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from network.sim.checkers.violation import Violation
-from network.sim.history import Acknowledged, BlockFinalized, Ended, History, NodeStarted
+from network.sim.history import Acknowledged, BlockFinalized, Ended, History, NodeRestored, NodeStarted
 
 
 def check_durability(history: History) -> list[Violation]:
@@ -16,6 +16,8 @@ def check_durability(history: History) -> list[Violation]:
             continue
         if isinstance(item, BlockFinalized) and item.stored:
             stored[item.node] = max(stored.get(item.node, 0), item.height)
+        elif isinstance(item, NodeRestored):
+            stored[item.node] = min(stored.get(item.node, 0), item.height)
         elif isinstance(item, NodeStarted):
             before = stored.get(item.node, 0)
             if item.height < before:
