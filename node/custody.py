@@ -25,9 +25,10 @@ from consensus.records.clips import ClipDownload, ClipUpload
 from consensus.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
 from node.api.services import TransactionPool
 from node.finality import FinalityFeed
+from node.offchain.chain_facts import ChainFacts
 from node.offchain.custodian import Custodian
 from node.offchain.finalized import collect_events
-from node.offchain.store import OutboxRow
+from node.offchain.store import Checkpoint, OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore, TransactionLocation
 
@@ -196,13 +197,33 @@ class Custody:
                 await self._feed.wait_above(height, _WAIT_MS)
                 continue
             try:
-                await self._take_block(height + 1)
+                if not await self._reconcile_if_due(height):
+                    await self._take_block(height + 1)
             except BlockRobotError as error:
                 log.warning("custody_behind", height=height, code=error.code, detail=error.detail)
                 await asyncio.sleep(RETRY_MS / 1000)
             except Exception:
                 log.exception("custody_fault", height=height)
                 await asyncio.sleep(RETRY_MS / 1000)
+
+    async def _reconcile_if_due(self, height: int) -> bool:
+        """Where the next block was pruned, or the node began with a snapshot, take the state instead; tell whether."""
+        with self._ledger.snapshot() as snapshot:
+            position = snapshot.position
+            if position is None or height + 1 >= snapshot.earliest_height:
+                return False
+            log.info("custody_reconciles", followed=height, earliest_height=snapshot.earliest_height)
+            point = Checkpoint(position.height, position.block_id, position.timestamp_ms)
+            await self._custodian.reconcile(ChainFacts(snapshot, point))
+        log.info("custody_reconciled", height=point.height)
+        await self._note_followed(point.height)
+        self._wake_outbox.set()
+        return True
+
+    async def _note_followed(self, height: int) -> None:
+        self.checkpoint_height = height
+        async with self._followed:
+            self._followed.notify_all()
 
     async def _take_block(self, height: int) -> None:
         with self._ledger.snapshot() as snapshot:
@@ -212,9 +233,7 @@ class Custody:
         block, receipts = decode(block_bytes, Block), decode(receipts_bytes, Receipts).receipts
         events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
         await self._custodian.on_finalized_block(events)
-        self.checkpoint_height = height
-        async with self._followed:
-            self._followed.notify_all()
+        await self._note_followed(height)
         await self._note_refusals(receipts)
         if events.events:
             self._wake_outbox.set()

@@ -20,9 +20,11 @@ from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, ClipUpload, FrameDownload, check_clip_download, check_clip_upload
 from consensus.records.commitments import ciphertext_leaves
 from node.offchain.block_effects import EffectsOfBlock, build_release, matches_roots
+from node.offchain.chain_facts import ChainFacts
 from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvents
+from node.offchain.reconciling import Reconciliation
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, Grant, OutboxRow, RecordFacts
 
 CLOCK_SLACK_MS = 60_000
@@ -200,10 +202,28 @@ class Custodian:
                 return
             await self._eraser.finish()
             await EffectsOfBlock(self._store, self._eraser, self._member, block).bring_about()
-            while lapsed := await self._store.lapsed(block.timestamp_ms, LAPSED_AT_ONCE_COUNT):
-                await self._eraser.drop_staged(lapsed)
-            await self._eraser.erase_expired(block.timestamp_ms, block.height)
-            await self._store.apply(BlockEffects(checkpoint=block.checkpoint))
+            await self._close_block(block.checkpoint)
+
+    async def reconcile(self, facts: ChainFacts) -> None:
+        """Bring the store to what a finalized state says, where the blocks up to it are not there to follow.
+
+        Afterwards the block above is the next one. A state below the checkpoint is passed over.
+        """
+        point = facts.point
+        async with self._writing:
+            known = await self._store.checkpoint()
+            if known is not None and known.height >= point.height:
+                return
+            await self._eraser.finish()
+            await Reconciliation(self._store, self._eraser, self._member, facts).bring_about()
+            await self._close_block(point)
+
+    async def _close_block(self, point: Checkpoint) -> None:
+        """Do what time demands at a block: drop what lapsed, erase what expired; then write the checkpoint."""
+        while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
+            await self._eraser.drop_staged(lapsed)
+        await self._eraser.erase_expired(point.timestamp_ms, point.height)
+        await self._store.apply(BlockEffects(checkpoint=point))
 
     async def _is_next(self, block: FinalizedEvents) -> bool:
         point = await self._store.checkpoint()

@@ -1,0 +1,116 @@
+"""What the finalized state says of records, access and erasures, as a custodian needs it. Must never look at blocks.
+
+The state keeps all that blocks ever said of them but the heights of requests; those are in the visits' audit entries.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.hashing import sha256
+from node.offchain.store import Checkpoint, RecordFacts
+
+RECORD_PREFIX = b"records\x00record/"
+ACCESS_PREFIX = b"access\x00access/"
+RELEASE_PREFIX = b"access\x00release/"
+ERASURE_PREFIX = b"erasure\x00erasure/"
+AUDIT_PREFIX = b"audit\x00entry/"
+ALL_ROWS_COUNT = 1 << 60
+
+
+class StateReader(Protocol):
+    """The flat table of the finalized state."""
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key, or None."""
+        ...
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class AccessFacts:
+    """A request for access: `height` is that of its block, `released` and `refused` tell who answered."""
+
+    access_id: bytes
+    owner: bytes
+    records: tuple[bytes, ...]
+    height: int
+    refused: dict[bytes, str]
+
+
+@dataclass(frozen=True, slots=True)
+class ErasureFacts:
+    """A request for erasure: who has to confirm it, and who has."""
+
+    erasure_id: bytes
+    owner: bytes
+    records: tuple[bytes, ...]
+    frames: tuple[int, ...]
+    height: int
+    custodians: tuple[bytes, ...]
+    receipts: frozenset[bytes]
+
+
+class ChainFacts:
+    """The state at one finalized block. The reader has to stay open while it is used."""
+
+    def __init__(self, state: StateReader, point: Checkpoint) -> None:
+        self._state = state
+        self.point = point
+
+    def _rows(self, prefix: bytes) -> Iterator[tuple[bytes, dict[str, Any]]]:
+        for key, value in self._state.scan(prefix, ALL_ROWS_COUNT):
+            yield key[len(prefix) :], decode_value(value)
+
+    def active_records(self) -> Iterator[RecordFacts]:
+        """Yield the records whose clips are to be kept, those being erased too: the erasure comes after."""
+        for record_id, entry in self._rows(RECORD_PREFIX):
+            if entry["status"] in {"active", "erasing"}:
+                yield RecordFacts(
+                    record_id=record_id,
+                    txid=entry["txid"],
+                    owner=entry["owner"],
+                    commitment_root=entry["commitment_root"],
+                    ciphertext_root=entry["ciphertext_root"],
+                    expires_at_ms=entry["expires_at_ms"],
+                    height=entry["height"],
+                    erased_frames=tuple(entry["erased_frames"]),
+                )
+
+    def accesses(self) -> Iterator[AccessFacts]:
+        """Yield every request for access."""
+        for access_id, entry in self._rows(ACCESS_PREFIX):
+            height = self._height_of(entry["owner"], "access_requested", "access_id", access_id)
+            yield AccessFacts(access_id, entry["owner"], tuple(entry["records"]), height, entry["refused"])
+
+    def erasures(self) -> Iterator[ErasureFacts]:
+        """Yield every request for erasure."""
+        for erasure_id, entry in self._rows(ERASURE_PREFIX):
+            yield ErasureFacts(
+                erasure_id=erasure_id,
+                owner=entry["owner"],
+                records=tuple(entry["records"]),
+                frames=tuple(entry["frames"]),
+                height=self._height_of(entry["owner"], "erasure_requested", "erasure_id", erasure_id),
+                custodians=tuple(entry["custodians"]),
+                receipts=frozenset(entry["receipts"]),
+            )
+
+    def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
+        """Tell whether a custodian has told the chain that it released exactly these records under a request."""
+        told = sha256(custodian + b"".join(record_ids))
+        return self._state.get(RELEASE_PREFIX + access_id + told) is not None
+
+    def _height_of(self, owner: bytes, kind: str, field: str, identifier: bytes) -> int:
+        """Return the height of a request by its audit entry; that of this state if there is none."""
+        for _, entry in self._rows(AUDIT_PREFIX + owner):
+            if entry["kind"] == kind and entry["data"].get(field) == identifier:
+                height: int = entry["height"]
+                return height
+        return self.point.height

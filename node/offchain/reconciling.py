@@ -1,0 +1,92 @@
+"""Brings a custodian's store to what the finalized state says, where there are no blocks to follow.
+
+Must never give up a clip that the state still knows, nor keep one that it does not. A node that joined by snapshot, or
+whose store is older than the blocks that its ledger kept, does this once and then follows block by block. Every step is
+idempotent and the checkpoint comes last, so that a crash at any moment repeats it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from consensus.primitives.encoding import decode_value
+from node.offchain.block_effects import RELEASED_KIND, EffectsOfBlock, matches_roots
+from node.offchain.chain_facts import AccessFacts, ChainFacts, ErasureFacts
+from node.offchain.erasing import Eraser
+from node.offchain.finalized import FinalizedEvent, FinalizedEvents
+from node.offchain.store import BlockEffects, CustodyStore, RecordFacts
+
+RECORDS_AT_ONCE_COUNT = 256
+
+
+class Reconciliation:
+    """One custodian's store against one version of the state. The checkpoint is the caller's."""
+
+    def __init__(self, store: CustodyStore, eraser: Eraser, member: bytes, facts: ChainFacts) -> None:
+        self._store = store
+        self._eraser = eraser
+        self._member = member
+        self._facts = facts
+
+    async def bring_about(self) -> None:
+        """Take records, then access, then erasures into the store, as their blocks would have."""
+        batch: list[RecordFacts] = []
+        for facts in self._facts.active_records():
+            batch.append(facts)
+            if len(batch) >= RECORDS_AT_ONCE_COUNT:
+                await self._take_records(batch)
+                batch = []
+        await self._take_records(batch)
+        for access in self._facts.accesses():
+            await self._take_access(access)
+        for erasure in self._facts.erasures():
+            await self._take_erasure(erasure)
+
+    async def _take_records(self, batch: list[RecordFacts]) -> None:
+        clips = await self._store.clips([facts.record_id for facts in batch])
+        confirmed: list[RecordFacts] = []
+        missing: list[RecordFacts] = []
+        for facts in batch:
+            clip = clips.get(facts.record_id)
+            if clip is not None and clip.status == "staged" and matches_roots(clip, facts):
+                confirmed.append(replace(facts, erased_frames=()))
+            elif clip is not None and clip.status == "staged":
+                await self._eraser.drop_staged([facts.record_id])
+                missing.append(facts)
+            elif clip is None:
+                missing.append(facts)
+        await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
+
+    async def _take_access(self, access: AccessFacts) -> None:
+        if await self._store.grant(access.access_id) is None:
+            data = {"access_id": access.access_id, "owner": access.owner, "records": list(access.records)}
+            await self._replay(access.height, access.access_id, "access", "requested", data)
+        if self._member in access.refused:
+            told = {"access_id": access.access_id, "custodian": self._member}
+            await self._replay(access.height, access.access_id, "access", "refused", told)
+        for row in await self._store.outbox_of(RELEASED_KIND, access.access_id):
+            record_ids = decode_value(row.arguments)[1]
+            if self._facts.has_released(access.access_id, self._member, record_ids):
+                released = {"access_id": access.access_id, "custodian": self._member, "records": record_ids}
+                await self._replay(access.height, access.access_id, "access", "released", released)
+
+    async def _take_erasure(self, erasure: ErasureFacts) -> None:
+        """Carry an erasure out, also one that was confirmed before: the store may be an older one put back."""
+        data = {
+            "erasure_id": erasure.erasure_id,
+            "owner": erasure.owner,
+            "records": list(erasure.records),
+            "frames": list(erasure.frames),
+        }
+        await self._replay(erasure.height, erasure.erasure_id, "erasure", "requested", data)
+        if self._member in erasure.receipts or self._member not in erasure.custodians:
+            told = {"erasure_id": erasure.erasure_id, "custodian": self._member}
+            await self._replay(erasure.height, erasure.erasure_id, "erasure", "receipted", told)
+
+    async def _replay(self, height: int, txid: bytes, contract: str, name: str, data: dict[str, Any]) -> None:
+        """Let one event take effect as if its block had just come."""
+        event = FinalizedEvent(txid, contract, name, data)
+        point = self._facts.point
+        block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
+        await EffectsOfBlock(self._store, self._eraser, self._member, block).bring_about()

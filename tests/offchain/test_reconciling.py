@@ -1,0 +1,253 @@
+"""A custodian that has no blocks to follow takes the finalized state instead, and ends where the blocks would have led."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.primitives.encoding import encode_value, u32
+from consensus.primitives.hashing import sha256
+from consensus.records.commitments import ciphertext_root, commitment_root
+from contracts.state.view import MemoryState
+from node.offchain.chain_facts import ChainFacts
+from node.offchain.store import Checkpoint
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.small_chain import (
+    ALICE,
+    BOB,
+    CUSTODIAN,
+    EXPIRES_MS,
+    OTHER_CUSTODIAN,
+    START_MS,
+    RecordedClip,
+    access,
+    record_clip,
+    recorded,
+)
+
+BOTH = [CUSTODIAN, OTHER_CUSTODIAN]
+
+
+class State:
+    """A finalized state of the privacy contracts, put together by hand."""
+
+    def __init__(self) -> None:
+        self.rows: dict[bytes, Any] = {}
+        self._audited: dict[bytes, int] = {}
+
+    def record(self, clip: RecordedClip, owner: bytes = ALICE, height: int = 5, **changes: Any) -> None:
+        entry = {
+            "owner": owner,
+            "robot": b"",
+            "commitment_root": commitment_root(clip.upload.commitment_leaves),
+            "ciphertext_root": ciphertext_root(clip.leaves),
+            "sealed_metadata": b"",
+            "bucket_ms": 0,
+            "expires_at_ms": EXPIRES_MS,
+            "height": height,
+            "txid": sha256(clip.record_id),
+            "status": "active",
+            "erased_frames": [],
+            "custodians": [],
+        }
+        if changes.get("status") in {"erased", "expired"}:
+            entry |= {"commitment_root": b"", "ciphertext_root": b""}
+        self.rows[b"records\x00record/" + clip.record_id] = entry | changes
+
+    def access(self, *clips: RecordedClip, owner: bytes = ALICE, height: int = 6, **changes: Any) -> None:
+        entry = {"owner": owner, "records": [clip.record_id for clip in clips], "purpose": "demo", "time": 0}
+        self.rows[b"access\x00access/" + ACCESS_ID] = entry | {"released": {}, "refused": {}} | changes
+        self._audit(owner, "access_requested", {"access_id": ACCESS_ID}, height)
+
+    def released(self, *clips: RecordedClip, custodian: bytes = CUSTODIAN) -> None:
+        told = sha256(custodian + b"".join(clip.record_id for clip in clips))
+        self.rows[b"access\x00release/" + ACCESS_ID + told] = True
+
+    def erasure(self, *clips: RecordedClip, frames: tuple[int, ...] = (), receipts: Any = (), **changes: Any) -> None:
+        entry = {
+            "owner": ALICE,
+            "records": [clip.record_id for clip in clips],
+            "frames": list(frames),
+            "custodians": BOTH,
+            "receipts": {custodian: {} for custodian in receipts},
+            "status": "requested",
+        }
+        self.rows[b"erasure\x00erasure/" + ERASURE_ID] = entry | changes
+        self._audit(ALICE, "erasure_requested", {"erasure_id": ERASURE_ID}, 7)
+
+    def _audit(self, owner: bytes, kind: str, data: dict[str, Any], height: int) -> None:
+        number = self._audited[owner] = self._audited.get(owner, -1) + 1
+        entry = {"record_id": b"", "kind": kind, "time": 0, "height": height, "data": data}
+        self.rows[b"audit\x00entry/" + owner + u32(number)] = entry
+
+    def facts(self, height: int = 100, at_ms: int = START_MS + 500_000) -> ChainFacts:
+        state = MemoryState()
+        state.apply({key: encode_value(value) for key, value in self.rows.items()})
+        return ChainFacts(state, Checkpoint(height, sha256(b"block %d" % height), at_ms))
+
+
+async def reconcile(house: House, state: State, **options: Any) -> None:
+    facts = state.facts(**options)
+    await house.custodian.reconcile(facts)
+    await house.custodian.reconcile(facts)
+    house.chain.height, house.chain.time_ms = facts.point.height, facts.point.timestamp_ms
+    assert await house.custodian.checkpoint() == facts.point
+
+
+async def test_records_that_are_not_here_are_missing_and_can_be_fetched(opened: House) -> None:
+    clip, bobs = record_clip(), record_clip()
+    state = State()
+    state.record(clip)
+    state.record(bobs, BOB, erased_frames=[1])
+    state.access(clip)
+    await reconcile(opened, state)
+    missing = {facts.record_id: facts for facts in await opened.custodian.missing(10)}
+    assert missing.keys() == {clip.record_id, bobs.record_id}
+    assert missing[bobs.record_id].erased_frames == (1,)
+    await opened.custodian.stage(clip.upload)
+    download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
+    assert read_all(clip, download) == list(clip.plaintexts)
+    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+
+
+async def test_a_staged_clip_that_became_final_meanwhile_is_confirmed_and_a_lapsed_one_goes(opened: House) -> None:
+    final, lapsed, other = record_clip(), record_clip(), record_clip()
+    for clip in (final, lapsed, other):
+        await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(final)
+    state.record(other, commitment_root=bytes(32))
+    await reconcile(opened, state)
+    clips = await opened.store.clips([final.record_id, lapsed.record_id, other.record_id])
+    assert {record_id: clip.status for record_id, clip in clips.items()} == {final.record_id: "confirmed"}
+    assert [facts.record_id for facts in await opened.custodian.missing(10)] == [other.record_id]
+
+
+async def test_the_next_block_follows_the_state(opened: House) -> None:
+    clip, late = record_clip(), record_clip(valid_until_ms=START_MS + 560_000)
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip)
+    await reconcile(opened, state)
+    await opened.custodian.stage(late.upload)
+    await opened.follow(recorded(late), access(ACCESS_ID))
+    for each in (clip, late):
+        assert (await opened.custodian.download(each.record_id, ACCESS_ID, ALICE)).record_id == each.record_id
+
+
+async def test_a_whole_visit_is_released_up_to_its_request_and_no_further(opened: House) -> None:
+    before, after = record_clip(), record_clip()
+    for clip in (before, after):
+        await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(before, height=5)
+    state.record(after, height=8)
+    state.access(height=6)
+    await reconcile(opened, state)
+    assert (await opened.custodian.download(before.record_id, ACCESS_ID, ALICE)).record_id == before.record_id
+    await refused("ACCESS_NOT_GRANTED", opened.custodian.download(after.record_id, ACCESS_ID, ALICE))
+
+
+async def test_what_the_chain_knows_already_is_not_owed_again(opened: House) -> None:
+    clip = record_clip()
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip)
+    state.access(clip)
+    state.released(clip)
+    await reconcile(opened, state)
+    assert await opened.owed() == []
+    await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
+
+
+async def test_another_custodians_release_is_not_ones_own(opened: House) -> None:
+    clip = record_clip()
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip)
+    state.access(clip)
+    state.released(clip, custodian=OTHER_CUSTODIAN)
+    await reconcile(opened, state)
+    assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
+
+
+async def test_a_refusal_that_was_told_is_not_told_again(opened: House) -> None:
+    clip = record_clip()
+    state = State()
+    state.record(clip, status="erased")
+    state.access(clip, refused={CUSTODIAN: "CLIP_ERASED"})
+    await reconcile(opened, state)
+    assert await opened.owed() == []
+
+
+async def test_an_erasure_asked_for_meanwhile_is_carried_out_and_owed(opened: House) -> None:
+    clip, framed = record_clip(), record_clip()
+    for each in (clip, framed):
+        await opened.keep(each)
+    state = State()
+    state.record(clip, status="erasing")
+    state.record(framed)
+    state.erasure(clip)
+    await reconcile(opened, state)
+    ((call, arguments),) = await opened.owed()
+    assert (call, arguments[:2]) == ("erasure.receipt", [ERASURE_ID, 3])
+    assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
+    assert (await opened.store.clips([framed.record_id]))[framed.record_id].status == "confirmed"
+
+
+async def test_frames_erased_meanwhile_go_from_what_is_held(opened: House) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    state = State()
+    state.record(clip)
+    state.access(clip)
+    state.erasure(clip, frames=(1,))
+    await reconcile(opened, state)
+    download = await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)
+    assert read_all(clip, download) == [clip.plaintexts[0], None, clip.plaintexts[2]]
+
+
+async def test_a_store_put_back_from_a_backup_erases_what_it_had_erased(opened: House) -> None:
+    """Its receipt is on the chain: nothing is owed, and nothing is kept."""
+    clip = record_clip()
+    await opened.keep(clip)
+    state = State()
+    state.record(clip, status="erased")
+    state.erasure(clip, receipts=BOTH, status="complete")
+    await reconcile(opened, state)
+    assert await opened.owed() == []
+    assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
+    assert await opened.store.frames(clip.record_id) == []
+
+
+async def test_an_erasure_from_before_this_custodian_came_is_carried_out_without_a_receipt(opened: House) -> None:
+    clip = record_clip()
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip, status="erasing")
+    state.erasure(clip, custodians=[OTHER_CUSTODIAN])
+    await reconcile(opened, state)
+    assert await opened.owed() == []
+    assert (await opened.store.clips([clip.record_id]))[clip.record_id].status == "erased"
+
+
+async def test_what_expired_meanwhile_is_erased_and_reported(opened: House) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    state = State()
+    state.record(clip, status="expired", custodians=[OTHER_CUSTODIAN])
+    await reconcile(opened, state, at_ms=EXPIRES_MS + 1)
+    ((call, arguments),) = await opened.owed()
+    assert (call, arguments[0]) == ("erasure.expired", [clip.record_id])
+    assert await opened.store.frames(clip.record_id) == []
+
+
+async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    before = await opened.custodian.checkpoint()
+    state = State()
+    state.record(clip, status="erasing")
+    state.erasure(clip)
+    await opened.custodian.reconcile(state.facts(height=1))
+    assert await opened.custodian.checkpoint() == before
+    assert await opened.owed() == []
