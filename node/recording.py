@@ -125,12 +125,14 @@ class Recorder:
     def rewrite(self) -> None:
         """Replace the journal by the little that it must still say. Only between events.
 
-        All records appended so far are older than the snapshot, so it stands for them too (`through`).
+        All records appended so far are older than the snapshot, so it stands for them too (`through`); what a journal
+        holds after a rewrite is the snapshot itself, under new sequences.
         """
         if self._timer is not None or self._recovering is not None:
             return
         try:
             self._journal.compact([(0, record) for record in self._snapshot()], through=self._newest_sequence)
+            self._newest_sequence = None
         except BlockRobotError as error:
             self._begin_outage(error.detail)
 
@@ -165,5 +167,6 @@ class Recorder:
         if done.result():
             self._wait()
         else:
+            self._newest_sequence = None
             log.warning("journal_recovered")
             self._on_recovery()
