@@ -17,7 +17,7 @@ from network.doctor.findings import Finding
 from node.config import NodeConfig
 from node.directory import DirectoryContent
 from node.journal import count_records
-from node.p2p.identity import format_time, load_authority
+from node.p2p.identity import format_time, load_authorities
 
 DISK_FREE_LEAST_BYTES = 512 * 1024 * 1024
 DISK_FREE_LEAST_PER_CENT = 3
@@ -59,10 +59,10 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
     """Look at the certificate authorities of the active organisations."""
     found = []
     for organisation in directory.organisations.values():
-        authority = load_authority(organisation.ca_certificate)
-        if authority is None or not organisation.is_active:
+        authorities = load_authorities(organisation.ca_certificate)
+        if not authorities or not organisation.is_active:
             continue
-        end_ms = round(authority.not_valid_after_utc.timestamp() * 1000)
+        end_ms = max(round(item.not_valid_after_utc.timestamp() * 1000) for item in authorities)
         if end_ms - now_ms < AUTHORITY_WARNING_MS:
             detail = f"The authority of {organisation.name} counts until {format_time(end_ms)}."
             found.append(Finding("AUTHORITY_EXPIRES_SOON", "", detail))

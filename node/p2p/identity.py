@@ -68,16 +68,17 @@ def read_facts(certificate: x509.Certificate) -> CertificateFacts:
 
 
 @lru_cache(maxsize=256)
-def load_authority(ca_certificate: str) -> x509.Certificate | None:
-    """Return a CA certificate (PEM) of the directory, or None if it cannot be read.
+def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
+    """Return the CA certificates (PEM) of an organisation of the directory; none if they cannot be read.
 
+    Two of them, one behind the other, let an organisation go over from an old authority to a new one without a gap.
     What stands on the chain was agreed upon, but no contract can read a certificate: one that is damaged makes
     strangers of its own organisation's nodes, and of nobody else's.
     """
     try:
-        return x509.load_pem_x509_certificate(ca_certificate.encode())
+        return tuple(x509.load_pem_x509_certificates(ca_certificate.encode()))
     except (ValueError, UnsupportedAlgorithm):
-        return None
+        return ()
 
 
 def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, now_ms: int) -> CertificateFacts:
@@ -116,17 +117,21 @@ def _require_issuer(
     certificate: x509.Certificate, facts: CertificateFacts, node: DirectoryNode, directory: DirectoryContent
 ) -> None:
     organisation = directory.organisations.get(node.organisation)
-    authority = None if organisation is None else load_authority(organisation.ca_certificate)
-    try:
-        if authority is None:
-            raise ValueError("no authority")
-        certificate.verify_directly_issued_by(authority)
-    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
+    authorities = () if organisation is None else load_authorities(organisation.ca_certificate)
+    if not any(_is_issued_by(certificate, authority) for authority in authorities):
         raise _refused(
             "PEER_CERTIFICATE_FOREIGN",
             facts,
             f"The certificate of {facts.name!r} is not from its organisation {node.organisation!r}.",
-        ) from None
+        )
+
+
+def _is_issued_by(certificate: x509.Certificate, authority: x509.Certificate) -> bool:
+    try:
+        certificate.verify_directly_issued_by(authority)
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
+        return False
+    return True
 
 
 def _require_dates(facts: CertificateFacts, now_ms: int) -> None:

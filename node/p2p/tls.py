@@ -17,7 +17,7 @@ from cryptography import x509
 
 from consensus.errors import BlockRobotError
 from node.directory import DirectoryContent
-from node.p2p.identity import CertificateFacts, format_time, load_authority, read_facts
+from node.p2p.identity import CertificateFacts, format_time, load_authorities, read_facts
 
 EXPIRY_WARNING_MS = 30 * 24 * 3600 * 1000
 _NO_CHECK_TIME = 0x200000  # X509_V_FLAG_NO_CHECK_TIME of OpenSSL, for which the ssl module has no name
@@ -137,10 +137,10 @@ def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
     """
     readable = []
     for name, organisation in sorted(directory.organisations.items()):
-        if load_authority(organisation.ca_certificate) is None:
+        if not load_authorities(organisation.ca_certificate):
             log.error("authority_unreadable", organisation=name)
         else:
-            readable.append(organisation.ca_certificate)
+            readable.append(organisation.ca_certificate.rstrip() + "\n")
     if not readable:
         raise BlockRobotError("GENESIS_INVALID", "No CA certificate of the directory can be read.")
     return tuple(readable)

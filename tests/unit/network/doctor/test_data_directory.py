@@ -16,21 +16,15 @@ from network.layout import create_network
 from node.config import NodeConfig
 from node.directory import DirectoryContent, content_of_genesis
 from node.storage.directory_lock import DirectoryLock
+from tests.cluster.network_under_test import find_base_port
 
 GIB = 2**30
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=_free_base_port())
+    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=find_base_port(2))
     return tmp_path / "network"
-
-
-def _free_base_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return min(port, 60_000)
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 from consensus.errors import BlockRobotError
 from network.authority import Authority, create_authority, issue_node_certificate
 from node.directory import DirectoryContent, DirectoryNode, DirectoryOrganisation
-from node.p2p.identity import PROVEN_REFUSALS, identify_peer, load_authority, read_facts
+from node.p2p.identity import PROVEN_REFUSALS, identify_peer, load_authorities, read_facts
 
 NOW = dt.datetime(2026, 6, 1, tzinfo=dt.UTC)
 NOW_MS = round(NOW.timestamp() * 1000)
@@ -115,8 +115,19 @@ def test_a_stranger_is_never_told_why() -> None:
     assert {"PEER_REFUSED", "PEER_CERTIFICATE_FOREIGN"}.isdisjoint(PROVEN_REFUSALS)
 
 
+def test_an_organisation_may_have_two_authorities_while_it_goes_over_to_a_new_one(
+    authorities: dict[str, Authority],
+) -> None:
+    old, new = authorities["hospital"], create_authority("hospital")
+    both = {"hospital": DirectoryOrganisation("hospital", old.certificate_pem + new.certificate_pem)}
+    content = directory(authorities, organisations=both)
+    for authority in (old, new):
+        assert identify_peer(certificate(authority), content, NOW_MS).name == "n1"
+    assert refusal(certificate(authorities["university"]), content) == "PEER_CERTIFICATE_FOREIGN"
+
+
 def test_an_authority_that_cannot_be_read_is_none(authorities: dict[str, Authority]) -> None:
-    assert load_authority("-----BEGIN CERTIFICATE-----\nrubbish") is None
+    assert load_authorities("-----BEGIN CERTIFICATE-----\nrubbish") == ()
     broken = {"hospital": DirectoryOrganisation("hospital", "rubbish")}
     content = directory(authorities, organisations=broken)
     assert refusal(certificate(authorities["hospital"]), content) == "PEER_CERTIFICATE_FOREIGN"

@@ -1,0 +1,107 @@
+"""Whoever comes to a peer port with the wrong certificate learns nothing; a genuine one that counts no more, only why."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import ssl
+from pathlib import Path
+
+import pytest
+
+from clients.sdk import NetworkClient
+from clients.sdk.governance import Governor
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.keys import PrivateKey
+from network.authority import Authority, NodeCertificate, create_authority, issue_node_certificate, load_authority
+from network.certificates import serial_bytes
+from node.p2p.wire import PROTOCOL_VERSION, FrameDecoder, FrameKind, Hello, Refusal, encode_frame
+from tests.cluster.network_under_test import NetworkUnderTest
+
+pytestmark = pytest.mark.asyncio(loop_scope="module")
+
+TARGET, IMPOSTOR = "node-2", "node-1"
+
+
+def _authority(network: NetworkUnderTest, name: str) -> Authority:
+    return load_authority(network.folder / "organisations" / name)
+
+
+async def _knock(network: NetworkUnderTest, folder: Path, certificate: NodeCertificate, name: str) -> bytes:
+    """Come to the target's peer port with a certificate, say hello in its name, and return all that comes back."""
+    (folder / "peer.key").write_bytes(certificate.key_pem)
+    (folder / "peer.crt").write_bytes(certificate.certificate_pem)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    context.load_cert_chain(folder / "peer.crt", folder / "peer.key")
+    hello = Hello(version=PROTOCOL_VERSION, chain_id=network.genesis.chain_id, name=name, finalized_height=0)
+    try:
+        reader, writer = await asyncio.open_connection(
+            "127.0.0.1", network.cluster.config(TARGET).p2p_port, ssl=context
+        )
+        writer.write(encode_frame(FrameKind.HELLO, encode(hello)))
+        answer = await asyncio.wait_for(reader.read(), 10)
+        writer.close()
+    except OSError:
+        return b""
+    return answer
+
+
+def _reason(answer: bytes) -> str:
+    """The code of a refusal, which must be all that was said."""
+    frames = list(FrameDecoder().feed(answer))
+    assert [kind for kind, _ in frames] == [FrameKind.REFUSAL]
+    return decode(frames[0][1], Refusal).code
+
+
+async def _still_works(network: NetworkUnderTest) -> None:
+    await network.finalize(TARGET, network.transaction())
+
+
+async def test_a_strangers_authority_gets_no_byte(network: NetworkUnderTest, tmp_path: Path) -> None:
+    stranger = issue_node_certificate(create_authority("hospital"), IMPOSTOR)
+    assert await _knock(network, tmp_path, stranger, IMPOSTOR) == b""
+    await _still_works(network)
+
+
+async def test_another_organisations_name_gets_no_byte(network: NetworkUnderTest, tmp_path: Path) -> None:
+    false = issue_node_certificate(_authority(network, "university"), IMPOSTOR)
+    assert await _knock(network, tmp_path, false, IMPOSTOR) == b""
+    await _still_works(network)
+
+
+async def test_a_name_that_is_no_node_gets_no_byte(network: NetworkUnderTest, tmp_path: Path) -> None:
+    unknown = issue_node_certificate(_authority(network, "hospital"), "node-0")
+    assert await _knock(network, tmp_path, unknown, "node-0") == b""
+    await _still_works(network)
+
+
+async def test_an_expired_certificate_is_told_so_and_no_more(network: NetworkUnderTest, tmp_path: Path) -> None:
+    old = issue_node_certificate(_authority(network, "hospital"), IMPOSTOR, lifetime=dt.timedelta(hours=-1))
+    assert _reason(await _knock(network, tmp_path, old, IMPOSTOR)) == "PEER_CERTIFICATE_EXPIRED"
+    await _still_works(network)
+
+
+async def test_a_stolen_certificate_counts_no_more_once_it_is_revoked(
+    network: NetworkUnderTest, tmp_path: Path
+) -> None:
+    stolen = issue_node_certificate(_authority(network, "hospital"), IMPOSTOR)
+    key = PrivateKey((network.folder / "organisations" / "hospital" / "admin.key").read_bytes())
+    async with NetworkClient(network.genesis) as client:
+        arguments = {"organisation": "hospital", "serial": serial_bytes(stolen.serial)}
+        decision = await Governor(client, key).propose_membership("revoke_certificate", arguments)
+    await network.wait_height(TARGET, decision.height)
+    assert _reason(await _knock(network, tmp_path, stolen, IMPOSTOR)) == "PEER_CERTIFICATE_REVOKED"
+    assert IMPOSTOR in (await network.status(TARGET))["peers"], "the genuine node's own certificate counts"
+    await _still_works(network)
+
+
+async def test_nobody_else_revokes_an_organisations_certificate_alone(network: NetworkUnderTest) -> None:
+    """The university asks for the hospital's certificate to be revoked; that waits for a majority."""
+    key = PrivateKey((network.folder / "organisations" / "university" / "admin.key").read_bytes())
+    async with NetworkClient(network.genesis) as client:
+        arguments = {"organisation": "hospital", "serial": serial_bytes(4711)}
+        decision = await Governor(client, key).propose_membership("revoke_certificate", arguments)
+    assert not decision.executed
+    await _still_works(network)
+    assert IMPOSTOR in (await network.status(TARGET))["peers"]
