@@ -159,7 +159,7 @@ def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, *
     _do(control, control.reader.link(text, make_link_fault(**figures)), as_json=as_json)
 
 
-@fault.command(context_settings={"ignore_unknown_options": True})
+@fault.command(context_settings={"ignore_unknown_options": True, "help_option_names": ["--help"]})
 @click.argument("node")
 @click.argument("offset")
 @folder_option

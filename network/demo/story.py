@@ -132,6 +132,7 @@ class Demo:
             base_port=self.options.base_port,
             store=self.options.store,
             network=f"demo-{secrets.token_hex(4)}",
+            faults=True,
         )
         self.cluster = Cluster(self._network_dir)
         self.cluster.start_all()

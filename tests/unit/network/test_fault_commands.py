@@ -1,0 +1,140 @@
+"""`blockrobot fault` on a network that is down: what can be said is said, what cannot be done is refused by code."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from consensus.errors import CATALOGUE, BlockRobotError
+from network.byzantine.process import ByzantineNode
+from network.byzantine.process import main as run_liar
+from network.cli.main import main
+from network.cluster import Cluster
+from network.layout import create_network
+from node.config import load_config
+from node.faults import STATE_FILE_NAME
+
+PLAN = """
+seed = 3
+[[step]]
+at = "1s"
+do = "kill"
+node = "node-1"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fault-commands") / "network"
+    create_network(folder, nodes=2, organisations=1, base_port=46_910, faults=True)
+    return folder
+
+
+def _run(folder: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(main, ["fault", *arguments, "--dir", str(folder)])
+
+
+def _problem(result: Result) -> dict[str, Any]:
+    assert result.exit_code != 0
+    problem: dict[str, Any] = json.loads(result.stdout)["error"]
+    assert problem["next_step"] == CATALOGUE[problem["code"]].next_step
+    return problem
+
+
+def test_what_is_on_is_listed_also_for_nodes_that_are_down(folder: Path) -> None:
+    answer = json.loads(_run(folder, "list", "--json").stdout)
+    assert [(node["name"], node["running"], node["faults"]) for node in answer["nodes"]] == [
+        ("node-1", False, ["down"]),
+        ("node-2", False, ["down"]),
+    ]
+    assert "node-2" in _run(folder, "list").stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["kill", "node-1"],
+        ["pause", "node-1"],
+        ["resume", "node-1"],
+        ["partition", "node-1"],
+        ["heal"],
+        ["link", "node-1", "node-2", "--profile", "wan"],
+        ["link", "node-1<->node-2"],
+        ["skew", "node-1", "-1h"],
+        ["disk", "node-1", "full"],
+        ["byzantine", "node-1", "equivocate"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+def test_nothing_is_broken_while_no_node_runs(folder: Path, arguments: list[str]) -> None:
+    assert _problem(_run(folder, *arguments, "--json"))["code"] == "CLUSTER_NOT_RUNNING"
+
+
+def test_a_node_that_is_none_is_not_restarted(folder: Path) -> None:
+    problem = _problem(_run(folder, "restart", "node-7", "--json"))
+    assert problem["code"] == "FAULT_UNKNOWN"
+    assert "node-1, node-2" in problem["detail"]
+
+
+def test_a_dry_run_shows_the_steps_and_does_nothing(folder: Path, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN, encoding="utf-8")
+    answer = json.loads(_run(folder, "run", str(plan), "--dry-run", "--json").stdout)
+    assert answer == {"ok": True, "seed": 3, "steps": [{"at_ms": 1000, "line": 3, "do": "kill node-1"}]}
+    assert "kill node-1" in _run(folder, "run", str(plan), "--dry-run").stdout
+    assert _problem(_run(folder, "run", str(plan), "--json"))["code"] == "CLUSTER_NOT_RUNNING"
+
+
+def test_a_plan_with_a_wrong_line_is_refused_with_its_number(folder: Path, tmp_path: Path) -> None:
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN.replace("kill", "explode"), encoding="utf-8")
+    problem = _problem(_run(folder, "run", str(plan), "--dry-run", "--json"))
+    assert problem["code"] == "FAULT_PLAN_INVALID"
+    assert problem["detail"].startswith("line 5:")
+
+
+@pytest.mark.parametrize("name", ["kill", "link", "skew", "run", "byzantine", "partition"])
+def test_every_command_shows_examples(folder: Path, name: str) -> None:
+    assert "Example" in CliRunner().invoke(main, ["fault", name, "--help"]).stdout
+
+
+def test_a_liar_does_not_run_where_faults_are_barred(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    create_network(tmp_path, nodes=1, organisations=1, base_port=46_950)
+    data_dir = tmp_path / "nodes" / "node-1"
+    with pytest.raises(BlockRobotError) as refused:
+        ByzantineNode(load_config(data_dir), "equivocate", 0)
+    assert refused.value.code == "FAULTS_DISABLED"
+    child = subprocess.run(
+        [sys.executable, "-m", "network.byzantine.process", "--data-dir", str(data_dir), "--behaviour", "garbage"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert child.returncode == 1
+    assert child.stderr.startswith("FAULTS_DISABLED:")
+    with pytest.raises(SystemExit):
+        run_liar(["--data-dir", str(data_dir)])
+    assert "--behaviour" in capsys.readouterr().err
+
+
+def test_an_unknown_behaviour_is_no_honest_node(folder: Path) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        ByzantineNode(load_config(folder / "nodes" / "node-1"), "polite", 0)
+    assert refused.value.code == "FAULT_UNKNOWN"
+
+
+def test_faults_are_gone_when_the_whole_network_starts_anew(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cluster = Cluster(folder)
+    state = folder / "nodes" / "node-2" / STATE_FILE_NAME
+    state.write_text("{}", encoding="utf-8")
+    started: list[str] = []
+    monkeypatch.setattr(cluster, "start", started.append)
+    cluster.start_all()
+    assert started == ["node-1", "node-2"]
+    assert not state.exists()
