@@ -63,12 +63,13 @@ def configure_logging(config: NodeConfig) -> None:
 
 
 async def run_node(config: NodeConfig, make_node: Callable[[NodeConfig], Node] = Node) -> None:
-    """Run a node until SIGTERM or SIGINT. Raises BlockRobotError if it cannot start."""
+    """Run a node until SIGTERM or SIGINT; SIGHUP reads its certificate again. Raises BlockRobotError if it cannot start."""
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    async with make_node(config):
+    async with make_node(config) as node:
+        loop.add_signal_handler(signal.SIGHUP, node.reload_certificate)
         await stop.wait()
 
 

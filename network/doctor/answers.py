@@ -30,11 +30,11 @@ class Answer:
     taken_ports: tuple[int, ...] = ()
 
 
-def check_presence(answers: Sequence[Answer]) -> list[Finding]:
-    """Name nodes that are down or silent, with ports that others have taken."""
+def check_presence(answers: Sequence[Answer], removed: frozenset[str] = frozenset()) -> list[Finding]:
+    """Name nodes that are down or silent, with ports that others have taken; a removed node may well be down."""
     found = []
     for answer in answers:
-        if answer.status is not None:
+        if answer.status is not None or (answer.name in removed and not answer.running):
             continue
         if answer.running:
             found.append(Finding("NODE_SILENT", answer.name, "Its process is there, but its operator port is silent."))
@@ -56,14 +56,23 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             found.append(Finding("NODE_FAULT", answer.name, str(status["fault"])))
         if status.get("silent"):
             found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
-        membership = status.get("membership")
-        if membership == "unknown":
-            found.append(Finding("NODE_NOT_ADDED", answer.name, "Its own chain does not name it."))
-        elif membership == "removed":
-            found.append(Finding("NODE_REMOVED", answer.name, "The directory says that it was removed."))
         for refusal in status.get("refused_peers", []):
+            if refusal["code"] == "PEER_REMOVED":
+                continue  # as it should be; `check_membership` names the node
             detail = f"{answer.name} refuses {refusal['peer']}: {refusal['code']}. {refusal['detail']}"
             found.append(Finding("PEER_REFUSED", str(refusal["peer"]), detail))
+    return found
+
+
+def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[Finding]:
+    """Name nodes that the network, by the newest chain that is here, does not know or has removed."""
+    found = []
+    for name in names:
+        node = directory.nodes.get(name)
+        if node is None:
+            found.append(Finding("NODE_NOT_ADDED", name, f"The chain does not name it at height {directory.height}."))
+        elif not directory.is_active(node):
+            found.append(Finding("NODE_REMOVED", name, f"It was removed at height {node.since_height}."))
     return found
 
 

@@ -85,7 +85,9 @@ def examine(directories: Sequence[Path], genesis: Genesis | None, *, whole: bool
         findings += check_directory(config, directory, time_ms)
     findings += check_authorities(directory, time_ms)
     answers = asyncio.run(_ask_all(configs, genesis))
-    findings += _check_answers(answers, ledgers)
+    membership = words.check_membership([config.name for config in configs], directory)
+    removed = frozenset(finding.node for finding in membership if finding.code == "NODE_REMOVED")
+    findings += [*membership, *words.check_presence(answers, removed), *_check_answers(answers, ledgers)]
     if whole:
         findings += words.check_links(answers, directory)
     return Examination(tuple(path.name for path in directories), tuple(in_order(findings)))
@@ -157,7 +159,6 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
             known = roots.setdefault(answer.name, {})
             known.setdefault(int(answer.status["finalized_height"]), str(answer.status["state_root"]))
     found = [
-        *words.check_presence(answers),
         *words.check_words(answers),
         *words.check_clocks(
             answers, DRIFT_DEFAULT_MS if facts is None else facts.max_clock_drift_ms or DRIFT_DEFAULT_MS

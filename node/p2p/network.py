@@ -217,9 +217,6 @@ class PeerNetwork:
         self._trust_directory()
         self._check_open_connections()
         self._dial_the_right_ones()
-        for name in directory.content.nodes:
-            if directory.node(name) is None:
-                self._refused.forget(name)
 
     def _trust_directory(self) -> None:
         """Trust the directory's CAs; while that cannot be done, each link is still checked against the directory."""
@@ -295,11 +292,11 @@ class PeerNetwork:
 
     def describe(self) -> dict[str, Any]:
         """Return how the links are, ready for JSON: the own certificate, who is refused here, who refuses this node."""
-        problem = self.own_problem()
+        problem, now_ms = self.own_problem(), self._clock()
         return {
-            "certificate": self._credentials.own.describe(self._clock()),
-            "refused_peers": self._refused.describe(),
-            "refused_by": self._refused_by.describe(),
+            "certificate": self._credentials.own.describe(now_ms),
+            "refused_peers": self._refused.describe(now_ms),
+            "refused_by": self._refused_by.describe(now_ms),
             "problem": None
             if problem is None
             else {"code": problem.code, "detail": problem.detail, "next_step": problem.next_step},

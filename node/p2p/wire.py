@@ -51,6 +51,7 @@ class RequestKind(IntEnum):
     FINALIZED = 2
     CLIP = 3
     BACKGROUND = 4
+    SNAPSHOT = 5
 
 
 FRAME_MAX_BYTES: dict[int, int] = {
@@ -122,6 +123,14 @@ class BlockBatch(Wire, frozen=True):
     blocks: tuple[bytes, ...]
     proof: FinalityProof | None
     earliest_height: int = 0
+
+
+class SnapshotRequest(Wire, frozen=True):
+    """Ask for a chunk of a snapshot by its content's id, or (index -1) for the manifest of one above a height."""
+
+    content_id: bytes
+    index: int
+    above_height: int
 
 
 class ClipRequest(Wire, frozen=True):

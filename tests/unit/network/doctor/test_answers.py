@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from network.doctor.answers import (
@@ -10,6 +11,7 @@ from network.doctor.answers import (
     check_finality,
     check_heights,
     check_links,
+    check_membership,
     check_presence,
     check_roots,
     check_versions,
@@ -66,16 +68,21 @@ def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
     refusal = {"peer": "c", "code": "PEER_CERTIFICATE_EXPIRED", "detail": "It expired."}
     answers = [
         answer("a", fault="The journal cannot be written.", refused_peers=[refusal]),
-        answer("b", membership="removed", silent={"since": 1}),
-        answer("c", membership="unknown"),
+        answer("b", silent={"since": 1}, refused_peers=[refusal | {"peer": "d", "code": "PEER_REMOVED"}]),
     ]
     assert codes(check_words(answers)) == [
         ("NODE_FAULT", "a"),
         ("PEER_REFUSED", "c"),
         ("PRODUCER_SILENT", "b"),
-        ("NODE_REMOVED", "b"),
-        ("NODE_NOT_ADDED", "c"),
     ]
+
+
+def test_a_node_that_the_network_does_not_count_in_is_named_and_may_be_down() -> None:
+    content = directory("a", "b")
+    gone = replace(content, nodes={**content.nodes, "b": replace(content.nodes["b"], is_active=False)})
+    assert codes(check_membership(["a", "b", "c"], gone)) == [("NODE_REMOVED", "b"), ("NODE_NOT_ADDED", "c")]
+    answers = [Answer("b", running=False, status=None), Answer("c", running=False, status=None)]
+    assert codes(check_presence(answers, frozenset({"b"}))) == [("NODE_DOWN", "c")]
 
 
 def test_a_missing_link_is_named_once_unless_it_is_refused() -> None:
