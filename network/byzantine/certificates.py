@@ -20,6 +20,7 @@ from consensus.messages import (
     CertificateNotice,
     Proposal,
     Timeout,
+    WordsAnswer,
     timeout_parts,
     vote_parts,
 )
@@ -50,10 +51,14 @@ class StaleCertificates(Behaviour):
             super().broadcast(CertificateNotice(qc=old, entered_by=None))
 
     def send_to(self, index: int, message: Message) -> None:
-        """Answer with old certificates too."""
+        """Answer with old certificates too; tell a node that came back that nothing was heard of it, long ago."""
         old = self._old(below=self._own.round)
         if isinstance(message, CertificateNotice) and old is not None:
             message = CertificateNotice(qc=old, entered_by=None)
+        elif isinstance(message, WordsAnswer):
+            signed_round = 0 if old is None else old.round
+            qc = message.qc if old is None else old
+            message = msgspec.structs.replace(message, word=None, signed_round=signed_round, qc=qc, entered_by=None)
         super().send_to(index, self._bent(message))
 
     def _learn(self, message: Message) -> None:
@@ -123,6 +128,14 @@ class ForgedCertificates(Behaviour):
         else:
             tc = self._forge_tc(ahead) if self._chance.random() < 0.5 else None
             super().broadcast(CertificateNotice(qc=self._forge_qc(ahead), entered_by=tc))
+
+    def send_to(self, index: int, message: Message) -> None:
+        """Tell a node that came back of rounds far ahead, to keep it silent."""
+        if isinstance(message, WordsAnswer):
+            ahead = self._own.round + self._chance.randint(1, _ROUNDS_AHEAD_MAX_COUNT)
+            qc, tc = self._forge_qc(ahead), self._forge_tc(ahead)
+            message = msgspec.structs.replace(message, signed_round=ahead, qc=qc, entered_by=tc)
+        super().send_to(index, message)
 
     @property
     def _quorum(self) -> int:

@@ -9,7 +9,7 @@ import msgspec
 
 from consensus.block import Block, IndexedSignature, QuorumCertificate
 from consensus.effects import Message
-from consensus.messages import CertificateNotice, Proposal, Timeout, Vote
+from consensus.messages import CertificateNotice, Proposal, Timeout, Vote, WordsAnswer
 from consensus.primitives.keys import COMPACT_SIGNATURE_SIZE_BYTES
 from network.byzantine.behaviour import Behaviour, Liar, Remembered
 from node.engine import Outbox
@@ -60,7 +60,12 @@ class Garbage(Behaviour):
             self._own.send_raw(kind, self._chance.randbytes(size))
 
     def _makers(self) -> list[Callable[[], Message]]:
-        made: list[Callable[[], Message]] = [self._strange_vote, self._strange_block, self._strange_notice]
+        made: list[Callable[[], Message]] = [
+            self._strange_vote,
+            self._strange_block,
+            self._strange_notice,
+            self._strange_answer,
+        ]
         return [*made, self._twisted] if self._spoken else made
 
     def _twisted(self) -> Message:
@@ -97,6 +102,18 @@ class Garbage(Behaviour):
                 signature=self._chance.randbytes(COMPACT_SIGNATURE_SIZE_BYTES),
                 transactions=(self._chance.randbytes(32),),
             )
+        )
+
+    def _strange_answer(self) -> WordsAnswer:
+        """Answer a question that nobody asked."""
+        return WordsAnswer(
+            epoch=self._own.epoch,
+            asked_at_ms=self._chance.randint(-1, 1 << 44),
+            speech=self._chance.choice(("speaking", "silent", "")),
+            signed_round=self._own.round + self._chance.randint(-1, _FAR_ROUNDS_COUNT),
+            word=None,
+            qc=self._strange_notice().qc,
+            entered_by=None,
         )
 
     def _strange_notice(self) -> CertificateNotice:

@@ -12,6 +12,7 @@ from consensus.messages import (
     Proposal,
     Timeout,
     Vote,
+    WordsAnswer,
     is_valid_block_signature,
     is_valid_timeout_signature,
     is_valid_vote,
@@ -194,6 +195,23 @@ def test_no_forged_certificate_passes_the_check_of_an_honest_node() -> None:
     assert forged == 80
 
 
+@pytest.mark.parametrize("name", ["stale-certificates", "forged-certificates"])
+def test_a_node_that_came_back_is_lied_to_about_what_it_said(name: str) -> None:
+    own = Own(high_qc=qc_of(b"c" * 32, 4))
+    behaviour, kept = liar(name, own)
+    truth = WordsAnswer(0, 7, "speaking", 4, vote(b"a" * 32), own.high_qc, None)
+    behaviour.send_to(0, truth)
+    (answer,) = kept.seen_by(0)
+    assert isinstance(answer, WordsAnswer)
+    assert answer.signed_round != truth.signed_round
+    assert (answer.epoch, answer.asked_at_ms) == (0, 7)
+    if name == "forged-certificates":
+        with pytest.raises(BlockRobotError):
+            verify_qc(answer.qc, SCHEDULE, CHAIN_ID, GENESIS.block_id)
+    else:
+        assert answer.word is None
+
+
 def test_garbage_is_bounded_in_rate_and_never_ends_its_node() -> None:
     own = Own(high_qc=qc_of(b"c" * 32, 4))
     behaviour, kept = liar("garbage", own)
@@ -203,7 +221,7 @@ def test_garbage_is_bounded_in_rate_and_never_ends_its_node() -> None:
         behaviour.tick()
     assert len(kept.sent) == 3 + 10 * RAW_EVERY_TICKS_COUNT * MESSAGES_PER_TICK_COUNT
     assert len(own.raw) == 10
-    assert {type(message) for _, message in kept.sent[3:]} == {Proposal, Vote, Timeout, CertificateNotice}
+    assert {type(message) for _, message in kept.sent[3:]} == {Proposal, Vote, Timeout, CertificateNotice, WordsAnswer}
     assert all(encode(message) for _, message in kept.sent)
 
 
