@@ -29,8 +29,6 @@ class RobotNetwork:
     def __init__(self, client: NetworkClient, identity: RobotIdentity) -> None:
         self._client = client
         self._identity = identity
-        self._custodians = client.custody.custodians
-        self._required = min(ACKNOWLEDGEMENTS_COUNT, len(self._custodians))
 
     def now_ms(self) -> int:
         """The wall clock in milliseconds."""
@@ -46,20 +44,21 @@ class RobotNetwork:
 
     async def upload(self, upload: ClipUpload) -> None:
         """Bring a clip to all custodians. Raises the last refusal if fewer than two (or all there are) took it."""
-        await self._to_custodians(
-            lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity), self._required
-        )
+        await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
         """Bring the recorded empty frames, which show nobody, to all custodians."""
         for frame in frames:
-            await self._to_custodians(partial(self._put_background, frame.png), self._required)
+            await self._to_custodians(partial(self._put_background, frame.png))
 
     async def _put_background(self, png: bytes, node: NodeAddress) -> None:
         await self._client.custody.put_background(node, png, self._identity.identity)
 
-    async def _to_custodians(self, send: Callable[[NodeAddress], Awaitable[object]], required: int) -> None:
-        results = await asyncio.gather(*(send(node) for node in self._custodians), return_exceptions=True)
+    async def _to_custodians(self, send: Callable[[NodeAddress], Awaitable[object]]) -> None:
+        await self._client.find_nodes(self._identity.identity)
+        custodians = self._client.custody.custodians
+        required = min(ACKNOWLEDGEMENTS_COUNT, len(custodians))
+        results = await asyncio.gather(*(send(node) for node in custodians), return_exceptions=True)
         refusals = [result for result in results if isinstance(result, BaseException)]
         for refusal in refusals:
             if not isinstance(refusal, BlockRobotError):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import ipaddress
 import ssl
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlsplit
@@ -18,21 +18,22 @@ import aiohttp
 
 from clients.sdk.answers import read_problem
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 
 CONNECT_TIMEOUT_MS = 3_000
 REQUEST_TIMEOUT_MS = 15_000
 ANSWER_MAX_BYTES = 64 * 1024 * 1024
 LANES_MAX_COUNT = 256
+TLS_CONTEXTS_MAX_COUNT = 128
 NO_LANE = b""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeAddress:
-    """A node's name, as genesis has it, and where its interface is."""
+    """A node's name, where its interface is, and for HTTPS the CA certificate (PEM) of its organisation."""
 
     name: str
     url: str
+    ca_certificate: str = ""
 
 
 def _is_loopback(host: str) -> bool:
@@ -44,44 +45,38 @@ def _is_loopback(host: str) -> bool:
         return False
 
 
-def resolve_addresses(genesis: Genesis, urls: Mapping[str, str] | None) -> tuple[NodeAddress, ...]:
-    """Return the nodes to ask: those of genesis, or those of `urls` (name -> URL; names must be in genesis).
-
-    Plain HTTP is for loopback only. Raises CONFIGURATION_INVALID.
-    """
-    chosen = {node.name: node.api_url for node in genesis.nodes} if urls is None else dict(urls)
-    known = {node.name for node in genesis.nodes}
-    if not chosen:
-        raise BlockRobotError("CONFIGURATION_INVALID", "There is no node to ask.")
-    for name, url in chosen.items():
-        parts = urlsplit(url)
-        if name not in known:
-            raise BlockRobotError("CONFIGURATION_INVALID", f"The genesis file names no node {name!r}.")
-        if parts.scheme not in {"http", "https"} or parts.hostname is None:
-            raise BlockRobotError("CONFIGURATION_INVALID", f"The address of node {name} is no HTTP address.")
-        if parts.scheme == "http" and not _is_loopback(parts.hostname):
-            raise BlockRobotError("CONFIGURATION_INVALID", f"Node {name} is not on loopback, so it needs HTTPS.")
-    return tuple(NodeAddress(name, url.rstrip("/")) for name, url in chosen.items())
+def check_address(node: NodeAddress) -> NodeAddress:
+    """Return the address if a client may use it: HTTPS, or plain HTTP on loopback. Raises CONFIGURATION_INVALID."""
+    try:
+        parts = urlsplit(node.url)
+        host = parts.hostname
+    except ValueError:
+        host = None
+    if host is None or parts.scheme not in {"http", "https"}:
+        raise BlockRobotError("CONFIGURATION_INVALID", f"The address of node {node.name} is no HTTP address.")
+    if parts.scheme == "http" and not _is_loopback(host):
+        raise BlockRobotError("CONFIGURATION_INVALID", f"Node {node.name} is not on loopback, so it needs HTTPS.")
+    return node
 
 
-def _tls_contexts(genesis: Genesis, nodes: Sequence[NodeAddress]) -> dict[str, ssl.SSLContext]:
-    """Return for each node behind HTTPS a TLS context that trusts its organisation's CA and nothing else."""
-    certificates = {organisation.name: organisation.ca_certificate for organisation in genesis.organisations}
-    contexts: dict[str, ssl.SSLContext] = {}
-    for node in nodes:
-        if urlsplit(node.url).scheme == "https":
-            context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
-            context.minimum_version = ssl.TLSVersion.TLSv1_3
-            context.load_verify_locations(cadata=certificates[genesis.node(node.name).organisation])
-            contexts[node.name] = context
-    return contexts
+def _tls_context(node: NodeAddress) -> ssl.SSLContext | bool:
+    """Return for a node behind HTTPS a TLS context that trusts its organisation's CA and nothing else."""
+    if urlsplit(node.url).scheme != "https":
+        return True
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    try:
+        context.load_verify_locations(cadata=node.ca_certificate)
+    except (ssl.SSLError, ValueError):
+        raise BlockRobotError("NODE_UNREACHABLE", f"Node {node.name} has no certificate authority to check.") from None
+    return context
 
 
 class Connections:
     """The lanes of one client. Close it when done."""
 
-    def __init__(self, genesis: Genesis, nodes: Sequence[NodeAddress]) -> None:
-        self._tls = _tls_contexts(genesis, nodes)
+    def __init__(self) -> None:
+        self._tls: dict[NodeAddress, ssl.SSLContext | bool] = {}
         self._lanes: dict[bytes, aiohttp.ClientSession] = {}
 
     def _lane(self, lane: bytes) -> tuple[aiohttp.ClientSession, list[aiohttp.ClientSession]]:
@@ -97,6 +92,14 @@ class Connections:
         self._lanes[lane] = client
         crowded = [self._lanes.pop(next(iter(self._lanes))) for _ in range(len(self._lanes) - LANES_MAX_COUNT)]
         return client, crowded
+
+    def _tls_of(self, node: NodeAddress) -> ssl.SSLContext | bool:
+        """Return the node's TLS context, made when it is asked first; those of nodes of old are dropped in time."""
+        if node not in self._tls:
+            while len(self._tls) >= TLS_CONTEXTS_MAX_COUNT:
+                del self._tls[next(iter(self._tls))]
+            self._tls[node] = _tls_context(node)
+        return self._tls[node]
 
     async def request(
         self,
@@ -131,7 +134,7 @@ class Connections:
                 headers=headers,
                 timeout=timeout,
                 allow_redirects=False,
-                ssl=self._tls.get(node.name, True),
+                ssl=self._tls_of(node),
             ) as response:
                 content = await _read_bounded(response)
                 if response.status >= 300:

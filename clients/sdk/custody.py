@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from typing import Protocol
 
 from clients.sdk.connections import NO_LANE, NodeAddress
 from consensus.errors import BlockRobotError
-from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -39,10 +38,15 @@ class Asker(Protocol):
 class CustodyClient:
     """The custodians of a network, each asked by itself: an upload goes to all of them, a download to any."""
 
-    def __init__(self, genesis: Genesis, nodes: Sequence[NodeAddress], ask: Asker) -> None:
-        names = {node.name for node in genesis.custodians}
-        self.custodians = tuple(node for node in nodes if node.name in names)
+    def __init__(self, find: Callable[[], tuple[NodeAddress, ...]], ask: Asker) -> None:
+        """`find` names those who are custodians now."""
+        self._find = find
         self._ask = ask
+
+    @property
+    def custodians(self) -> tuple[NodeAddress, ...]:
+        """The custodians, as far as this client knows; that may change while it runs."""
+        return self._find()
 
     async def upload_clip(self, node: NodeAddress, upload: ClipUpload, key: PrivateKey) -> None:
         """Stage a clip at one custodian, in the robot's session. Repeating is harmless.

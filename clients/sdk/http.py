@@ -31,13 +31,14 @@ from clients.sdk.connections import (
     REQUEST_TIMEOUT_MS,
     Connections,
     NodeAddress,
-    resolve_addresses,
 )
 from clients.sdk.custody import CustodyClient
+from clients.sdk.known_nodes import STEPS_MAX_COUNT, NodeBook, read_known_nodes
+from clients.sdk.pin import open_pin, write_pin
 from clients.sdk.receipts import FinalReceipt
 from clients.sdk.sessions import Sessions
 from clients.sdk.transactions import Clock, SystemClock, TransactionBuilder
-from clients.sdk.trust import ProvedState, Trust, open_light_client
+from clients.sdk.trust import ProvedState, Trust
 from consensus.block import Header
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -67,9 +68,11 @@ def _may_ask_another(error: BlockRobotError) -> bool:
 class NetworkClient:
     """A client of one network. Use as an async context manager, or call `close`.
 
-    `urls` maps node names of the genesis file to addresses; without it the addresses of the file are used.
-    `pinned` is what the property `pinned` was last time: the newest header that this client has verified, and the epochs
-    that led there. When the network's producers change, the client follows by itself.
+    Without `urls` the client asks the network's nodes: at first those of the genesis file, then those that the proved
+    state names. It looks again by itself when it reads in somebody's session. With `urls` (names to addresses) it asks
+    those nodes and no others. `first` names the node to begin with.
+    `pinned` is what the property `pinned` was last time: the newest header that this client has verified, the epochs
+    that led there, and the nodes it knew. When the network's producers change, the client follows by itself.
     """
 
     def __init__(
@@ -79,18 +82,20 @@ class NetworkClient:
         *,
         pinned: bytes | None = None,
         clock: Clock | None = None,
+        first: str | None = None,
     ) -> None:
         """Raises CONFIGURATION_INVALID for addresses that are none, unknown nodes, or plain HTTP beyond loopback."""
         self.genesis = genesis
         self.clock = clock or SystemClock()
         self.transactions = TransactionBuilder(genesis.chain_id, self.clock)
-        self.light_client = open_light_client(genesis, pinned)
+        self.light_client, known = open_pin(genesis, pinned)
         self._trust = Trust(genesis, self.light_client)
-        self._nodes = resolve_addresses(genesis, urls)
-        self._connections = Connections(genesis, self._nodes)
+        self._book = NodeBook(genesis, urls, known)
+        self._connections = Connections()
         self._sessions = Sessions(genesis.chain_id, self._connections, self.clock)
-        self._first = 0
-        self.custody = CustodyClient(genesis, self._nodes, self.ask_node)
+        self._first = first
+        self._is_finding = False
+        self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node)
 
     async def __aenter__(self) -> NetworkClient:
         return self
@@ -111,13 +116,40 @@ class NetworkClient:
 
     @property
     def pinned(self) -> bytes:
-        """What to persist and give to the next client, so that no node can show it an older state."""
-        return self._trust.pin
+        """What to persist and give to the next client: no node can show it an older state, and it finds the nodes."""
+        return write_pin(self.light_client, self._book.known)
 
     @property
     def nodes(self) -> tuple[NodeAddress, ...]:
-        """The nodes that are asked."""
-        return self._nodes
+        """The nodes that are asked, as far as this client knows; that may change while it runs."""
+        return self._book.addresses
+
+    # Who is there
+
+    async def find_nodes(self, key: PrivateKey) -> None:
+        """Learn from the proved state which nodes there are, in the session of `key`, if it is time to.
+
+        Reading does this by itself. A client that only submits may call it now and then. What cannot be learned now
+        is learned later: the nodes that are known go on being asked.
+        """
+        if self._is_finding or not self._book.is_due(self._trust.epoch, self.clock.now_ms()):
+            return
+        self._is_finding = True
+        try:
+            await self._learn_nodes(key)
+        except BlockRobotError:
+            # A key without a session learns nothing, nor does anybody from nodes that are all away.
+            self._book.note_learned(self._trust.epoch, self.clock.now_ms())
+        finally:
+            self._is_finding = False
+
+    async def _learn_nodes(self, key: PrivateKey) -> None:
+        """Ask until nothing new is heard: a node that was removed still names those who were there when it went."""
+        for _ in range(STEPS_MAX_COUNT):
+            found = await read_known_nodes(partial(self._read_values, key=key), self._book.known)
+            self._book.note_learned(self._trust.epoch, self.clock.now_ms())
+            if not self._book.learn(found):
+                return
 
     # Asking
 
@@ -169,20 +201,26 @@ class NetworkClient:
         NODE_UNREACHABLE only if no node answered at all.
         """
         failure: BlockRobotError | None = None
-        first = self._first
-        for offset in range(len(self._nodes)):
-            index = (first + offset) % len(self._nodes)
+        for node in self._in_turn():
             try:
-                result = await self._through_epochs(self._nodes[index], work)
+                result = await self._through_epochs(node, work)
             except BlockRobotError as error:
                 if not _may_ask_another(error):
                     raise
+                if error.code == "NODE_UNREACHABLE":
+                    self._book.note_failure()
                 if failure is None or failure.code == "NODE_UNREACHABLE":
                     failure = error
                 continue
-            self._first = index
+            self._first = node.name
             return result
         raise failure or BlockRobotError("NODE_UNREACHABLE")
+
+    def _in_turn(self) -> tuple[NodeAddress, ...]:
+        """Return the nodes, beginning with the one that served last."""
+        nodes = self._book.addresses
+        start = next((index for index, node in enumerate(nodes) if node.name == self._first), 0)
+        return (*nodes[start:], *nodes[:start])
 
     async def _through_epochs(self, node: NodeAddress, work: Callable[[NodeAddress], Awaitable[T]]) -> T:
         """Do the work; while its proofs are of later epochs, follow the chain there by what the same node can prove."""
@@ -317,7 +355,7 @@ class NetworkClient:
                 if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
                     raise
             # The node that took it may be cut off from the others: begin with the next one.
-            self._first = (self._first + 1) % len(self._nodes)
+            self._first = self._in_turn()[1 % len(self.nodes)].name
 
     async def _final_after_rejection(self, transaction: Transaction, error: BlockRobotError) -> FinalReceipt:
         """A transaction that was final before (and has expired since) is no failure: look before raising."""
@@ -351,6 +389,7 @@ class NetworkClient:
             answer = read_answer(await self.ask_node(node, "GET", "/v1/finality", key=key), FinalityAnswer)
             return self._trust.finality(answer.finality)
 
+        await self.find_nodes(key)
         return await self._ask_until_fresh(ask)
 
     async def catch_up(self, key: PrivateKey) -> Header:
@@ -364,14 +403,16 @@ class NetworkClient:
             content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
             return self._trust.finality(read_answer(content, FinalityAnswer).finality)
 
-        asked = [self._through_epochs(node, ask) for node in self._nodes]
+        await self.find_nodes(key)
+        nodes = self.nodes
+        asked = [self._through_epochs(node, ask) for node in nodes]
         answers = await asyncio.gather(*asked, return_exceptions=True)
         failures = [answer for answer in answers if isinstance(answer, BaseException)]
         for failure in failures:
             if not isinstance(failure, BlockRobotError) or len(failures) == len(answers):
                 raise failure
         heights = [-1 if isinstance(answer, BaseException) else answer.height for answer in answers]
-        self._first = heights.index(max(heights))
+        self._first = nodes[heights.index(max(heights))].name
         return self.light_client.header
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
@@ -382,6 +423,10 @@ class NetworkClient:
         """
         if not 1 <= len(keys) <= PROOF_KEYS_MAX_COUNT:
             raise BlockRobotError("VALUE_INVALID", f"One proof is for 1 to {PROOF_KEYS_MAX_COUNT} keys.")
+        await self.find_nodes(key)
+        return await self._read_values(keys, key)
+
+    async def _read_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         body = msgspec.json.encode({"keys": [flat.hex() for flat in keys]})
 
         async def ask(node: NodeAddress) -> ProvedState:
@@ -417,4 +462,5 @@ class NetworkClient:
             content = await self.ask_node(node, "GET", "/v1/announcements", key=key, query=query)
             return read_announcements(self._trust, read_answer(content, ProofsAnswer), first, limit)
 
+        await self.find_nodes(key)
         return await self._ask_until_fresh(ask)

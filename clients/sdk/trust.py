@@ -1,7 +1,7 @@
 """What the client believes, and why: the genesis file, and whatever proofs lead to from there.
 
 Must never believe a node's word, and never go back behind the newest header it has verified (the pin). The pin holds
-that header and the steps through the epochs, so that the next run need not ask for them again.
+that header and the steps through the epochs, so that the next run need not ask for them again (`clients/sdk/pin.py`).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from consensus.block import EpochProof, FinalityProof, Header, Receipt
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.light_client import LightClient, verify_finality
-from consensus.primitives.encoding import Wire, decode, decode_value, encode
+from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.merkle import verify_merkle_proof
 from consensus.primitives.trie import Proof, verify_proof
@@ -42,24 +42,6 @@ class ProvedState:
     values: dict[bytes, Any]
 
 
-class Pin(Wire, frozen=True):
-    """What a client keeps between runs: the bytes of the newest header it verified, the epochs that it followed."""
-
-    header_bytes: bytes
-    epochs: tuple[EpochProof, ...]
-
-
-def open_light_client(genesis: Genesis, pinned: bytes | None) -> LightClient:
-    """Return a light client at genesis, or where the client was that kept this pin.
-
-    Raises ENCODING_*, PROOF_INVALID and the like for a pin of another chain.
-    """
-    if pinned is None:
-        return LightClient(genesis)
-    pin = decode(pinned, Pin)
-    return LightClient(genesis, pin.header_bytes, pin.epochs)
-
-
 class Trust:
     """Checks answers with a light client, and follows evidence down from final headers."""
 
@@ -68,12 +50,6 @@ class Trust:
         self._genesis = genesis
         self._chain_id = genesis.chain_id
         self._genesis_header = genesis.block().header
-
-    @property
-    def pin(self) -> bytes:
-        """The `Pin`, encoded."""
-        client = self._light_client
-        return encode(Pin(header_bytes=client.pinned_header_bytes, epochs=client.epochs))
 
     @property
     def epoch(self) -> int:

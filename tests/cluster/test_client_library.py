@@ -7,7 +7,7 @@ import asyncio
 import pytest
 
 from clients.sdk import NetworkClient
-from clients.sdk.trust import open_light_client
+from clients.sdk.pin import open_pin
 from consensus.errors import BlockRobotError
 from tests.cluster.network_under_test import NetworkUnderTest
 
@@ -34,7 +34,7 @@ async def test_many_clients_receipts_are_proved_wherever_they_ask(network: Netwo
         assert await client.submit_batch(transactions) == [None] * 40
         receipts = await asyncio.gather(*(client.wait_final(item.txid) for item in transactions))
         assert [receipt.txid for receipt in receipts] == [item.txid for item in transactions]
-        assert open_light_client(network.genesis, client.pinned).header.height >= max(one.height for one in receipts)
+        assert open_pin(network.genesis, client.pinned)[0].header.height >= max(one.height for one in receipts)
 
 
 async def test_the_client_goes_on_when_the_node_it_talks_to_dies(network: NetworkUnderTest) -> None:
