@@ -1,0 +1,266 @@
+"""Clients learn from the proved state which nodes there are: genesis is only where they begin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from clients.sdk import NetworkClient
+from clients.sdk.known_nodes import REFRESH_MS, RETRY_MS, KnownNode, KnownNodes, nodes_of_genesis
+from clients.sdk.pin import open_pin, write_pin
+from consensus.errors import BlockRobotError
+from consensus.light_client import LightClient
+from consensus.primitives.encoding import encode_value
+from node.api.routes import proofs
+from tests.unit.node.api.small_network import CUSTODIAN, STRANGER, SUBJECT, ManualClock, flat
+
+DEAD_URL = "http://127.0.0.1:9"
+ACTIVE = ("n0", "n1", "n2")
+
+
+def entry(name: str, url: str, *, status: str = "active", custodian: bool = False) -> dict[str, Any]:
+    return {
+        "name": name,
+        "organisation": "ward",
+        "host": "127.0.0.1",
+        "p2p_port": 1,
+        "api_url": url,
+        "producer_key": b"",
+        "producer_possession": b"",
+        "custodian_key": CUSTODIAN.public_key if custodian else b"",
+        "status": status,
+        "since_height": 1,
+    }
+
+
+class Town:
+    """Nodes n0 and n1 stood at the beginning; n2 has joined since. What the chain says of them is written with `say`."""
+
+    def __init__(self, nodes: Any) -> None:
+        self.nodes = nodes
+        self.ledger = nodes["n0"].node.ledger
+        self.addresses: dict[str, str] = dict(nodes.urls)
+        self.clock = ManualClock()
+
+    async def say(self, active: Iterable[str], **addresses: str) -> None:
+        """Let the state name these nodes; n2 is a custodian, n0 is none any more."""
+        names = list(active)
+        urls = self.addresses | addresses
+        values: dict[bytes, Any] = {flat("membership", b"nodes"): sorted(names)}
+        for name in urls:
+            status = "active" if name in names else "removed"
+            values[flat("membership", b"node/" + name.encode())] = entry(
+                name, urls[name], status=status, custodian=name == "n2"
+            )
+        organisation = {"name": "ward", "ca_certificate": "THE AUTHORITY", "status": "active", "since_height": 0}
+        values[flat("membership", b"org/ward")] = organisation
+        await self.ledger.extend(writes={key: encode_value(value) for key, value in values.items()})
+
+    def pin(self, **urls: str) -> bytes:
+        """What a client keeps that knows these addresses from the beginning."""
+        known = tuple(KnownNode(name, url, False, "") for name, url in urls.items())
+        return write_pin(LightClient(self.ledger.genesis), KnownNodes(0, known))
+
+    def client(self, pinned: bytes | None = None) -> NetworkClient:
+        first = {name: url for name, url in self.addresses.items() if name in ("n0", "n1")}
+        pin = self.pin(**first) if pinned is None else pinned
+        client = NetworkClient(self.ledger.genesis, pinned=pin, clock=self.clock)
+        self.nodes.clients.append(client)
+        return client
+
+    def looks(self) -> int:
+        """How often anybody asked the nodes for proofs."""
+        running = self.nodes.running.values()
+        return sum([seen.path for seen in node.seen].count("/v1/state-proofs") for node in running)
+
+
+@pytest.fixture
+async def town(nodes: Any) -> Town:
+    await nodes.add("n2", nodes["n0"].node.ledger)
+    return Town(nodes)
+
+
+def names_of(client: NetworkClient) -> list[str]:
+    return [node.name for node in client.nodes]
+
+
+async def test_a_node_that_came_later_is_found_and_helps_when_the_first_ones_are_gone(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.client()
+    assert names_of(client) == ["n0", "n1"]
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n0", "n1", "n2"]
+    for name in ("n0", "n1"):
+        await town.nodes[name].server.close()
+    assert await client.query("echo", "back", [1], SUBJECT) == [1]
+
+
+async def test_a_removed_node_is_asked_no_more(town: Town) -> None:
+    await town.say(["n1", "n2"])
+    client = town.client()
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n1", "n2"]
+    seen = len(town.nodes["n0"].seen)
+    assert await client.state_value("records", b"announcement-count", SUBJECT) == 3
+    assert await client.query("echo", "back", [1], SUBJECT) == [1]
+    assert len(town.nodes["n0"].seen) == seen
+
+
+async def test_what_was_learned_is_kept_with_the_pin_though_no_first_node_is_left(town: Town) -> None:
+    await town.say(["n2"])
+    client = town.client()
+    await client.catch_up(SUBJECT)
+    for name in ("n0", "n1"):
+        await town.nodes[name].server.close()
+    later = town.client(client.pinned)
+    assert names_of(later) == ["n2"]
+    assert (await later.newest_header(SUBJECT)).height == 1
+    _, known = open_pin(town.ledger.genesis, later.pinned)
+    assert known is not None
+    assert (known.height, known.names) == (1, ("n2",))
+
+
+async def test_custodians_are_those_that_the_state_names(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    assert [node.name for node in client.custody.custodians] == ["n2"]
+
+
+async def test_a_client_that_only_submits_may_look_by_itself(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    assert names_of(client) == list(ACTIVE)
+    await client.find_nodes(SUBJECT)
+    assert town.looks() == 4, "twice: once more after something was new, and not again within the minute"
+
+
+async def test_it_looks_again_after_a_minute_and_when_the_producers_change(town: Town) -> None:
+    await town.say(("n0", "n1"))
+    client = town.client()
+    await client.newest_header(SUBJECT)
+    await town.say(ACTIVE)
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n0", "n1"]
+    town.clock.time_ms += REFRESH_MS
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == list(ACTIVE)
+
+    await town.say(("n1", "n2"))
+    await town.ledger.change_epoch()
+    await town.ledger.extend()
+    await client.newest_header(SUBJECT)
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n1", "n2"]
+
+
+async def test_it_looks_again_when_a_node_does_not_answer(town: Town) -> None:
+    await town.say(("n0", "n1"))
+    client = town.client()
+    await client.newest_header(SUBJECT)
+    await town.say(("n1", "n2"))
+    await town.nodes["n0"].server.close()
+    await client.newest_header(SUBJECT)
+    town.clock.time_ms += RETRY_MS
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n1", "n2"]
+
+
+async def test_a_lie_about_the_nodes_is_not_believed(town: Town, monkeypatch: pytest.MonkeyPatch) -> None:
+    honest = proofs.prove_keys
+
+    def lie(snapshot: Any, keys: Any) -> Any:
+        found = honest(snapshot, keys)
+        named = [row for row in found if row.key == flat("membership", b"nodes").hex()]
+        return [replace(row, value=encode_value(["n2"]).hex()) if row in named else row for row in found]
+
+    await town.say(("n0", "n1"))
+    monkeypatch.setattr(proofs, "prove_keys", lie)
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    assert names_of(client) == ["n0", "n1"]
+    monkeypatch.setattr(proofs, "prove_keys", honest)
+    town.clock.time_ms += REFRESH_MS
+    await client.find_nodes(SUBJECT)
+    assert names_of(client) == ["n0", "n1"]
+
+
+@pytest.mark.parametrize("url", ["http://192.0.2.1:80", "ftp://127.0.0.1", "http://[", "nowhere"])
+async def test_an_address_that_no_client_may_use_is_left_out(town: Town, url: str) -> None:
+    await town.say(ACTIVE, n1=url)
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    assert names_of(client) == ["n0", "n2"]
+
+
+async def test_if_no_address_can_be_used_the_known_ones_are(town: Town) -> None:
+    await town.say(("n1",), n1="http://192.0.2.1:80")
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    assert names_of(client) == ["n0", "n1"]
+
+
+async def test_for_https_the_organisations_authority_comes_from_the_state_too(town: Town) -> None:
+    await town.say(ACTIVE, n2="https://node.example:1")
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    (found,) = [node for node in client.nodes if node.name == "n2"]
+    assert (found.url, found.ca_certificate) == ("https://node.example:1", "THE AUTHORITY")
+    with pytest.raises(BlockRobotError) as refusal:
+        await client.ask_node(found, "GET", "/v1/genesis")
+    assert refusal.value.code == "NODE_UNREACHABLE", "this is no certificate, so there is nothing to trust"
+
+
+async def test_a_stranger_learns_nothing_and_breaks_nothing(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.client()
+    await client.find_nodes(STRANGER)
+    assert names_of(client) == ["n0", "n1"]
+
+
+async def test_a_chain_that_says_nothing_of_its_nodes_keeps_the_first_ones(town: Town) -> None:
+    client = town.client()
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n0", "n1"]
+
+
+async def test_a_client_that_was_told_whom_to_ask_asks_nobody_else(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.nodes.client(urls={"n1": town.addresses["n1"]})
+    await client.newest_header(SUBJECT)
+    assert names_of(client) == ["n1"]
+    assert town.looks() == 0
+
+
+async def test_nodes_that_came_later_may_be_named_once_a_pin_knows_them(town: Town) -> None:
+    await town.say(ACTIVE)
+    client = town.client()
+    await client.find_nodes(SUBJECT)
+    genesis, only = town.ledger.genesis, {"n4": DEAD_URL}
+    with pytest.raises(BlockRobotError) as refusal:
+        NetworkClient(genesis, only, pinned=client.pinned)
+    assert refusal.value.code == "CONFIGURATION_INVALID"
+    await town.say((*ACTIVE, "n4"), n4=DEAD_URL)
+    town.clock.time_ms += REFRESH_MS
+    await client.find_nodes(SUBJECT)
+    async with NetworkClient(genesis, only, pinned=client.pinned) as one:
+        assert names_of(one) == ["n4"]
+
+
+async def test_a_client_begins_with_the_node_it_was_told_to(town: Town) -> None:
+    await town.say(ACTIVE)
+    genesis = town.ledger.genesis
+    pinned = town.pin(**town.addresses)
+    async with NetworkClient(genesis, pinned=pinned, first="n1", clock=ManualClock()) as client:
+        await client.query("echo", "back", [1], SUBJECT)
+    assert [len(town.nodes[name].seen) > 0 for name in ACTIVE] == [False, True, False]
+
+
+def test_the_beginning_is_the_genesis_file(nodes: Any) -> None:
+    known = nodes_of_genesis(nodes["n0"].node.ledger.genesis)
+    assert (known.height, known.names) == (0, ("n0", "n1", "n2", "n3"))
+    assert [node.is_custodian for node in known.nodes] == [True, False, False, False]
