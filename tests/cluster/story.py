@@ -1,8 +1,8 @@
 """A story of a broken network: clients that work all the while, faults, and at the end the clients' own books.
 
-What is checked comes from what the clients were told and read, proved from the genesis file alone: every record that was
-acknowledged is there, once, on every node; nothing else is; all nodes have the same state. How long nothing became final
-is measured by when clients were told, and reported as a property of the test.
+What is checked comes from what the clients were told and read, proved from the genesis file alone (`client_history.py`):
+every record that was acknowledged is there, once, on every node; nothing else is; all nodes have the same state. How long
+nothing became final is measured by when clients were told, and reported as a property of the test.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,26 +26,18 @@ from consensus.records.vouchers import decode_card_code
 from network.bench.finality_probe import longest_gap_s
 from network.faults.actions import Action
 from network.faults.control import FaultControl
+from tests.cluster.client_history import Acknowledged, ClientHistory, Read, Seen
 from tests.cluster.network_under_test import NetworkUnderTest
 
 WORK_TIMEOUT_S = 60.0
 SAME_TIMEOUT_S = 60.0
 _POLL_S = 0.1
 _PROOF_KEYS_COUNT = 100
+_WRITES_A_READ_COUNT = 5
+_RECORD = b"records\x00record/"
+_COUNT = b"audit\x00count/"
 
 Report = Callable[[str, object], None]
-
-
-@dataclass(frozen=True)
-class Acknowledged:
-    """A record that a client was told is final: where, and when it asked and was told (s of the test's clock)."""
-
-    record_id: bytes
-    txid: bytes
-    height: int
-    index: int
-    asked_s: float
-    told_s: float
 
 
 def _new_key() -> PrivateKey:
@@ -54,14 +46,18 @@ def _new_key() -> PrivateKey:
 
 @dataclass
 class Client:
-    """A robot with a visit of its own, who prefers one node and asks the others when that one does not help."""
+    """A robot with a visit of its own, who prefers one node and asks the others when that one does not help.
+
+    It writes one record after another, and now and then reads what it and the others have written lately.
+    """
 
     name: str
+    label: str
     network: NetworkUnderTest
+    history: ClientHistory
     key: PrivateKey = field(default_factory=_new_key)
     owner: bytes = b""
     bucket_ms: int = 0
-    book: list[Acknowledged] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -104,12 +100,63 @@ class Client:
             if error.code in {"TRANSACTION_NOT_FINAL_IN_TIME", "CALL_REFUSED"}:
                 raise
             self.refused.append(error.code)
+            self.history.given_up.add(record_id)
             await asyncio.sleep(_POLL_S)
             return
         assert receipt.ok, receipt
-        self.book.append(
-            Acknowledged(record_id, receipt.txid, receipt.height, receipt.index, asked_s, time.monotonic())
+        self.history.writes.append(
+            Acknowledged(
+                client=self.label,
+                record_id=record_id,
+                txid=receipt.txid,
+                height=receipt.height,
+                index=receipt.index,
+                block_id=receipt.block_id,
+                asked_s=asked_s,
+                told_s=time.monotonic(),
+            )
         )
+
+    async def look_up(self, owners: Mapping[str, bytes], record_ids: Sequence[bytes]) -> None:
+        """Read, from whichever node answers, how many records visits have and what became of some records."""
+        try:
+            await self.read(self.client, self.name, owners, record_ids)
+        except BlockRobotError as error:
+            if not error.entry.retryable:
+                raise
+            self.refused.append(error.code)
+
+    async def read(
+        self, reader: NetworkClient, node: str, owners: Mapping[str, bytes], record_ids: Sequence[bytes]
+    ) -> None:
+        """Read from one state, and write down what it says. `owners` are visits by their clients' labels."""
+        asked_s = time.monotonic()
+        keys = [_COUNT + owner for owner in owners.values()] + [_RECORD + record_id for record_id in record_ids]
+        state = await reader.state_values(keys, self.key)
+        found = {record_id: state.values[_RECORD + record_id] for record_id in record_ids}
+        self.history.reads.append(
+            Read(
+                client=self.label,
+                node=node,
+                height=state.height,
+                timestamp_ms=state.timestamp_ms,
+                asked_s=asked_s,
+                told_s=time.monotonic(),
+                # The first entry of a visit's audit is that it was opened.
+                counts={label: (state.values[_COUNT + owner] or 1) - 1 for label, owner in owners.items()},
+                records={
+                    key: None if value is None else Seen(value["height"], value["txid"]) for key, value in found.items()
+                },
+            )
+        )
+
+    async def read_all_from(self, node: str, owners: Mapping[str, bytes]) -> None:
+        """Read from one node alone, which may show nothing older than this client knows, all that it has written."""
+        genesis = self.network.genesis
+        own = [write.record_id for write in self.history.writes if write.client == self.label]
+        async with NetworkClient(genesis, {node: genesis.node(node).api_url}, pinned=self.client.pinned) as reader:
+            for start in range(0, max(1, len(own)), _PROOF_KEYS_COUNT):
+                await self.read(reader, node, owners, own[start : start + _PROOF_KEYS_COUNT])
 
 
 class Story:
@@ -121,7 +168,8 @@ class Story:
         self.names = network.names
         self.control = FaultControl(network.cluster)
         self.clients: list[Client] = []
-        self._report = report
+        self.history = ClientHistory()
+        self.report = report
         self._stop = asyncio.Event()
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -129,7 +177,11 @@ class Story:
 
     async def work(self, *names: str) -> None:
         """Let one client at each of these nodes (at every node, if none is named) work from now on."""
-        fresh = [Client(name, self.network) for name in names or self.names]
+        first = len(self.clients)
+        fresh = [
+            Client(name, f"client-{first + place}", self.network, self.history)
+            for place, name in enumerate(names or self.names)
+        ]
         await asyncio.gather(*(client.enrol() for client in fresh))
         self.clients += fresh
         self._tasks += [asyncio.create_task(self._keep_working(client)) for client in fresh]
@@ -137,6 +189,13 @@ class Story:
     async def _keep_working(self, client: Client) -> None:
         while not self._stop.is_set():
             await client.record()
+            if len(self.history.writes) % _WRITES_A_READ_COUNT == 0:
+                newest = [write.record_id for write in self.history.writes[-_WRITES_A_READ_COUNT:]]
+                await client.look_up(self._owners, newest)
+
+    @property
+    def _owners(self) -> dict[str, bytes]:
+        return {client.label: client.owner for client in self.clients}
 
     async def until_told(self, more: int = 5, timeout_s: float = WORK_TIMEOUT_S) -> None:
         """Wait until clients were told of so many more final records than up to now."""
@@ -149,7 +208,7 @@ class Story:
     @property
     def told_count(self) -> int:
         """How many records clients were told are final."""
-        return sum(len(client.book) for client in self.clients)
+        return len(self.history.writes)
 
     def _raise_what_failed(self) -> None:
         for task in self._tasks:
@@ -179,6 +238,11 @@ class Story:
             await self.control.carry_out(action)
         return time.monotonic()
 
+    async def power_cut(self) -> float:
+        """Kill every node at once; return when they were all dead (s)."""
+        await asyncio.gather(*(asyncio.to_thread(self.cluster.kill, name) for name in self.names))
+        return time.monotonic()
+
     async def leader(self) -> str:
         """The node that leads now, as most nodes say."""
         said = [str(row.status["leader"]) for row in await self.cluster.status() if row.status is not None]
@@ -200,34 +264,36 @@ class Story:
 
     def gap(self, from_s: float, until_s: float | None = None) -> float:
         """Return the longest time between two records becoming final for a client (s)."""
-        told_s = [entry.told_s for client in self.clients for entry in client.book]
+        told_s = [write.told_s for write in self.history.writes]
         return longest_gap_s(told_s, from_s, time.monotonic() if until_s is None else until_s)
 
     def report_gap(self, what: str, from_s: float, until_s: float | None = None) -> float:
         """Report, and return, the longest time without finality (s)."""
         gap_s = self.gap(from_s, until_s)
-        self._report(f"without_finality_{what}_s", round(gap_s, 3))
+        self.report(f"without_finality_{what}_s", round(gap_s, 3))
         return gap_s
 
     # The end
 
     async def end(self, *, without: Sequence[str] = ()) -> None:
-        """Let clients finish; check the same state everywhere, and each client's book against every node.
+        """Let clients finish; check the same state everywhere, and the clients' history with all that every node has.
 
         `without` names nodes whose word counts for nothing: those that are down for good, or lie.
         """
         await self.rest()
         honest = [name for name in self.names if name not in without]
         await self.same_state(honest)
-        self._report("acknowledged_count", self.told_count)
         for client in self.clients:
-            check_order(client)
             for name in honest:
-                await check_book(client, name)
+                await client.read_all_from(name, self._owners)
+        self.report("acknowledged_count", self.told_count)
+        self.report("reads_count", len(self.history.reads))
+        assert self.history.violations() == []
+        assert self.history.unread(honest) == []
 
     async def same_state(self, names: Sequence[str]) -> str:
         """Wait until these nodes are at one height with one state root, at least as far as clients know; return it."""
-        known = max((entry.height for client in self.clients for entry in client.book), default=0)
+        known = max((write.height for write in self.history.writes), default=0)
         deadline_s = time.monotonic() + SAME_TIMEOUT_S
         while True:
             said = [row.status or {} for row in await self.cluster.status() if row.name in names]
@@ -238,29 +304,3 @@ class Story:
                 return str(roots.pop())
             assert time.monotonic() < deadline_s, f"the nodes stay at different heights: {heights}, known: {known}"
             await asyncio.sleep(_POLL_S)
-
-
-def check_order(client: Client) -> None:
-    """One after another: what a client asked for after it was told of something stands behind that, and only once."""
-    places = [(entry.height, entry.index) for entry in client.book]
-    assert places == sorted(set(places)), f"the records of the client at {client.name} stand out of order"
-    assert len({entry.txid for entry in client.book}) == len(client.book)
-
-
-async def check_book(client: Client, name: str) -> None:
-    """Every record in the client's book is proved by this node to be there, and the visit has no other entries."""
-    genesis = client.network.genesis
-    only = {name: genesis.node(name).api_url}
-    record_keys = [b"records\x00record/" + entry.record_id for entry in client.book]
-    count_key = b"audit\x00count/" + client.owner
-    async with NetworkClient(genesis, only, pinned=client.client.pinned) as reader:
-        audited = (await reader.state_values([count_key], client.key)).values[count_key]
-        # The first entry is that the visit was opened.
-        assert audited == 1 + len(client.book), f"{name} has {audited - 1} records of {len(client.book)}"
-        for start in range(0, len(record_keys), _PROOF_KEYS_COUNT):
-            some = record_keys[start : start + _PROOF_KEYS_COUNT]
-            found = (await reader.state_values(some, client.key)).values
-            for entry in client.book[start : start + _PROOF_KEYS_COUNT]:
-                record = found[b"records\x00record/" + entry.record_id]
-                assert record is not None, f"{name} has lost a record that was final at height {entry.height}"
-                assert (record["height"], record["txid"]) == (entry.height, entry.txid)
