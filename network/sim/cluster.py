@@ -28,7 +28,7 @@ from node.storage.ledger_store import FinalizedBlock
 
 CLIENTS_COUNT = 3
 START_SPREAD_MS = 40.0
-ARMED_MAX_MS = 400
+ARMED_MAX_MS = 1_500
 HEALED_MAX_S = 60.0
 SETTLE_MAX_S = 60.0
 MORE_ROUNDS_MAX_S = 120.0

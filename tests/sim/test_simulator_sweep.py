@@ -1,0 +1,33 @@
+"""Many seeds: whatever goes wrong, no promise is broken, with and without dishonest nodes."""
+
+from __future__ import annotations
+
+import pytest
+
+from network.sim.run import run_seed
+from network.sim.sweep import plan_of, sweep
+
+
+@pytest.mark.parametrize("seed", range(1, 9))
+def test_four_nodes_keep_every_promise_under_the_faults_of_a_seed(seed: int) -> None:
+    result = run_seed(plan_of(seed, 4, 60, seed % 2))
+    assert result.violations == ()
+    assert result.rounds >= 60
+    assert result.acknowledged > 0
+
+
+def test_seven_nodes_with_two_dishonest_ones_keep_every_promise() -> None:
+    assert run_seed(plan_of(11, 7, 40, 2)).violations == ()
+
+
+def test_a_lone_node_is_a_network_that_keeps_its_promises() -> None:
+    assert run_seed(plan_of(3, 1, 40, 0)).violations == ()
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1_800)
+@pytest.mark.parametrize(("nodes", "byzantine", "seeds"), [(4, 0, 300), (4, 1, 300), (7, 2, 40), (10, 3, 16)])
+def test_hundreds_of_seeds_keep_every_promise(nodes: int, byzantine: int, seeds: int) -> None:
+    total = sweep([plan_of(seed, nodes, 200, byzantine) for seed in range(1_000, 1_000 + seeds)])
+    assert [str(violation) for result in total.failed for violation in result.violations] == []
+    assert total.seeds == seeds
