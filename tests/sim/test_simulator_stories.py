@@ -42,7 +42,7 @@ def test_each_node_in_turn_dies_at_the_same_point_and_takes_part_again(point: st
     crashes = [
         Fault(kind="crash", at_ms=100 + 650 * node, for_ms=30 + 20 * node, node=node, point=point) for node in range(4)
     ]
-    history = play(*crashes)
+    history = play(*crashes, rounds=160)
     stops = [stop.why for stop in history.of(NodeStopped)]
     assert len(stops) == 4
     assert stops.count(point) >= 3  # one may have been cut off after waiting for the point in vain
