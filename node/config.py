@@ -18,6 +18,8 @@ from consensus.primitives.keys import PrivateKey
 CONFIG_FILE = "node.toml"
 KEEP_BLOCKS_MIN_COUNT = 256
 """A node serves at least so many blocks to peers that missed a few."""
+SNAPSHOT_LAG_BLOCKS = 100_000
+SNAPSHOT_LAG_MIN_BLOCKS = 100
 _PORT_MAX = 65_535
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 _SECTIONS: dict[str, frozenset[str]] = {
@@ -27,7 +29,7 @@ _SECTIONS: dict[str, frozenset[str]] = {
     "custody": frozenset({"store"}),
     "log": frozenset({"level"}),
     "faults": frozenset({"enabled"}),
-    "storage": frozenset({"keep_blocks"}),
+    "storage": frozenset({"keep_blocks", "snapshot_lag_blocks"}),
 }
 
 
@@ -51,6 +53,8 @@ class NodeConfig:
     faults_enabled: bool = False
     keep_blocks: int = 0
     """How many of the newest blocks keep their bodies; 0: all."""
+    snapshot_lag_blocks: int = SNAPSHOT_LAG_BLOCKS
+    """From how many blocks behind on a snapshot is preferred to blocks; 0: only where there is no other way."""
     organisation: str = ""
     """Only for a node that joined later: whose it is. The genesis file says so of the first ones."""
 
@@ -58,6 +62,16 @@ class NodeConfig:
     def ledger_dir(self) -> Path:
         """Where the finalized chain and state are (LMDB)."""
         return self.data_dir / "ledger"
+
+    @property
+    def snapshots_dir(self) -> Path:
+        """Where the snapshots are that the node keeps for others."""
+        return self.data_dir / "snapshots"
+
+    @property
+    def fetched_dir(self) -> Path:
+        """Where a snapshot is put together that the node fetches for itself."""
+        return self.data_dir / "snapshots.fetched"
 
     @property
     def journal_dir(self) -> Path:
@@ -116,8 +130,8 @@ class _Section:
             raise _invalid(f"[{self._name}] needs a port number {field!r}.")
         return value
 
-    def count(self, field: str, least: int) -> int:
-        value = self._table.get(field, 0)
+    def count(self, field: str, least: int, default: int = 0) -> int:
+        value = self._table.get(field, default)
         if not isinstance(value, int) or isinstance(value, bool) or not (value == 0 or value >= least):
             raise _invalid(f"[{self._name}] needs 0, or a number of at least {least}, for {field!r}.")
         return value
@@ -168,6 +182,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         log_level=level,
         faults_enabled=faults.flag("enabled"),
         keep_blocks=storage.count("keep_blocks", KEEP_BLOCKS_MIN_COUNT),
+        snapshot_lag_blocks=storage.count("snapshot_lag_blocks", SNAPSHOT_LAG_MIN_BLOCKS, SNAPSHOT_LAG_BLOCKS),
         organisation=node.optional_text("organisation") or "",
     )
 
@@ -201,7 +216,10 @@ def config_to_toml(config: NodeConfig) -> str:
         "[log]",
         f'level = "{config.log_level}"',
         *(["", "[faults]", "enabled = true"] if config.faults_enabled else []),
-        *(["", "[storage]", f"keep_blocks = {config.keep_blocks}"] if config.keep_blocks else []),
+        "",
+        "[storage]",
+        f"keep_blocks = {config.keep_blocks}",
+        f"snapshot_lag_blocks = {config.snapshot_lag_blocks}",
     ]
     return "\n".join(lines) + "\n"
 

@@ -15,7 +15,7 @@ from consensus.block import FinalityProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from node.execution import ExecutedBlock
-from node.storage.ledger_store import LedgerStore, Position
+from node.storage.ledger_store import LedgerSnapshot, LedgerStore, Position
 
 COMMIT_BLOCKS_MAX_COUNT = 64
 RETRY_MS = 1_000
@@ -103,12 +103,18 @@ class LedgerWriter:
         self._idle.set()
         self._failed = False
         self._task: asyncio.Task[None] | None = None
+        self._milestone = 0
+        self._on_milestone: Callable[[LedgerSnapshot], None] | None = None
         position = ledger.position
         self.queued_height = -1 if position is None else position.height
 
     def add_listener(self, listener: FinalizedListener) -> None:
         """Call `listener` with the blocks of each commit, once they are durable."""
         self._listeners.append(listener)
+
+    def set_milestones(self, every: int, hook: Callable[[LedgerSnapshot], None]) -> None:
+        """Call `hook` with the ledger at each multiple of a height, exactly there; it takes the snapshot over."""
+        self._milestone, self._on_milestone = every, hook
 
     def start(
         self,
@@ -154,6 +160,8 @@ class LedgerWriter:
                 blocks = [block for block, _ in batch]
                 position = await self._commit(batch)
                 del self._waiting[: len(batch)]
+                if self._on_milestone is not None and position.height % self._milestone == 0:
+                    self._on_milestone(self._ledger.snapshot())
                 if not self._waiting:
                     self._idle.set()
                 self._between_events(partial(self._publish, blocks, batch[-1][1], position))
@@ -191,7 +199,16 @@ class LedgerWriter:
         end = min(len(self._waiting), COMMIT_BLOCKS_MAX_COUNT)
         for place, (block, _) in enumerate(self._waiting[:end], start=1):
             if block.next_epoch is not None:
-                return self._waiting[:place]
+                return self._waiting[: self._end_at_milestone(place)]
         while end < len(self._waiting) and self._waiting[end][1] is self._waiting[end - 1][1]:
             end += 1
-        return self._waiting[:end]
+        return self._waiting[: self._end_at_milestone(end)]
+
+    def _end_at_milestone(self, end: int) -> int:
+        """Return where a batch of so many blocks has to end, so that none goes beyond a milestone with its own proof."""
+        first = self._waiting[0][0].header.height
+        for place in range(1, end):
+            has_own_proof = self._waiting[place][1] is not self._waiting[place - 1][1]
+            if self._milestone and has_own_proof and (first + place - 1) % self._milestone == 0:
+                return place
+        return end

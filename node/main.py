@@ -68,9 +68,14 @@ async def run_node(config: NodeConfig, make_node: Callable[[NodeConfig], Node] =
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stop.set)
-    async with make_node(config) as node:
-        loop.add_signal_handler(signal.SIGHUP, node.reload_certificate)
-        await stop.wait()
+    stopped = loop.create_task(stop.wait())
+    while not stop.is_set():
+        async with make_node(config) as node:
+            loop.add_signal_handler(signal.SIGHUP, node.reload_certificate)
+            begun_anew = loop.create_task(node.begin_anew.wait())
+            await asyncio.wait((stopped, begun_anew), return_when=asyncio.FIRST_COMPLETED)
+            begun_anew.cancel()
+        adopt_restored(config.ledger_dir)
 
 
 def _new_event_loop() -> asyncio.AbstractEventLoop:

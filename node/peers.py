@@ -85,6 +85,14 @@ class Network(Protocol):
         ...
 
 
+class SnapshotSource(Protocol):
+    """What a node serves to those who are too far behind for blocks."""
+
+    async def serve(self, body: bytes) -> bytes:
+        """Answer a request for a snapshot's manifest or chunk; nothing if there is none (yet)."""
+        ...
+
+
 class ClipSource(Protocol):
     """What a custodian serves to other custodians."""
 
@@ -122,6 +130,7 @@ class Peers:
         self._hints: dict[str, asyncio.TimerHandle] = {}
         self.gossip = Gossip(self._send_batch)
         self.clips: ClipSource | None = None
+        self.snapshots: SnapshotSource | None = None
 
     def connect(self, network: Network, engine: Engine, sync: Synchroniser) -> None:
         """Tie the parts together; called once, before anything starts."""
@@ -313,6 +322,8 @@ class Peers:
             return self._serve_branch(decode(body, BranchRequest))
         if kind is RequestKind.FINALIZED:
             return self._sync.serve(body)
+        if kind is RequestKind.SNAPSHOT:
+            return b"" if self.snapshots is None else await self.snapshots.serve(body)
         if self.clips is None:
             raise BlockRobotError("NOT_FOUND", "This node is no custodian.")
         return await self.clips.serve_peer(peer, kind, body)

@@ -5,6 +5,7 @@ Must never decide anything itself.
 
 from __future__ import annotations
 
+import asyncio
 import gc
 from collections.abc import Callable, Mapping
 from contextlib import AsyncExitStack
@@ -35,10 +36,13 @@ from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
 from node.p2p.network import PeerHandler, PeerNetwork, bind_listener
 from node.restoring import open_journal
+from node.snapshot.joining import Joiner
+from node.snapshot.shelf import SnapshotShelf
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 
 API_BODY_MAX_BYTES = 32 * 1024 * 1024
 HTTP_STOP_MS = 500
+JOIN_INTERVAL_S = 1.0
 
 log = structlog.get_logger(__name__)
 
@@ -88,6 +92,8 @@ class Node:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
             self._token = read_or_make_token(config.data_dir)
         self._stack = AsyncExitStack()
+        self.begin_anew = asyncio.Event()
+        """Set once a restored ledger lies ready: the node has to be closed and opened again."""
 
     async def __aenter__(self) -> Self:
         """Open, connect, serve. Raises DATA_DIRECTORY_IN_USE, PORT_IN_USE, JOURNAL_*, STORAGE_*."""
@@ -137,6 +143,32 @@ class Node:
             )
         )
         stack.push_async_callback(self._parts.stop)
+        await self._open_snapshots(ledger)
+
+    async def _open_snapshots(self, ledger: LmdbStore) -> None:
+        """Serve snapshots to others, make them at milestones if old blocks are dropped, fetch one if need be."""
+        config, parts = self.config, self._parts
+        shelf = SnapshotShelf(ledger, config.snapshots_dir)
+        await shelf.open()
+        self._stack.push_async_callback(shelf.stop)
+        parts.peers.snapshots = shelf
+        if config.keep_blocks:
+            parts.writer.set_milestones(config.keep_blocks // 2, shelf.begin)
+        self._joiner = Joiner(
+            genesis=self.genesis,
+            requester=self._network,
+            gap=parts.sync,
+            ledger_dir=config.ledger_dir,
+            folder=config.fetched_dir,
+            lag_max=config.snapshot_lag_blocks,
+            restart=self.begin_anew.set,
+        )
+        self._stack.push_async_callback(self._joiner.stop)
+
+    async def _look_for_snapshots(self) -> None:
+        while True:
+            await asyncio.sleep(JOIN_INTERVAL_S)
+            self._joiner.look()
 
     def _open_network(self, directory: Directory, handler: PeerHandler) -> PeerNetwork:
         shaper = None if self._faults is None else self._faults.shaper
@@ -208,6 +240,8 @@ class Node:
         operator_socket = bind_listener(config.host, config.operator_port)
         stack.callback(operator_socket.close)
         await parts.start()
+        looking = asyncio.get_running_loop().create_task(self._look_for_snapshots(), name="joining")
+        stack.callback(looking.cancel)
         services = ApiServices(
             genesis=self.genesis,
             node_name=config.name,

@@ -28,7 +28,7 @@ from node.engine import Engine
 from node.execution import Executor
 from node.finality import FinalityFeed, LedgerWriter
 from node.p2p.wire import BlockBatch, FinalizedRequest, RequestKind
-from node.storage.ledger_store import LedgerStore
+from node.storage.ledger_store import LedgerStore, Position
 
 LAG_TOLERATED_BLOCKS = 32
 RANGE_COUNT = 64
@@ -110,10 +110,27 @@ class Synchroniser:
         """How many blocks the peers say that this node is behind the one that is farthest ahead (0 or more)."""
         return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
-    def pruned_by(self) -> dict[str, int]:
-        """Return the peers that are ahead but no longer have the next block, with the height from which they have."""
+    def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
+        """Return the peers to fetch a snapshot from, and the height that it has to be above; no peers while blocks do.
+
+        They do no longer once no peer that is ahead has the next block, or (unless `lag_max` is 0) once a peer says to
+        be more than `lag_max` blocks ahead: then only a snapshot that proves it will do.
+        """
         following = self._writer.queued_height + 1
-        return {peer: earliest for peer, earliest in self._earliest.items() if earliest > following}
+        ahead = [peer for peer, height in self._heights.items() if height > following + LAG_TOLERATED_BLOCKS]
+        pruned = [peer for peer in ahead if self._earliest.get(peer, 0) > following]
+        if pruned and len(pruned) == len(ahead):
+            return sorted(ahead), self.position.height
+        too_far = bool(lag_max) and self.lag_blocks > lag_max
+        return (sorted(ahead) if too_far else []), self.position.height + lag_max
+
+    @property
+    def position(self) -> Position:
+        """The newest block that is stored."""
+        position = self._ledger.position
+        if position is None:
+            raise AssertionError("the ledger holds genesis")
+        return position
 
     def note_height(self, peer: str, height: int) -> None:
         """A peer said how far it is: begin to catch up if that is far ahead."""
@@ -177,8 +194,10 @@ class Synchroniser:
     def _is_behind(self) -> bool:
         """Tell whether a peer is in a later epoch or claims blocks that are not queued here."""
         reached = max(self._feed.height, self._writer.queued_height + 1)
+        following = self._writer.queued_height + 1
         later = any(number > self._engine.epoch.number for number in self._epochs.values())
-        return later or any(height > reached for height in self._heights.values())
+        useful = (height for peer, height in self._heights.items() if self._earliest.get(peer, 0) <= following)
+        return later or any(height > reached for height in useful)
 
     async def _run(self) -> None:
         log.info("sync_started", height=self._writer.queued_height)
@@ -280,10 +299,11 @@ class Synchroniser:
 
     def _note_nothing(self, peer: str, earliest_height: int, from_height: int) -> None:
         """A peer has no blocks from this height on: it pruned them, or is not as far as it said."""
+        height = self._heights.get(peer, 0)
         if from_height == self._writer.queued_height + 1:
             self._set_aside(peer)
         if earliest_height > from_height:
-            self._earliest[peer] = earliest_height
+            self._heights[peer], self._earliest[peer] = height, earliest_height
         elif self._heights.get(peer, 0) >= from_height:
             self._heights[peer] = from_height - 1
 

@@ -18,6 +18,8 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions
 from network.bench.fresh_network import FreshNetwork, LoadRobot
+from node.config import NodeConfig
+from node.journal import Journal
 
 ROBOTS_COUNT = 8
 TICK_S = 0.05
@@ -117,6 +119,13 @@ def read_first_link(log: str, since: datetime) -> datetime | None:
     return None
 
 
+def _forget_chain(config: NodeConfig) -> None:
+    """Leave a stopped node nothing but its keys; the voting journal holds blocks too."""
+    shutil.rmtree(config.ledger_dir)
+    config.journal_path.unlink()
+    Journal.create(config.journal_path).close()
+
+
 async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
     """Make a network, let one node miss `seconds` of it, and return how fast it came back.
 
@@ -143,7 +152,7 @@ async def run_sync_benchmark(options: SyncOptions) -> dict[str, Any]:
         await asyncio.sleep(options.seconds)
         missed_calls = load.sent_count
         if options.new:
-            shutil.rmtree(network.cluster.config(victim).ledger_dir)
+            _forget_chain(network.cluster.config(victim))
         since = datetime.now().astimezone()
         started_s = time.perf_counter()
         network.cluster.start(victim)

@@ -69,20 +69,36 @@ def restore_ledger(
     After an error the ledger is as it was.
     """
     adopt_restored(ledger_dir)
+    head = build_aside(source, genesis, ledger_dir, progress)
+    adopt_restored(ledger_dir)
+    return head
+
+
+def build_aside(
+    source: SnapshotSource,
+    genesis: Genesis,
+    ledger_dir: Path,
+    progress: Progress = no_progress,
+    stored: Position | None = None,
+) -> ProvenHead:
+    """Check a snapshot and build a ledger of it beside the one there, which may be in use: `stored` is where it is.
+
+    `adopt_restored` puts it in its place. Raises as `restore_ledger` does; after an error nothing is left of it.
+    """
     head = verify_head(read_manifest(source.manifest()), genesis)
-    position = read_stored_position(ledger_dir, genesis)
+    position = read_stored_position(ledger_dir, genesis) if stored is None else stored
     if position is not None and position.height >= head.header.height:
         raise BlockRobotError(
             "SNAPSHOT_OLD", f"The snapshot ends with block {head.header.height}, the ledger with {position.height}."
         )
     incoming = _incoming(ledger_dir)
+    shutil.rmtree(incoming, ignore_errors=True)
     try:
         head = restore_into(source, genesis, LmdbRestore(incoming), progress)
         _mark_whole(incoming)
     except BaseException:
         shutil.rmtree(incoming, ignore_errors=True)
         raise
-    adopt_restored(ledger_dir)
     return head
 
 

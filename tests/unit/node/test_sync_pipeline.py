@@ -215,7 +215,8 @@ def test_a_peer_that_pruned_is_passed_over_for_one_that_has_the_blocks() -> None
         await alone.start()
         await alone.catch_up({"pruned": 200}, pruned=short)
         assert alone.ledger.position == behind.chain.stored[0].position
-        assert alone.sync.pruned_by() == {"pruned": 150}
+        assert alone.sync.snapshot_peers(0) == (["pruned"], 0)
+        assert behind.sync.snapshot_peers(0)[0] == []
         await alone.stop()
 
     story(200, tell)

@@ -1,0 +1,101 @@
+"""Brings a node that is too far behind for blocks to a snapshot's state. Must never replace a ledger while it is in use.
+
+The snapshot is fetched, checked and built into a ledger beside the running one; then the node is asked to begin anew,
+and its next start puts the new ledger in the place of the old.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from node.snapshot.fetching import Requester, SnapshotFetcher
+from node.snapshot.restoring import build_aside
+from node.storage.ledger_store import Position
+
+RETRY_MS = 5_000
+
+log = structlog.get_logger(__name__)
+
+
+class Gap(Protocol):
+    """How far the node is behind, as its synchroniser knows."""
+
+    def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
+        """Return the peers to fetch a snapshot from (none while blocks will do), and what it has to be above."""
+        ...
+
+    @property
+    def position(self) -> Position:
+        """The newest block that the node has stored."""
+        ...
+
+
+class Joiner:
+    """Looks now and then whether blocks will do, and fetches a snapshot if they will not.
+
+    `lag_max` is how many blocks a node is behind before it prefers a snapshot to blocks; 0: only if there is no other
+    way. `restart` asks for the node's next start.
+    """
+
+    def __init__(
+        self,
+        *,
+        genesis: Genesis,
+        requester: Requester,
+        gap: Gap,
+        ledger_dir: Path,
+        folder: Path,
+        lag_max: int,
+        restart: Callable[[], None],
+    ) -> None:
+        self._genesis = genesis
+        self._gap = gap
+        self._ledger_dir = ledger_dir
+        self._lag_max = lag_max
+        self._restart = restart
+        self._fetcher = SnapshotFetcher(genesis, requester, folder)
+        self._task: asyncio.Task[None] | None = None
+        self._is_done = False
+
+    def look(self) -> None:
+        """Begin to fetch a snapshot if blocks will not do and none is being fetched."""
+        if self._is_done or (self._task is not None and not self._task.done()):
+            return
+        peers, above_height = self._gap.snapshot_peers(self._lag_max)
+        if peers:
+            self._task = asyncio.get_running_loop().create_task(self._join(peers, above_height), name="join")
+
+    async def stop(self) -> None:
+        """Stop; what was fetched so far stays for the next time."""
+        if self._task is not None and not self._is_done:
+            self._task.cancel()
+            await asyncio.gather(self._task, return_exceptions=True)
+
+    async def _join(self, peers: list[str], above_height: int) -> None:
+        try:
+            source = await self._fetcher.fetch(peers, above_height)
+        except (BlockRobotError, OSError) as error:
+            log.warning("snapshot_not_fetched", detail=str(error))
+            await asyncio.sleep(RETRY_MS / 1000)
+            return
+        try:
+            stored, place = self._gap.position, self._ledger_dir
+            work = partial(build_aside, source, self._genesis, place, stored=stored)
+            build = asyncio.get_running_loop().run_in_executor(None, work)
+            head = await asyncio.shield(build)
+        except BlockRobotError as error:
+            log.error("snapshot_refused", code=error.code, detail=error.detail)
+            self._fetcher.forget(source)
+            return
+        self._fetcher.drop(source)
+        self._is_done = True
+        log.warning("snapshot_ready", height=head.header.height)
+        self._restart()
