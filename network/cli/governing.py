@@ -55,7 +55,8 @@ class Seat:
     key: PrivateKey
 
 
-def _admin_keys(folder: Path) -> dict[str, Path]:
+def admin_keys(folder: Path) -> dict[str, Path]:
+    """Return the key files of the organisations that can speak on this machine, by name."""
     found = sorted((folder / "organisations").glob(f"*/{ADMIN_KEY_FILE}"))
     return {path.parent.name: path for path in found}
 
@@ -92,7 +93,7 @@ def _find_seats(folder: Path | None, organisation: str | None, key_file: Path | 
     place, genesis = _open_network(folder)
     if key_file is not None:
         return [Seat(place, genesis, organisation or "", read_private_key(key_file))]
-    known = _admin_keys(place)
+    known = admin_keys(place)
     first = [entry.name for entry in genesis.organisations if entry.name in known]
     names = list(dict.fromkeys([*first, *known])) if organisation is None else [organisation]
     if not names or not set(names) <= set(known):

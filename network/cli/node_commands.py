@@ -13,6 +13,7 @@ from network.cluster import Cluster
 from node.config import CONFIG_FILE, NodeConfig, load_config
 
 _PLACES = {
+    "add": ("network.cli.node_add_command", "add"),
     "init": ("network.cli.node_setup_commands", "init"),
     "directory": ("network.cli.node_setup_commands", "directory"),
     "run": ("network.cli.run_command", "run"),
