@@ -390,6 +390,7 @@ class Assembly:
             "finalized_height": self.feed.height,
             "earliest_height": self.executor.reader.earliest_height,
             "state_root": position.state_root.hex() if position else None,
+            "state_height": position.height if position else None,
             "round": core.round,
             "epoch": core.epoch,
             "leader": self._leader_name(),

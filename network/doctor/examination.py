@@ -155,9 +155,9 @@ def _check_answers(answers: Sequence[Answer], ledgers: dict[str, LedgerFacts]) -
     facts = max(ledgers.values(), key=lambda item: item.height, default=None)
     roots = {name: dict(item.roots) for name, item in ledgers.items() if not item.trouble}
     for answer in answers:
-        if answer.status is not None and answer.status.get("state_root"):
+        if answer.status is not None and answer.status.get("state_height") is not None:
             known = roots.setdefault(answer.name, {})
-            known.setdefault(int(answer.status["finalized_height"]), str(answer.status["state_root"]))
+            known[int(answer.status["state_height"])] = str(answer.status["state_root"])
     found = [
         *words.check_words(answers),
         *words.check_clocks(
