@@ -88,13 +88,13 @@ def test_the_setting_is_read_from_the_configuration_and_checked(tmp_path: Path) 
     path = data_dir / "node.toml"
     text = path.read_text()
     assert load_config(data_dir).keep_blocks == 0
-    path.write_text(text + f"\n[storage]\nkeep_blocks = {KEEP_BLOCKS_MIN_COUNT}\n")
+    path.write_text(text.replace("keep_blocks = 0", f"keep_blocks = {KEEP_BLOCKS_MIN_COUNT}"))
     config = load_config(data_dir)
     assert config.keep_blocks == KEEP_BLOCKS_MIN_COUNT
     path.write_text(config_to_toml(config))
     assert load_config(data_dir) == config
     for wrong in ("5", "-1", "true", '"all"'):
-        path.write_text(text + f"\n[storage]\nkeep_blocks = {wrong}\n")
+        path.write_text(text.replace("keep_blocks = 0", f"keep_blocks = {wrong}"))
         with pytest.raises(BlockRobotError) as refused:
             load_config(data_dir)
         assert refused.value.code == "CONFIGURATION_INVALID"
