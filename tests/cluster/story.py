@@ -34,6 +34,8 @@ SAME_TIMEOUT_S = 60.0
 _POLL_S = 0.1
 _PROOF_KEYS_COUNT = 100
 _WRITES_A_READ_COUNT = 5
+_PAUSE_S = 0.02
+"""Between two records of a client: enough load to notice everything, and the machine is left to the nodes."""
 _RECORD = b"records\x00record/"
 _COUNT = b"audit\x00count/"
 
@@ -61,10 +63,7 @@ class Client:
     refused: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        nodes = self.network.genesis.nodes
-        first = [node.name for node in nodes].index(self.name)
-        order = [*nodes[first:], *nodes[:first]]
-        self.client = NetworkClient(self.network.genesis, {node.name: node.api_url for node in order})
+        self.client = NetworkClient(self.network.genesis, first=self.name)
 
     async def enrol(self) -> None:
         """Register with a new card and open a visit."""
@@ -152,9 +151,10 @@ class Client:
 
     async def read_all_from(self, node: str, owners: Mapping[str, bytes]) -> None:
         """Read from one node alone, which may show nothing older than this client knows, all that it has written."""
-        genesis = self.network.genesis
+        await self.client.find_nodes(self.key)
+        genesis, url = self.network.genesis, self.network.url(node)
         own = [write.record_id for write in self.history.writes if write.client == self.label]
-        async with NetworkClient(genesis, {node: genesis.node(node).api_url}, pinned=self.client.pinned) as reader:
+        async with NetworkClient(genesis, {node: url}, pinned=self.client.pinned) as reader:
             for start in range(0, max(1, len(own)), _PROOF_KEYS_COUNT):
                 await self.read(reader, node, owners, own[start : start + _PROOF_KEYS_COUNT])
 
@@ -189,6 +189,7 @@ class Story:
     async def _keep_working(self, client: Client) -> None:
         while not self._stop.is_set():
             await client.record()
+            await asyncio.sleep(_PAUSE_S)
             if len(self.history.writes) % _WRITES_A_READ_COUNT == 0:
                 newest = [write.record_id for write in self.history.writes[-_WRITES_A_READ_COUNT:]]
                 await client.look_up(self._owners, newest)
