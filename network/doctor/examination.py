@@ -19,12 +19,13 @@ import aiohttp
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 from network.certificates import now_ms
-from network.cluster import fetch_status
+from network.cluster import Cluster, fetch_status
 from network.doctor import answers as words
 from network.doctor.answers import Answer
 from network.doctor.data_directory import check_authorities, check_directory
 from network.doctor.findings import Finding, in_order
 from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
+from network.faults.control import FaultControl
 from network.joining import newest_directory
 from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
@@ -57,7 +58,20 @@ def examine_network(network: Path) -> Examination:
     """Examine all nodes of a network's folder. Raises CLUSTER_NOT_RUNNING, GENESIS_INVALID."""
     directories = find_data_directories(network)
     genesis = genesis_from_json((network / "genesis.json").read_text(encoding="utf-8"))
-    return examine(directories, genesis, whole=True)
+    found = examine(directories, genesis, whole=True)
+    faults = [] if any(item.code == "CONFIGURATION_WRONG" for item in found.findings) else _faults_on_purpose(network)
+    return Examination(found.nodes, tuple(in_order([*found.findings, *faults])))
+
+
+def _faults_on_purpose(network: Path) -> list[Finding]:
+    """Name what `blockrobot fault` left on. A node that is down says nothing of it."""
+    states = asyncio.run(FaultControl(Cluster(network)).state())
+    return [
+        Finding("FAULT_ON_PURPOSE", state.name, words_of_fault + ".")
+        for state in states
+        if state.running
+        for words_of_fault in state.describe()
+    ]
 
 
 def examine_node(data_dir: Path) -> Examination:

@@ -73,6 +73,12 @@ KINDS: dict[str, FindingKind] = _table(
         "Wait: it speaks again when the chain has gone on without it long enough.",
     ),
     FindingKind(
+        "FAULT_ON_PURPOSE",
+        "warning",
+        "Somebody switched a fault on; what else is found may come from it.",
+        "If the experiment is over: blockrobot fault heal.",
+    ),
+    FindingKind(
         "LINK_MISSING",
         "problem",
         "Two nodes that run are not linked.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from network.doctor.answers import (
@@ -125,3 +126,10 @@ def test_each_kind_says_what_to_do_with_the_nodes_name_in_it() -> None:
 def test_problems_come_first_and_nothing_twice() -> None:
     warning, problem = Finding("NODE_BEHIND", "a", "1"), Finding("NODE_DOWN", "b", "2")
     assert in_order([warning, problem, warning]) == [problem, warning]
+
+
+def test_the_how_to_lists_every_kind_of_finding() -> None:
+    page = Path(__file__).resolve().parents[4] / "docs" / "how-to" / "when-something-is-wrong.md"
+    text = page.read_text(encoding="utf-8")
+    rows = [f"| `{kind.code}` | {kind.severity} | {kind.meaning} | {kind.next_step} |" for kind in KINDS.values()]
+    assert [row for row in rows if row not in text] == []
