@@ -16,6 +16,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.transaction import Transaction, sign_transaction
 from network.cluster import Cluster
 from network.layout import PORTS_PER_NODE, create_network
+from node.config import load_config
 
 _BASE_PORT_MIN, _BASE_PORT_MAX = 20_000, 32_000
 FINAL_TIMEOUT_S = 30.0
@@ -90,8 +91,17 @@ class NetworkUnderTest:
             salt=secrets.token_bytes(8),
         )
 
+    def url(self, name: str) -> str:
+        """Where a node's interface is, whether it was there from the beginning or came later."""
+        return f"http://127.0.0.1:{self.cluster.config(name).api_port}"
+
+    def took_in(self, name: str) -> None:
+        """Count a node that was made in the network's folder since as one of the network's."""
+        self.cluster.configs[name] = load_config(self.folder / "nodes" / name)
+        self.names.append(name)
+
     def _url(self, name: str, path: str) -> str:
-        return self.genesis.node(name).api_url + path
+        return self.url(name) + path
 
     async def submit(self, name: str, transactions: list[Transaction]) -> list[dict[str, Any]]:
         """Send transactions to one node; return its answer for each."""

@@ -54,7 +54,7 @@ async def add_node(network: NetworkUnderTest, name: str) -> None:
     await network.cluster.wait_answering(name)
 
 
-async def _knock_as(network: NetworkUnderTest, name: str, target: str) -> None:
+async def knock_as(network: NetworkUnderTest, name: str, target: str) -> None:
     """Dial a node with another one's certificate; nothing may come back but the reason why not."""
     config = network.cluster.config(name)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
@@ -97,7 +97,7 @@ async def test_a_node_joins_follows_and_is_removed_again(network: NetworkUnderTe
     await network.cluster.wait_answering("node-5")
     status = await until(network, "node-5", lambda status: status["problem"] is not None)
     assert (status["problem"]["code"], status["membership"], status["peers"]) == ("NODE_REMOVED", "removed", [])
-    await _knock_as(network, "node-5", "node-2")
+    await knock_as(network, "node-5", "node-2")
     await until(network, "node-2", lambda status: refusals(status).get("node-5") == "PEER_REMOVED")
     await network.finalize("node-3", network.transaction())
     now = await uptimes(network, FOUR)
