@@ -150,6 +150,8 @@ class Cluster:
             if not self._reap(name, STOP_TIMEOUT_S):
                 self.kill(name)
         (self.folder / _STATE_FILE).unlink(missing_ok=True)
+        for child in self._children.values():
+            child.poll()  # one that somebody else killed and replaced is still this process's child
         return running
 
     def is_running(self, name: str) -> bool:

@@ -7,6 +7,7 @@ the file that it reads when it starts, so that a partition holds for whoever was
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -36,6 +37,9 @@ from node.interface import WallClock
 from node.p2p.shaping import SOUND, LinkFault
 
 REQUEST_TIMEOUT_S = 2.0
+STARTING_TIMEOUT_S = 20.0
+"""A node that was started a moment ago is waited for: it hears as soon as it serves."""
+_POLL_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +156,11 @@ class FaultControl:
         group_of = {self.reader.node(name): number for number, group in enumerate(groups) for name in group}
         self._require_allowed(group_of)
         self._require_listening(group_of)
-        states = dict(zip(group_of, await asyncio.gather(*(self._switched(name) for name in group_of)), strict=True))
+        asked = await asyncio.gather(*(self._ask_patiently(name, "GET", b"") for name in group_of))
+        states = {
+            name: self._switch_of(name).describe() if answer is None else answer
+            for name, answer in zip(group_of, asked, strict=True)
+        }
         wanted = {}
         for name, state in states.items():
             links: dict[str, LinkFault | None] = {}
@@ -175,7 +183,7 @@ class FaultControl:
     # Talking to one node
 
     async def _switched(self, name: str) -> Mapping[str, Any]:
-        """Return what a node's switch says is on; of one that cannot answer, what its file says.
+        """Return what a node's switch says is on; of one that is down or paused, what its file says.
 
         Raises FAULTS_DISABLED, FAULT_TARGET_ABSENT.
         """
@@ -187,10 +195,21 @@ class FaultControl:
     async def _tell(self, name: str, request: FaultRequest) -> None:
         self._require_allowed([name])
         body = msgspec.json.encode(request)
-        if self.cluster.is_running(name):
-            await self._ask(name, "POST", body)
-        else:
+        if await self._ask_patiently(name, "POST", body) is None:
             self._switch_of(name).request(body)
+
+    async def _ask_patiently(self, name: str, method: str, body: bytes) -> Mapping[str, Any] | None:
+        """Ask a node that runs, waiting for one that is starting; None if it does not run. Raises as `_ask`."""
+        deadline_s = time.monotonic() + STARTING_TIMEOUT_S
+        while self.cluster.is_running(name):
+            try:
+                return await self._ask(name, method, body)
+            except BlockRobotError as error:
+                is_starting = error.code == "FAULT_TARGET_ABSENT" and not self.cluster.is_paused(name)
+                if not is_starting or time.monotonic() > deadline_s:
+                    raise
+            await asyncio.sleep(_POLL_S)
+        return None
 
     def _switch_of(self, name: str) -> FaultSwitch:
         """Return the switch of a node that does not run, which only writes its file."""
