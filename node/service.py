@@ -34,7 +34,9 @@ from node.machine import ViewRunner
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
+from node.outward_pool import OutwardPool
 from node.p2p.network import PeerHandler, PeerNetwork, bind_listener
+from node.pruning import answer_requests
 from node.restoring import open_journal
 from node.snapshot.joining import Joiner
 from node.snapshot.shelf import SnapshotShelf
@@ -169,6 +171,7 @@ class Node:
         while True:
             await asyncio.sleep(JOIN_INTERVAL_S)
             self._joiner.look()
+            await answer_requests(self.config.data_dir, self._parts.pruner)
 
     def _open_network(self, directory: Directory, handler: PeerHandler) -> PeerNetwork:
         shaper = None if self._faults is None else self._faults.shaper
@@ -248,7 +251,7 @@ class Node:
             clock=self._clock,
             ledger=parts.finalized,
             views=ViewRunner(self.genesis),
-            pool=parts.pool,
+            pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))

@@ -61,8 +61,12 @@ _ELSEWHERE = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CA
 """Faults of an answer, not of the question: another node may answer well."""
 
 
+_NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"})
+"""What a node says that no other node hears."""
+
+
 def _may_ask_another(error: BlockRobotError) -> bool:
-    return error.entry.retryable or error.code in _ELSEWHERE
+    return error.entry.retryable or error.code in _ELSEWHERE | _NOT_TAKING_PART
 
 
 class NetworkClient:
@@ -207,7 +211,7 @@ class NetworkClient:
             except BlockRobotError as error:
                 if not _may_ask_another(error):
                     raise
-                if error.code == "NODE_UNREACHABLE":
+                if error.code in {"NODE_UNREACHABLE", *_NOT_TAKING_PART}:
                     self._book.note_failure()
                 if failure is None or failure.code == "NODE_UNREACHABLE":
                     failure = error

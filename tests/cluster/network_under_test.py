@@ -111,6 +111,15 @@ class NetworkUnderTest:
             answer: dict[str, Any] = await response.json()
             return answer["results"]
 
+    async def submit_anyhow(self, name: str) -> dict[str, Any]:
+        """Send a transaction to a node that has to refuse it as a whole; return its problem document."""
+        body = msgspec.msgpack.encode([self.transaction().wire])
+        headers = {"Content-Type": "application/msgpack"}
+        async with self.http.post(self._url(name, "/v1/transactions"), data=body, headers=headers) as response:
+            assert response.status == 503
+            problem: dict[str, Any] = await response.json(content_type=None)
+            return problem
+
     async def place(self, name: str, txid: bytes, wait_ms: int = 5_000) -> dict[str, Any]:
         """Ask one node what became of a transaction."""
         url = self._url(name, f"/v1/transactions/{txid.hex()}?wait_ms={wait_ms}")

@@ -56,6 +56,8 @@ async def cut_off(story: Story, name: str, others: Sequence[str]) -> None:
         await story.wait_until(other, lambda said: "peers" in said and name not in said["peers"])
     await knock_as(story.network, name, others[0])
     await story.wait_until(name, lambda said: not said.get("peers", [name]))
+    refused = await story.network.submit_anyhow(name)
+    assert refused["code"] == "NODE_REMOVED", "what it took in would never be final"
 
 
 def report_gap(story: Story, what: str, from_s: float) -> None:
@@ -108,12 +110,12 @@ async def test_one_producer_takes_anothers_place_and_one_changes_its_key_under_l
 async def rekey(network: NetworkUnderTest, name: str, path: Path) -> PrivateKey:
     """Let the organisations agree on a new producer key of a node, and give it to the node at that moment."""
     new_key = PrivateKey(secrets.token_bytes(32))
-    path.write_bytes(new_key.secret)
+    await asyncio.to_thread(path.write_bytes, new_key.secret)
     await agree(network, "rekey-producer", name, "--producer-key", str(path))
     place = network.cluster.config(name).producer_key_path
     assert place is not None
     await asyncio.to_thread(network.cluster.stop, name)
-    place.write_bytes(new_key.secret)
+    await asyncio.to_thread(place.write_bytes, new_key.secret)
     network.cluster.start(name)
     await network.cluster.wait_ready([name])
     return new_key

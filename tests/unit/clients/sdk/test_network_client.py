@@ -149,6 +149,14 @@ async def test_a_dead_node_is_passed_over(nodes: Any) -> None:
     assert (await client.state_value("records", b"announcement-count", SUBJECT)) == 3
 
 
+@pytest.mark.parametrize("code", ["NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"])
+async def test_a_node_that_nobody_hears_is_passed_over(nodes: Any, code: str) -> None:
+    nodes["n0"].node.pool.fault = BlockRobotError(code)
+    nodes["n1"].node.pool.finalize_at_once = True
+    receipt = await nodes.client().call(SUBJECT, "access", "request", [[], "care"], timeout_ms=5_000)
+    assert receipt.height == 1
+
+
 async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:
     client = nodes.client(urls={"n0": DEAD_URL, "n1": DEAD_URL})
     assert await refusal_of(client.query("echo", "back", [], SUBJECT)) == "NODE_UNREACHABLE"
