@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import console, plain_errors
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import network_folder
 from network.cli.node_commands import find_node
@@ -29,8 +29,11 @@ from node.service import Node
     help="The data directory, or its voting journal, comes from a backup or is lost: be silent until it is safe.",
 )
 @click.option("--detach", is_flag=True, help="Leave it running behind this terminal; `blockrobot down` stops it.")
+@json_option
 @plain_errors
-def run(node: str | None, data_dir: Path | None, folder: Path | None, restored: bool, detach: bool) -> None:
+def run(
+    node: str | None, data_dir: Path | None, folder: Path | None, restored: bool, detach: bool, as_json: bool
+) -> None:
     """Run a node until Ctrl-C or SIGTERM. NODE is its data directory, or its name in the local network.
 
     Every start after a restore from a backup needs --restored once: the node has forgotten what its producer signed
@@ -43,7 +46,10 @@ def run(node: str | None, data_dir: Path | None, folder: Path | None, restored: 
     config = find_node(node or str(data_dir), folder)
     if detach:
         asyncio.run(_start(config, folder))
-        console.print(f"{config.name} runs. See blockrobot status.")
+        if as_json:
+            print_json({"ok": True, "node": config.name, "data_dir": str(config.data_dir)})
+        else:
+            console.print(f"{config.name} runs. See blockrobot status.")
         return
     sys.exit(run_process(config.data_dir, partial(Node, restored=restored)))
 

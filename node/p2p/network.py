@@ -213,7 +213,7 @@ class PeerNetwork:
 
     # Following the directory and the certificates
 
-    def _directory_changed(self, directory: Directory) -> None:
+    def _directory_changed(self, _directory: Directory) -> None:
         self._trust_directory()
         self._check_open_connections()
         self._dial_the_right_ones()
