@@ -212,7 +212,7 @@ class Assembly:
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
-        self._pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
+        self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
         self._candidacy = self._make_candidacy()
         self.accuser = self._make_accuser()
 
@@ -359,7 +359,7 @@ class Assembly:
             self.pool.purge_expired()
             self.peers.retry_unsettled()
             self.engine.note_work()
-            await self._pruner.run_once()
+            await self.pruner.run_once()
             if self._candidacy is not None:
                 await self._candidacy.speak_if_due()
             if self.accuser is not None:

@@ -8,17 +8,19 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import structlog
 
 from consensus.errors import BlockRobotError
-from node.config import NodeConfig
+from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig
 from node.offchain.open_store import open_store
 from node.snapshot.making import header_of_block
 from node.storage.ledger_store import LedgerStore
 from node.storage.lmdb_store import LmdbStore
 
+REQUEST_FILE_NAME = "prune.request"
 PRUNE_SLACK_COUNT = 64
 """A running node prunes this many blocks at once, or none."""
 
@@ -53,6 +55,12 @@ class Pruner:
         self._followed = followed
         self._done_below = 0
 
+    async def prune_to(self, keep: int) -> None:
+        """Prune now, as somebody asked: `keep` stay, and what the custodian has yet to follow."""
+        position = self._ledger.position
+        head = 0 if position is None else position.height
+        await prune_ledger(self._ledger, highest_prunable(head, max(keep, KEEP_BLOCKS_MIN_COUNT), self._followed()))
+
     async def run_once(self) -> None:
         """Prune if enough has piled up. A refusal of the store is logged; the next time may work."""
         position = self._ledger.position
@@ -67,6 +75,28 @@ class Pruner:
             log.warning("prune_failed", code=error.code, detail=error.detail)
             return
         log.info("ledger_pruned", earliest_height=self._done_below)
+
+
+def request_pruning(data_dir: Path, keep: int) -> Path:
+    """Ask the node that runs on a data directory to prune; return the file that is gone once it has."""
+    path = data_dir / REQUEST_FILE_NAME
+    temporary = path.with_suffix(".tmp")
+    temporary.write_text(str(keep), encoding="ascii")
+    temporary.replace(path)
+    return path
+
+
+async def answer_requests(data_dir: Path, pruner: Pruner) -> None:
+    """Prune if somebody who may write to the data directory asked for it; a request that makes no sense is dropped."""
+    path = data_dir / REQUEST_FILE_NAME
+    try:
+        keep = int(path.read_text(encoding="ascii"))
+        await pruner.prune_to(keep)
+    except FileNotFoundError:
+        return
+    except (ValueError, OSError, BlockRobotError) as error:
+        log.warning("prune_request_failed", detail=str(error))
+    path.unlink(missing_ok=True)
 
 
 async def prune_stopped_node(config: NodeConfig, keep: int) -> dict[str, Any]:

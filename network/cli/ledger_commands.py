@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,17 @@ from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import folder_option
 from network.cli.node_commands import find_node
+from node.comparing import newest_height
 from node.config import KEEP_BLOCKS_MIN_COUNT, NodeConfig, load_genesis
 from node.difference import LedgerDiff, describe_difference
-from node.pruning import prune_stopped_node
+from node.pruning import PRUNE_SLACK_COUNT, prune_stopped_node, request_pruning
 from node.replaying import Base, base_of_genesis, base_of_snapshot, machine_of
 from node.snapshot.form import SnapshotFolder
 from node.storage.directory_lock import DirectoryLock
 from node.storage.lmdb_reader import LedgerFile
+
+RUNNING_TIMEOUT_S = 60.0
+_POLL_S = 0.1
 
 
 @click.command()
@@ -34,24 +39,45 @@ from node.storage.lmdb_reader import LedgerFile
 @json_option
 @plain_errors
 def prune(node: str, keep: int, folder: Path | None, as_json: bool) -> None:
-    """Drop the bodies and receipts of a stopped node's old blocks; headers, certificates, state and audit stay.
+    """Drop the bodies and receipts of a node's old blocks; headers, certificates, state and audit stay.
 
-    A running node prunes by itself if its node.toml says `keep_blocks` under [storage].
+    A running node is asked to do so within its own work; it prunes by itself if its node.toml says `keep_blocks`.
 
     Example: blockrobot node prune node-3 --keep 10000
     """
     config = find_node(node, folder)
-    lock = DirectoryLock(config.data_dir)
     try:
-        result = asyncio.run(prune_stopped_node(config, keep))
-    finally:
-        lock.release()
+        lock = DirectoryLock(config.data_dir)
+    except BlockRobotError as error:
+        if error.code != "DATA_DIRECTORY_IN_USE":
+            raise
+        result = _prune_running(config, keep)
+    else:
+        try:
+            result = asyncio.run(prune_stopped_node(config, keep))
+        finally:
+            lock.release()
     if as_json:
         print_json({"ok": True, "node": config.name, **result})
         return
     console.print(f"{config.name} has the bodies of blocks {result['earliest_height']} to {result['height']}.")
     if result["held_back_by_custody"]:
-        console.print("Its custodian has not followed further; start the node, let it catch up, and prune again.")
+        console.print("Its custodian has not followed further; let the node run and catch up, and prune again.")
+
+
+def _prune_running(config: NodeConfig, keep: int) -> dict[str, Any]:
+    """Ask a running node to prune, and wait until it has. Raises NODE_NOT_READY if it does not in time."""
+    request = request_pruning(config.data_dir, keep)
+    deadline = time.monotonic() + RUNNING_TIMEOUT_S
+    while request.exists():
+        if time.monotonic() > deadline:
+            request.unlink(missing_ok=True)
+            raise BlockRobotError("NODE_NOT_READY", "The node did not prune in time.")
+        time.sleep(_POLL_S)
+    with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as view:
+        head, earliest = newest_height(view), view.earliest_height
+    held_back = earliest < head - keep + 1 - PRUNE_SLACK_COUNT
+    return {"height": head, "earliest_height": earliest, "held_back_by_custody": held_back}
 
 
 @click.command()

@@ -97,13 +97,11 @@ async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where
         await wait_caught_up(network, "node-4", 20)
         await assert_same(network, "node-2", "node-3", "node-4")
 
-        for name in ("node-3", "node-4"):
-            network.cluster.stop(name)
+        network.cluster.stop("node-4")
         forget_chain(network, "node-4")
         pruned = await run_command(network, "prune", "node-3", "--keep", str(KEPT_COUNT))
         assert pruned["earliest_height"] == pruned["height"] - KEPT_COUNT + 1
-        network.cluster.start("node-3")
-        await wait_caught_up(network, "node-3", 30)
+        assert not pruned["held_back_by_custody"]
         network.cluster.start("node-4")
         status = await wait_caught_up(network, "node-4", 90)
         assert status["earliest_height"] > BLOCKS_COUNT - KEPT_COUNT

@@ -10,7 +10,15 @@ from consensus.errors import BlockRobotError
 from network.layout import create_network
 from node.config import KEEP_BLOCKS_MIN_COUNT, config_to_toml, load_config
 from node.interface import DecodedSnapshot
-from node.pruning import PRUNE_SLACK_COUNT, Pruner, highest_prunable, prune_ledger, prune_stopped_node
+from node.pruning import (
+    PRUNE_SLACK_COUNT,
+    Pruner,
+    answer_requests,
+    highest_prunable,
+    prune_ledger,
+    prune_stopped_node,
+    request_pruning,
+)
 from node.storage.lmdb_store import LmdbStore
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.written_chain import WrittenChain
@@ -52,6 +60,25 @@ async def test_a_running_node_prunes_in_steps_and_keeps_headers() -> None:
             chain.blocks[height].header_bytes for height in (7, 101, 432)
         ]
         assert decoded.block(7) is None
+
+
+async def test_a_running_node_prunes_when_its_directory_asks_for_it(tmp_path: Path) -> None:
+    chain, store = written(400), MemoryStore()
+    await chain.fill(store)
+    pruner = Pruner(store, 0, lambda: None)
+    await answer_requests(tmp_path, pruner)
+    request = request_pruning(tmp_path, 300)
+    await answer_requests(tmp_path, pruner)
+    assert not request.exists()
+    with store.snapshot() as view:
+        assert view.earliest_height == 101
+    request.write_text("everything")
+    await answer_requests(tmp_path, pruner)
+    assert not request.exists()
+    request_pruning(tmp_path, 1)
+    await answer_requests(tmp_path, pruner)
+    with store.snapshot() as view:
+        assert view.earliest_height == 400 - KEEP_BLOCKS_MIN_COUNT + 1
 
 
 async def test_a_node_that_is_to_keep_everything_prunes_nothing() -> None:
