@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from consensus.core import Core
-from consensus.effects import Broadcast, BuildBlock, CommitBlocks, ExecuteBlock, Persist, SendTo
+from consensus.effects import TIMER_ROUND, Broadcast, BuildBlock, CommitBlocks, ExecuteBlock, Persist, SendTo
 from consensus.errors import BlockRobotError
 from consensus.journal_records import KIND_PROPOSAL, KIND_TIMEOUT, KIND_VOTE, JournalRecord, read_journal
 from consensus.messages import Proposal, Timeout, Vote
@@ -210,3 +210,17 @@ def test_a_store_ahead_of_the_journal_wins():
     )
     assert (core.round, core.last_voted_round, core.finalized_id) == (3, 1, two.block_id)
     assert core.block(one.block_id) is None
+
+
+def test_a_thousand_lost_rounds_leave_a_journal_that_is_read_at_once():
+    """Elsewhere the replay of as many rounds took hours (tendermint#8679): here each round is one record at most."""
+    node = OneCore()
+    node.work()
+    for number in range(1, 1_001):
+        node.fire(TIMER_ROUND, number)
+        node.notice(node.core.high_qc, node.tc(number))
+    assert node.core.round == 1_001
+    assert len(node.journal) <= 1_001
+    assert len(node.core.journal_snapshot()) <= 3
+    again = node.restarted().core
+    assert (again.round, again.last_voted_round) == (1_000, 1_000), "where it last spoke; peers tell the rest"
