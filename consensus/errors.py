@@ -58,6 +58,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_APPROVED_ALREADY", 409, "The organisation has said so already; each has one voice.", "Let an admin of another organisation approve."),
     ErrorEntry("GOVERNANCE_PROPOSAL_CLOSED", 404, "There is no open proposal with this id.", "List the open ones with `blockrobot org list` and `blockrobot settings list`, or propose it anew."),
     ErrorEntry("GOVERNANCE_WOULD_STOP_CHAIN", 409, "The change would leave the network without what it cannot do without.", "Add what is to take its place first."),
+    ErrorEntry("GOVERNANCE_QUORUM_UNWELL", 409, "Too few of the producers that would be left are well: nothing could become final any more.", "Start or mend the nodes it names first (`blockrobot status`); with --anyway it is done all the same."),
     ErrorEntry("GOVERNANCE_SETTING_REFUSED", 409, "The setting does not exist or does not take this value.", "See names, values and ranges with `blockrobot settings list`."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
     ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),

@@ -151,10 +151,16 @@ class Told:
     proposal: ProposalRow | None
 
 
-def decide(seat: Seat, work: Callable[[Governor], Awaitable[Decision]]) -> Told:
-    """Let the seat's admin decide something, wait until that is final, and read what follows."""
+def decide(
+    seat: Seat,
+    work: Callable[[Governor], Awaitable[Decision]],
+    check: Callable[[NetworkClient], Awaitable[None]] | None = None,
+) -> Told:
+    """Let the seat's admin decide something (after a check, if asked to), wait until it is final, read what follows."""
 
     async def run(client: NetworkClient) -> Told:
+        if check is not None:
+            await check(client)
         decision = await work(Governor(client, seat.key))
         membership = await read_membership(client, seat.key)
         found = [row for row in membership.proposals if row.id == decision.proposal_id]
@@ -168,12 +174,15 @@ def decide_on_proposal(
     contract: str,
     text: str,
     work: Callable[[Governor, ProposalRow], Awaitable[Decision]],
+    check: Callable[[NetworkClient, MembershipView, ProposalRow], Awaitable[None]] | None = None,
 ) -> tuple[Told, ProposalRow]:
-    """Find the open proposal of a contract by the first digits of its id, and decide on it."""
+    """Find the open proposal of a contract by the first digits of its id, check it if asked to, and decide on it."""
 
     async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
         before = await read_membership(client, seat.key)
         proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+        if check is not None:
+            await check(client, before, proposal)
         decision = await work(Governor(client, seat.key), proposal)
         after = await read_membership(client, seat.key)
         found = [row for row in after.proposals if row.id == proposal.id]

@@ -81,7 +81,7 @@ def init(
     )
     place = (data_dir or network / "nodes" / name).resolve()
     entry = init_node(place, newcomer, beginning, find_authority(network, organisation, authority), known)
-    steps = next_steps(name, organisation, place, is_local=data_dir is None)
+    steps = next_steps(name, organisation, place, None if data_dir is not None else network, folder)
     if as_json:
         keys = {"producer_key": entry.producer_key.hex(), "custodian_key": entry.custodian_key.hex()}
         files = {"data_dir": str(place), "entry": str(place / ENTRY_FILE)}
@@ -92,14 +92,19 @@ def init(
         console.print(f"  {number}. {escape(step)}")
 
 
-def next_steps(name: str, organisation: str, place: Path, *, is_local: bool) -> list[str]:
-    """Return what has to happen before a new node takes part, as commands."""
-    where = name if is_local else str(place)
+def next_steps(name: str, organisation: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
+    """Return what has to happen before a new node takes part, as commands that can be typed as they stand.
+
+    `network` is the local network that it belongs to, if it does; `folder` is what --dir said.
+    """
+    where = "" if folder is None else f" --dir {folder}"
+    start = f"blockrobot node run {place}" if network is None else f"blockrobot node run {name} --detach{where}"
     return [
-        f"blockrobot org propose add-node --from {place / ENTRY_FILE} --as {organisation}",
-        "blockrobot org approve PROPOSAL --as ORG   (until a majority of the organisations stands behind it)",
-        f"blockrobot node run {where}   (it fetches the chain and follows it)",
-        f"blockrobot producer propose {name} --as {organisation}   (only if it is to produce blocks; others approve)",
+        f"blockrobot org propose add-node --from {place / ENTRY_FILE} --as {organisation}{where}",
+        f"blockrobot org approve ID --as ORG{where}   (the id that propose prints; until a majority stands behind it)",
+        f"{start}   (it fetches the chain and follows it)",
+        f"blockrobot producer propose {name} --as {organisation}{where}   (only if it is to produce blocks)",
+        f"blockrobot producer approve {name} --as ORG{where}   (until a majority has voted for it)",
     ]
 
 

@@ -10,7 +10,8 @@ import click
 from cryptography import x509
 from rich.markup import escape
 
-from clients.sdk.governance import NodeRow, OrganisationRow, read_membership
+from clients.sdk.governance import MembershipView, NodeRow, OrganisationRow, ProposalRow, read_membership
+from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import NodeEntry
@@ -30,6 +31,7 @@ from network.cli.governing import (
     summary_of,
     take_seat,
 )
+from network.cli.live_quorum import anyway_option, check_membership_change
 from network.layout import create_organisation
 
 SERIAL_BYTES = 20
@@ -123,16 +125,26 @@ def new(name: str, folder: Path | None, as_json: bool) -> None:
 
 @org.command()
 @click.argument("proposal")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def approve(
+    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Stand behind a proposed change (named by the first digits of its id).
+
+    To take nodes out is refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
     seat = take_seat(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.approve(found))
+
+    async def look(client: NetworkClient, before: MembershipView, found: ProposalRow) -> None:
+        if not anyway:
+            await check_membership_change(client, seat.folder, seat.key, before, found.kind, found.arguments)
+
+    told, row = decide_on_proposal(seat, "membership", proposal, lambda governor, found: governor.approve(found), look)
     report_decision(told, summary_of(row), "org", as_json=as_json)
 
 
@@ -161,9 +173,17 @@ def _propose(
     key_file: Path | None,
     *,
     as_json: bool,
+    anyway: bool = True,
 ) -> None:
+    """Propose a change; unless `anyway`, look first whether the producers left over can go on."""
     seat = take_seat(folder, organisation, key_file)
-    told = decide(seat, lambda governor: governor.propose_membership(kind, arguments))
+
+    async def look(client: NetworkClient) -> None:
+        if not anyway:
+            before = await read_membership(client, seat.key)
+            await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
+
+    told = decide(seat, lambda governor: governor.propose_membership(kind, arguments), look)
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
     report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
 
@@ -215,15 +235,18 @@ def add_org(
 
 @propose.command("remove-org")
 @click.argument("name")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def remove_org(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def remove_org(
+    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Propose to remove an organisation with its nodes, keys and voice.
 
     Example: blockrobot org propose remove-org clinic --as hospital
     """
-    _propose("remove_org", {"name": name}, folder, organisation, key_file, as_json=as_json)
+    _propose("remove_org", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
 
 
 @propose.command("replace-ca")
@@ -293,15 +316,18 @@ def add_node(source: Path, folder: Path | None, organisation: str | None, key_fi
 
 @propose.command("remove-node")
 @click.argument("name")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def remove_node(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def remove_node(
+    name: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Propose to remove a node. Its certificate and votes count no more from the height at which that takes effect.
 
     Example: blockrobot org propose remove-node node-5 --as hospital
     """
-    _propose("remove_node", {"name": name}, folder, organisation, key_file, as_json=as_json)
+    _propose("remove_node", {"name": name}, folder, organisation, key_file, as_json=as_json, anyway=anyway)
 
 
 @propose.command("rekey-producer")

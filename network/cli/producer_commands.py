@@ -32,6 +32,7 @@ from network.cli.governing import (
     to_json,
     with_client,
 )
+from network.cli.live_quorum import anyway_option, require_live_quorum
 
 TOLERANT_MIN_COUNT = 4
 
@@ -160,12 +161,19 @@ def _vote(
     work: Callable[[Governor, bytes], Awaitable[Decision]],
     *,
     as_json: bool,
+    may_leave: Callable[[CandidateRow], bool] = lambda row: False,  # noqa: ARG005 - most votes take nobody out
 ) -> None:
-    """Call for a candidate, wait until it is final, and tell how it stands now."""
+    """Call for a candidate, wait until it is final, and tell how it stands now.
+
+    Where the candidate `may_leave`, it is looked first whether those left over can go on. Raises
+    GOVERNANCE_QUORUM_UNWELL.
+    """
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
         view, membership = await _read(client, seat.key)
         key = _find_key(node, view, membership)
+        if any(may_leave(row) for row in view.candidates if row.key == key):
+            await require_live_quorum(client, seat.folder, view, {key})
         decision = await work(Governor(client, seat.key), key)
         after, membership = await _read(client, seat.key)
         return decision, after, membership, key
@@ -241,27 +249,49 @@ def approve(node: str, folder: Path | None, organisation: str | None, key_file: 
 
 @producer.command()
 @click.argument("node")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def withdraw(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def withdraw(
+    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Take your organisation's vote back. A producer without any vote loses its seat.
 
     Example: blockrobot producer withdraw node-5 --as university
     """
     seat = take_seat(folder, organisation, key_file)
-    _vote(node, seat, "Vote withdrawn from", lambda governor, key: governor.withdraw_producer(key), as_json=as_json)
+    _vote(
+        node,
+        seat,
+        "Vote withdrawn from",
+        lambda governor, key: governor.withdraw_producer(key),
+        as_json=as_json,
+        may_leave=lambda row: not anyway and len(row.votes) <= 1,
+    )
 
 
 @producer.command()
 @click.argument("node")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def remove(node: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def remove(
+    node: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Stand for a producer's removal: one of your own goes at once, another's when a majority says so.
+
+    It is refused while too few of those who would be left are well, unless you say --anyway.
 
     Example: blockrobot producer remove node-5 --as hospital
     """
     seat = take_seat(folder, organisation, key_file)
-    _vote(node, seat, "Removal of", lambda governor, key: governor.remove_producer(key), as_json=as_json)
+    _vote(
+        node,
+        seat,
+        "Removal of",
+        lambda governor, key: governor.remove_producer(key),
+        as_json=as_json,
+        may_leave=lambda _: not anyway,
+    )

@@ -108,7 +108,7 @@ ROUTES = (
         _submit,
         Answer(JSON, SubmitAnswer, "What became of each, in order."),
         Body(MSGPACK, None, "A MessagePack list of transactions' wire bytes.", BATCH_MAX_BYTES),
-        errors=("NODE_NOT_READY",),
+        errors=("NODE_NOT_READY", "NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"),
     ),
     Route(
         "GET",

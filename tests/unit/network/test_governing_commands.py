@@ -22,7 +22,13 @@ from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of,
 
 
 @pytest.fixture
-def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Consortium:
+def silent() -> set[str]:
+    """The nodes that do not answer; add to it while the test runs."""
+    return set()
+
+
+@pytest.fixture
+def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, silent: set[str]) -> Consortium:
     """Three organisations whose folders lie in the network's folder."""
     chain = Consortium()
     folder = tmp_path / "network"
@@ -32,7 +38,7 @@ def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Consortium:
         (place / "admin.key").write_bytes(admin_of(name).secret)
     (folder / "genesis.json").write_text(genesis_to_json(chain.genesis), encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
-    monkeypatch.setattr(governing, "NetworkClient", lambda genesis: ConsortiumClient(chain))
+    monkeypatch.setattr(governing, "NetworkClient", lambda genesis: ConsortiumClient(chain, silent))
     return chain
 
 
@@ -159,6 +165,48 @@ def test_a_removal_tells_what_is_still_missing_and_what_the_rest_can_bear(chain:
     assert "Epoch 1 begins" in said
     assert "3 producers" in said
     assert "none of them may fail" in said
+
+
+def test_no_producer_goes_while_too_few_of_the_others_are_well(chain: Consortium, silent: set[str]) -> None:
+    """Three would be left, and all three are needed; the contracts cannot know that one of them is down."""
+    silent.add("node-03")
+    said = run(producer, "remove", "node-02", "--as", "org-02").stderr
+    assert "3 producers would be left, and 3 of them are needed; not well now: node-03." in said
+    assert refusal(producer, "remove", "node-02", "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(org, "propose", "remove-node", "node-02", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
+    assert refusal(org, "propose", "remove-org", "org-02", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
+    assert chain.height == 0, "nothing was sent"
+
+    opened = answer(org, "propose", "remove-node", "node-02", "--as", "org-01", "--anyway")["proposal"]["id"]
+    assert refusal(org, "approve", opened, "--as", "org-03") == "GOVERNANCE_QUORUM_UNWELL"
+    assert answer(org, "approve", opened, "--as", "org-03", "--anyway")["executed"]
+
+
+def test_the_last_vote_is_not_withdrawn_while_too_few_of_the_others_are_well(
+    chain: Consortium, silent: set[str]
+) -> None:
+    silent.add("node-03")
+    for name in ("org-01", "org-02"):
+        answer(producer, "withdraw", "node-02", "--as", name)
+    assert refusal(producer, "withdraw", "node-02", "--as", "org-03") == "GOVERNANCE_QUORUM_UNWELL"
+    assert "node-02" in chain.seats
+    silent.clear()
+    answer(producer, "withdraw", "node-02", "--as", "org-03")
+    assert "node-02" not in chain.seats
+
+
+def test_the_one_that_is_down_may_be_taken_out(chain: Consortium, silent: set[str]) -> None:
+    silent.add("node-03")
+    for name in ("org-01", "org-02"):
+        answer(producer, "remove", "node-03", "--as", name)
+    assert chain.seats == ["node-01", "node-02", "node-04"]
+
+
+def test_who_is_no_producer_may_go_whoever_is_down(chain: Consortium, silent: set[str], tmp_path: Path) -> None:
+    chain.agree("add_node", node_fields("node-05", "org-02"))
+    silent.update({"node-01", "node-02"})
+    opened = answer(org, "propose", "remove-node", "node-05", "--as", "org-01")["proposal"]["id"]
+    assert answer(org, "approve", opened, "--as", "org-02")["executed"]
 
 
 def test_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from types import TracebackType
 
+from clients.sdk.connections import NodeAddress
 from clients.sdk.receipts import FinalReceipt, final_receipt
 from clients.sdk.transactions import TransactionBuilder
 from clients.sdk.trust import ProvedState
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value
+from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.keys import PrivateKey
 from consensus.transaction import Transaction
 from contracts.execution.standing import require_standing
@@ -19,9 +20,23 @@ from tests.unit.contracts.system.consortium import Consortium
 class ConsortiumClient:
     """Stands in for `NetworkClient` in front of `Governor` and the readers."""
 
-    def __init__(self, chain: Consortium) -> None:
+    def __init__(self, chain: Consortium, silent: Container[str] = ()) -> None:
         self.chain = chain
         self.transactions = TransactionBuilder(chain.chain_id, self)
+        self.silent = silent
+
+    @property
+    def nodes(self) -> tuple[NodeAddress, ...]:
+        """The active nodes."""
+        names = decode_value(self.chain.state.get(b"membership\x00nodes") or encode_value([]))
+        return tuple(NodeAddress(name, "http://127.0.0.1:1") for name in names)
+
+    async def ask_node(self, node: NodeAddress, method: str, path: str, *, timeout_ms: int) -> bytes:
+        assert (method, path) == ("GET", "/v1/genesis")
+        assert timeout_ms > 0
+        if node.name in self.silent:
+            raise BlockRobotError("NODE_UNREACHABLE", f"Node {node.name} did not answer.")
+        return b"{}"
 
     def now_ms(self) -> int:
         return self.chain.time_ms
