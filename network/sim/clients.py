@@ -5,6 +5,7 @@ A client knows only what nodes answer. Must never count a call as done that no n
 
 from __future__ import annotations
 
+import itertools
 import random
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -13,8 +14,8 @@ from consensus.block import Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
-from network.sim.history import Acknowledged, Submitted, ValueRead
-from network.sim.workload import Call, enrolment, visit
+from network.sim.history import Acknowledged, CodeFault, Submitted, ValueRead
+from network.sim.workload import Call, enrolment, producer_turnover, setting_change, visit
 
 if TYPE_CHECKING:
     from network.sim.cluster import SimCluster
@@ -29,8 +30,15 @@ UPLOAD_SHARE = 0.75
 READ_KEY = b"records\x00announcement-count"
 
 
+def decisions_of(nodes: int, governance: str) -> Iterator[tuple[Call, ...]]:
+    """Yield what the organisations decide, without end: each decision ends an epoch, or two."""
+    decide = setting_change if governance == "settings" else producer_turnover
+    for number in itertools.count():
+        yield from decide(nodes, number)
+
+
 def batches_of(nodes: int, client: int) -> Iterator[tuple[Call, ...]]:
-    """Yield a client's work without end."""
+    """Yield the work of a robot and its owners without end."""
     yield (enrolment(nodes, client),)
     number = 0
     while True:
@@ -39,12 +47,18 @@ def batches_of(nodes: int, client: int) -> Iterator[tuple[Call, ...]]:
 
 
 class SimClient:
-    """One robot and its owners: does its batches one after another until it is told to stop."""
+    """Does its batches one after another, with a gap between them, until it is told to stop."""
 
-    def __init__(self, cluster: SimCluster, number: int, dice: random.Random) -> None:
-        self.cluster, self.number, self.dice = cluster, number, dice
+    def __init__(
+        self,
+        cluster: SimCluster,
+        dice: random.Random,
+        batches: Iterator[tuple[Call, ...]],
+        gap_ms: tuple[float, float] = (0.0, 5.0),
+    ) -> None:
+        self.cluster, self.dice = cluster, dice
         self.is_stopping = False
-        self._batches = batches_of(cluster.plan.nodes, number)
+        self._batches, self._gap_ms = batches, gap_ms
         self._open: dict[bytes, Call] = {}
         self.acknowledged_count = 0
 
@@ -119,10 +133,13 @@ class SimClient:
             cluster.history.add(Submitted(cluster.now, node.index, transaction.txid, code))
             if code not in {"", "TRANSACTION_REPLAYED"}:
                 return
-            await parts.pool.wait_final(transaction.txid, WAIT_MS) if not code else None
+            is_final = not code and await parts.pool.wait_final(transaction.txid, WAIT_MS)
             with node.ledger.snapshot() as snapshot:
                 place = snapshot.locate(transaction.txid)
                 if place is None:
+                    if is_final:
+                        text = f"said that transaction {transaction.txid.hex()[:8]} is final, and its ledger lacks it"
+                        cluster.history.add(CodeFault(cluster.now, node.index, text))
                     return
                 block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
             if block is None or receipts is None:
@@ -142,7 +159,7 @@ class SimClient:
             if self.dice.random() < READ_SHARE:
                 self._travel(lambda: self._read(node))
             if not self._open:
-                self._later(self.dice.uniform(0, 5), self._next)
+                self._later(self.dice.uniform(*self._gap_ms), self._next)
 
     def _read(self, node: SimNode) -> None:
         if not node.is_serving:

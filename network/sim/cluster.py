@@ -18,7 +18,7 @@ from consensus.primitives.encoding import decode
 from network.byzantine import Accomplices
 from network.sim.audit import audit_custody
 from network.sim.chain import make_chain, node_name
-from network.sim.clients import SimClient
+from network.sim.clients import SimClient, batches_of, decisions_of
 from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
 from network.sim.links import LinkQuality, Wires
 from network.sim.loop import Owner, SimLoop
@@ -27,6 +27,7 @@ from network.sim.plan import PROFILES, Fault, Plan
 from node.storage.ledger_store import FinalizedBlock
 
 CLIENTS_COUNT = 3
+DECISION_GAP_MS = (20.0, 300.0)
 START_SPREAD_MS = 40.0
 ARMED_MAX_MS = 1_500
 HEALED_MAX_S = 60.0
@@ -56,7 +57,13 @@ class SimCluster:
         for index, behaviour in plan.byzantine_nodes.items():
             self.nodes[index].behaviour = behaviour
         history.byzantine = frozenset(plan.byzantine_nodes)
-        self.clients = [SimClient(self, number, self._own_dice(f"client {number}")) for number in range(CLIENTS_COUNT)]
+        self.clients = [
+            SimClient(self, self._own_dice(f"client {number}"), batches_of(plan.nodes, number))
+            for number in range(CLIENTS_COUNT)
+        ]
+        if plan.governance:
+            decisions = decisions_of(plan.nodes, plan.governance)
+            self.clients.append(SimClient(self, self._own_dice("organisations"), decisions, DECISION_GAP_MS))
         self._partitions: list[tuple[tuple[int, ...], ...]] = []
         self._one_way: list[tuple[int, int]] = []
         self._is_healed = False
@@ -111,7 +118,7 @@ class SimCluster:
         self.heal()
         goal = max(node.ledger_height for node in self.honest) + 2
         loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
-        loop.run_until(lambda: self.round >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
+        loop.run_until(lambda: max(self.round, self._lowest()) >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
         for client in self.clients:
             client.is_stopping = True
         settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)

@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 
 PLAN_MS_PER_ROUND = 22
 OLD_DISK_SHARE = 0.15
+SPARING_NODES_COUNT = 4
 CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
 PROFILES: dict[str, dict[str, float]] = {
     "lan": {"delay_min_ms": 1, "delay_max_ms": 14},
@@ -38,6 +39,9 @@ FaultKind = Literal[
     "slow-store",
     "old-disk",
 ]
+
+
+Governance = Literal["", "settings", "producers"]
 
 
 class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -69,12 +73,15 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A run: its seed (of delays and clients), size, and faults. `byzantine` maps a node's index to its behaviour.
 
     `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
+    `governance` says what organisations change meanwhile: nothing, `settings`, or `producers` (one loses its seat and
+    has it again).
     """
 
     seed: int
     nodes: int = 4
     rounds: int = 200
     profile: str = "lan"
+    governance: Governance = ""
     byzantine: dict[str, str] = {}
     faults: tuple[Fault, ...] = ()
 
@@ -125,9 +132,16 @@ def make_plan(
         nodes=nodes,
         rounds=rounds,
         profile=dice.choice(("lan", "lan", "lan", "wifi")),
+        governance=_draw_governance(dice, nodes, is_whole=not chosen and "old-disk" not in kinds),
         byzantine={str(index): dice.choice(behaviours) for index in sorted(chosen)},
         faults=tuple(sorted(faults, key=lambda fault: (fault.at_ms, str(fault)))),
     )
+
+
+def _draw_governance(dice: random.Random, nodes: int, *, is_whole: bool) -> Governance:
+    """Draw what organisations change; the seat only of a node that a network without faulty ones can spare."""
+    drawn: Governance = dice.choices(("", "settings", "producers"), weights=[70, 15, 15])[0]
+    return "" if nodes < SPARING_NODES_COUNT or (drawn == "producers" and not is_whole) else drawn
 
 
 def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fault:
@@ -166,6 +180,8 @@ def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fau
 def plan_to_toml(plan: Plan) -> str:
     """Return the printed form of a plan."""
     lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
+    if plan.governance:
+        lines.append(f'governance = "{plan.governance}"')
     if plan.byzantine:
         lines += ["", "[byzantine]", *(f'{index} = "{behaviour}"' for index, behaviour in plan.byzantine.items())]
     for fault in plan.faults:

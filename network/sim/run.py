@@ -11,7 +11,7 @@ import msgspec
 
 from network.sim.checkers import CHECKERS, Violation
 from network.sim.cluster import SimCluster, quiet_logs
-from network.sim.history import Ended, History, Observation
+from network.sim.history import BlockFinalized, Ended, History, Observation
 from network.sim.plan import Plan
 
 Mutation = Callable[[SimCluster], None]
@@ -60,7 +60,7 @@ def run_with_history(
         seed=plan.seed,
         trace=history.trace_hash,
         violations=violations,
-        rounds=max(ended.rounds),
+        rounds=_count_rounds(history),
         height=max(ended.heights),
         frames=cluster.wires.frames_count,
         acknowledged=sum(client.acknowledged_count for client in cluster.clients),
@@ -68,6 +68,14 @@ def run_with_history(
         cpu_s=time.process_time() - started_s,
     )
     return result, history
+
+
+def _count_rounds(history: History) -> int:
+    """Return how many rounds the chain went through: of each epoch up to its last final block."""
+    rounds: dict[int, int] = {}
+    for block in history.of(BlockFinalized):
+        rounds[block.epoch] = max(rounds.get(block.epoch, 0), block.round)
+    return sum(rounds.values())
 
 
 @contextmanager

@@ -1,7 +1,8 @@
 """What simulated clients ask of the network: signed once in a process and used again for every seed.
 
 A client's work is a list of batches: the calls of one are made together, the next when all of them are final. Robots
-register, open visits, record clips; owners ask for access and erasure. Must never depend on a seed.
+register, open visits, record clips; owners ask for access and erasure; organisations change settings and producers.
+Must never depend on a seed.
 """
 
 from __future__ import annotations
@@ -89,6 +90,28 @@ def visit(nodes: int, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
         (Call(_sign(chain, owner, "access", "request", [ids[1:] if number % 2 else [], PURPOSE], *salt)),),
         (Call(_sign(chain, owner, "erasure", "request", [erased, frames], *salt)),),
         (Call(_sign(chain, robot, "records", "close_visit", [owner.public_key, len(ids)], *salt)),),
+    )
+
+
+@cache
+def setting_change(nodes: int, number: int) -> tuple[tuple[Call, ...], ...]:
+    """Return the batches by which the organisations change a setting: each change ends an epoch."""
+    chain = make_chain(nodes)
+    proposal = _sign(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
+    approval = _sign(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
+    return ((Call(proposal),), (Call(approval),))
+
+
+@cache
+def producer_turnover(nodes: int, number: int) -> tuple[tuple[Call, ...], ...]:
+    """Return the batches by which the last node loses its seat and, once it said that it is ready, has it again."""
+    chain, index = make_chain(nodes), nodes - 1
+    key = chain.producers[index].public_key
+    own = chain.admins[index % len(chain.admins)]
+    return (
+        (Call(_sign(chain, own, "producers", "remove", [key], number)),),
+        (Call(_sign(chain, chain.admins[0], "producers", "propose", [key], number)),),
+        (Call(_sign(chain, chain.admins[-1], "producers", "approve", [key], number)),),
     )
 
 

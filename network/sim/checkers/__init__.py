@@ -17,6 +17,7 @@ from network.sim.checkers.exactly_once import check_exactly_once
 from network.sim.checkers.liveness import check_liveness
 from network.sim.checkers.no_double_proposal import check_no_double_proposal
 from network.sim.checkers.no_double_vote import check_no_double_vote
+from network.sim.checkers.only_forward import check_only_forward
 from network.sim.checkers.violation import Violation
 from network.sim.history import History
 
@@ -27,6 +28,7 @@ CHECKERS: dict[str, Checker] = {
     "durability": check_durability,
     "no_double_vote": check_no_double_vote,
     "no_double_proposal": check_no_double_proposal,
+    "only_forward": check_only_forward,
     "equal_state_roots": check_equal_state_roots,
     "exactly_once": check_exactly_once,
     "chain_equals_store": check_chain_equals_store,
