@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from types import TracebackType
 from typing import Any, Self
 
+from consensus.errors import BlockRobotError
 from node.offchain.erase_keys import ERASE_KEY_BYTES
 from node.offchain.store import (
     BlockEffects,
@@ -38,6 +39,7 @@ class MemoryCustodyStore:
 
     def __init__(self, pause: Pause = no_pause) -> None:
         self._pause = pause
+        self._is_open = True
         self._clips: dict[bytes, ClipRow] = {}
         self._frames: dict[bytes, dict[int, FrameRow]] = {}
         self._missing: dict[bytes, RecordFacts] = {}
@@ -47,30 +49,40 @@ class MemoryCustodyStore:
         self._checkpoint: Checkpoint | None = None
 
     async def __aenter__(self) -> Self:
-        """There is nothing to open."""
+        """Open the store."""
+        self._is_open = True
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """There is nothing to close."""
+        """Close the store: until it is opened again it answers nothing."""
+        self._is_open = False
+
+    def _require_open(self) -> None:
+        if not self._is_open:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+
+    async def _begin_writing(self) -> None:
+        self._require_open()
+        await self._pause()
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
         """See `CustodyStore.stage`."""
-        await self._pause()
+        await self._begin_writing()
         self._clips[clip.record_id] = clip
         self._frames[clip.record_id] = {frame.index: frame for frame in frames}
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""
-        await self._pause()
+        await self._begin_writing()
         clip = self._clips.get(record_id)
         if clip is not None and clip.status == "staged":
             self._clips[record_id] = replace(clip, txid=txid, valid_until_ms=valid_until_ms)
 
     async def apply(self, effects: BlockEffects) -> None:
         """See `CustodyStore.apply`; here it is one step."""
-        await self._pause()
+        await self._begin_writing()
         for row in effects.outbox:
             self._outbox.setdefault(row.key, row)
         for facts in effects.confirmed:
@@ -96,23 +108,28 @@ class MemoryCustodyStore:
 
     async def checkpoint(self) -> Checkpoint | None:
         """See `CustodyStore.checkpoint`."""
+        self._require_open()
         return self._checkpoint
 
     async def clips(self, record_ids: Sequence[bytes]) -> dict[bytes, ClipRow]:
         """See `CustodyStore.clips`."""
+        self._require_open()
         return {record_id: self._clips[record_id] for record_id in record_ids if record_id in self._clips}
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         """See `CustodyStore.clips_of_owner`."""
+        self._require_open()
         found = [clip for clip in self._clips.values() if clip.owner == owner and clip.status == "confirmed"]
         return sorted(found, key=lambda clip: clip.record_id)
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """See `CustodyStore.frames`."""
+        self._require_open()
         return [frame for _, frame in sorted(self._frames.get(record_id, {}).items())]
 
     async def frame_places(self, record_ids: Sequence[bytes]) -> list[FramePlace]:
         """See `CustodyStore.frame_places`."""
+        self._require_open()
         return [
             FramePlace(record_id, index, frame.slot)
             for record_id in sorted(record_ids)
@@ -121,20 +138,20 @@ class MemoryCustodyStore:
 
     async def erase_frames(self, record_id: bytes, indexes: Sequence[int]) -> None:
         """See `CustodyStore.erase_frames`."""
-        await self._pause()
+        await self._begin_writing()
         for index in indexes:
             self._frames.get(record_id, {}).pop(index, None)
 
     async def erase_clip(self, record_id: bytes) -> None:
         """See `CustodyStore.erase_clip`."""
-        await self._pause()
+        await self._begin_writing()
         self._frames.pop(record_id, None)
         self._missing.pop(record_id, None)
         self._clips[record_id] = ClipRow(record_id, b"", 0, "erased", (), ())
 
     async def drop_staged(self, record_id: bytes) -> None:
         """See `CustodyStore.drop_staged`."""
-        await self._pause()
+        await self._begin_writing()
         clip = self._clips.get(record_id)
         if clip is not None and clip.status == "staged":
             del self._clips[record_id]
@@ -145,63 +162,72 @@ class MemoryCustodyStore:
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.lapsed`."""
+        self._require_open()
         due = [clip for clip in self._clips.values() if clip.status == "staged" and clip.valid_until_ms <= at_ms]
         return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.valid_until_ms, clip.record_id))][:limit]
 
     async def expired(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.expired`."""
+        self._require_open()
         due = [clip for clip in self._clips.values() if clip.status == "confirmed" and clip.expires_at_ms <= at_ms]
         return [clip.record_id for clip in sorted(due, key=lambda clip: (clip.expires_at_ms, clip.record_id))][:limit]
 
     async def missing(self, limit: int) -> list[RecordFacts]:
         """See `CustodyStore.missing`."""
+        self._require_open()
         return sorted(self._missing.values(), key=lambda facts: (-facts.height, facts.record_id))[:limit]
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
         """See `CustodyStore.missing_clip`."""
+        self._require_open()
         return self._missing.get(record_id)
 
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
+        self._require_open()
         return self._grants.get(access_id)
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         """See `CustodyStore.grants_of_owner`."""
+        self._require_open()
         found = [grant for grant in self._grants.values() if grant.owner == owner]
         return sorted(found, key=lambda grant: grant.access_id)
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """See `CustodyStore.put_background`."""
-        await self._pause()
+        await self._begin_writing()
         self._backgrounds[digest] = content
 
     async def background(self, digest: bytes) -> bytes | None:
         """See `CustodyStore.background`."""
+        self._require_open()
         return self._backgrounds.get(digest)
 
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
-        await self._pause()
+        await self._begin_writing()
         self._outbox.setdefault(row.key, row)
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.mark_outbox_ready`."""
-        await self._pause()
+        await self._begin_writing()
         if key in self._outbox:
             self._outbox[key] = replace(self._outbox[key], status="ready", plan=b"")
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.remove_outbox`."""
-        await self._pause()
+        await self._begin_writing()
         self._outbox.pop(key, None)
 
     async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
+        self._require_open()
         rows = [row for row in self._outbox.values() if row.status == status]
         return sorted(rows, key=lambda row: (row.height, *row.key))[:limit]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox_of`."""
+        self._require_open()
         rows = [row for row in self._outbox.values() if (row.kind, row.subject) == (kind, subject)]
         return sorted(rows, key=lambda row: row.part)
 
@@ -230,11 +256,13 @@ class MemoryCustodyStore:
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
         """See `CustodyStore.all_clips`."""
+        self._require_open()
         for _, clip in sorted(self._clips.items()):
             yield clip
 
     async def slots_in_use(self) -> AsyncIterator[int]:
         """See `CustodyStore.slots_in_use`."""
+        self._require_open()
         for slot in sorted(frame.slot for frames in self._frames.values() for frame in frames.values()):
             yield slot
 

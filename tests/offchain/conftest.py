@@ -12,6 +12,7 @@ from urllib.parse import urlsplit, urlunsplit
 import pytest
 from pymongo import MongoClient
 
+from network.sim.custody_store import MemoryCustodyStore
 from node.offchain.mongo_store import MongoStore
 from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import CustodyStore
@@ -47,11 +48,14 @@ def mongo_database(mongo_uri: str, driver_sockets: None) -> Iterator[str]:
         client.drop_database(name)
 
 
-@pytest.fixture(params=["sqlite", "mongo"])
+@pytest.fixture(params=["sqlite", "mongo", "memory"])
 def make_store(request: pytest.FixtureRequest, tmp_path: Path) -> Callable[[], CustodyStore]:
     """A maker of stores over one and the same database: a second one sees what the first left."""
     if request.param == "sqlite":
         return lambda: SqliteStore(tmp_path / "custody")
+    if request.param == "memory":
+        kept = MemoryCustodyStore()
+        return lambda: kept
     uri = request.getfixturevalue("mongo_database")
     return lambda: MongoStore(uri)
 

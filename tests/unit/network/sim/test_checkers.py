@@ -1,0 +1,148 @@
+"""Each checker finds the broken promise in a history made by hand, and nothing in one that keeps it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import pytest
+
+from network.sim.checkers import CHECKERS
+from network.sim.history import (
+    Acknowledged,
+    BlockFinalized,
+    CodeFault,
+    CustodyAudit,
+    Ended,
+    Healed,
+    History,
+    NodeRefusedStart,
+    NodeStarted,
+    Observation,
+    ProposalSent,
+    TimeoutSent,
+    ValueRead,
+    VoteSent,
+)
+
+
+def block(
+    height: int, *, node: int = 0, name: str = "", txids: tuple[bytes, ...] = (), **changes: Any
+) -> BlockFinalized:
+    made = BlockFinalized(10.0 * height, node, True, height, 0, height, (name or str(height)).encode(), b"root", txids)
+    return msgspec.structs.replace(made, **changes)
+
+
+def told(height: int, txid: bytes = b"t", *, node: int = 0) -> Acknowledged:
+    return Acknowledged(10.0 * height + 5, node, txid, height, str(height).encode(), True)
+
+
+def end(*heights: int, settled: bool = True) -> Ended:
+    return Ended(1_000.0, -1, heights, heights, settled)
+
+
+AUDIT = CustodyAudit(900.0, 0, 2, b"2", (b"a",), (), (b"e",), (b"g",), b"2", (b"a", b"e"), (b"e",), (b"g",), 0)
+
+
+@dataclass(frozen=True)
+class Case:
+    checker: str
+    kept: tuple[Observation, ...]
+    broken: tuple[Observation, ...]
+
+
+def audit(**changes: Any) -> CustodyAudit:
+    return msgspec.structs.replace(AUDIT, **changes)
+
+
+VOTE = VoteSent(1.0, 0, 0, 3, b"x")
+CASES = {
+    "two final blocks at a height": Case(
+        "agreement", (block(1), block(1, node=1)), (block(1), block(1, node=1, name="y"))
+    ),
+    "a client is told of another block": Case("agreement", (block(1), told(1)), (block(1, name="y"), told(1))),
+    "a ledger ends lower after a restart": Case(
+        "durability",
+        (block(1), block(2), NodeStarted(30.0, 0, 2, b"2", b"root", -1)),
+        (block(1), block(2), NodeStarted(30.0, 0, 1, b"1", b"root", -1)),
+    ),
+    "told before it was safe": Case("durability", (block(1), told(1)), (block(1), told(2))),
+    "two votes in a round": Case("no_double_vote", (VOTE, VOTE), (VOTE, VoteSent(2.0, 0, 0, 3, b"y"))),
+    "a vote after giving the round up": Case(
+        "no_double_vote", (VOTE, TimeoutSent(2.0, 0, 0, 3, 2), VOTE), (TimeoutSent(0.5, 0, 0, 3, 2), VOTE)
+    ),
+    "two proposals in a round": Case(
+        "no_double_proposal",
+        (ProposalSent(1.0, 0, 0, 3, 1, b"x"), ProposalSent(2.0, 0, 1, 3, 1, b"y")),
+        (ProposalSent(1.0, 0, 0, 3, 1, b"x"), ProposalSent(2.0, 0, 0, 3, 1, b"y")),
+    ),
+    "a new word of an earlier round": Case(
+        "only_forward",
+        (VOTE, VoteSent(2.0, 0, 0, 4, b"y"), VOTE),
+        (VoteSent(0.5, 0, 0, 4, b"y"), VOTE),
+    ),
+    "another state": Case(
+        "equal_state_roots", (block(1), block(1, node=1)), (block(1), block(1, node=1, state_root=b"other"))
+    ),
+    "another value read": Case(
+        "equal_state_roots",
+        (ValueRead(1.0, 0, b"k", 1, b"root", b"v"), ValueRead(2.0, 1, b"k", 1, b"root", b"v")),
+        (ValueRead(1.0, 0, b"k", 1, b"root", b"v"), ValueRead(2.0, 1, b"k", 1, b"root", b"w")),
+    ),
+    "a transaction twice": Case(
+        "exactly_once", (block(1, txids=(b"t",)), block(2)), (block(1, txids=(b"t",)), block(2, txids=(b"t",)))
+    ),
+    "an acknowledged transaction lost": Case(
+        "exactly_once", (block(1, txids=(b"t",)), told(1), end(1)), (block(1), told(1), end(1))
+    ),
+    "a store ahead of its ledger": Case(
+        "chain_equals_store", (NodeStarted(1.0, 0, 2, b"2", b"", 2),), (NodeStarted(1.0, 0, 2, b"2", b"", 3),)
+    ),
+    "a record that the store forgot": Case("chain_equals_store", (AUDIT,), (audit(confirmed=()),)),
+    "a record that no chain knows": Case("chain_equals_store", (AUDIT,), (audit(missing=(b"z",)),)),
+    "an erased record still kept": Case("erased_means_erased", (AUDIT,), (audit(confirmed=(b"a", b"e")),)),
+    "a key that still opens": Case("erased_means_erased", (AUDIT,), (audit(keys_left=1),)),
+    "nothing new after healing": Case(
+        "liveness",
+        (Healed(20.0, -1, 2, 0, 2, (0,)), block(3)),
+        (Healed(20.0, -1, 2, 0, 2, (0,)), block(2)),
+    ),
+    "too many rounds after healing": Case(
+        "liveness",
+        (Healed(20.0, -1, 2, 0, 2, (0,)), block(3, round=10)),
+        (Healed(20.0, -1, 2, 0, 2, (0,)), block(3, round=60)),
+    ),
+    "no end": Case("liveness", (end(3),), (end(3, settled=False),)),
+    "an exception": Case("code_faults", (), (CodeFault(1.0, 0, "KeyError"),)),
+    "a node that will not start": Case(
+        "code_faults",
+        (NodeRefusedStart(1.0, 0, "JOURNAL_UNWRITABLE"),),
+        (NodeRefusedStart(1.0, 0, "JOURNAL_DAMAGED"),),
+    ),
+}
+
+
+def history_of(observations: tuple[Observation, ...]) -> History:
+    history = History()
+    for observation in observations:
+        history.add(observation)
+    return history
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_checker_finds_its_broken_promise_and_only_that(name: str) -> None:
+    case = CASES[name]
+    assert CHECKERS[case.checker](history_of(case.kept)) == []
+    found = CHECKERS[case.checker](history_of(case.broken))
+    assert {violation.checker for violation in found} == {case.checker}
+
+
+def test_every_checker_is_tried_here() -> None:
+    assert {case.checker for case in CASES.values()} == set(CHECKERS)
+
+
+def test_what_a_dishonest_node_says_breaks_no_promise_of_the_honest_ones() -> None:
+    history = history_of((VOTE, VoteSent(2.0, 0, 0, 3, b"y"), block(1), block(1, name="y")))
+    history.byzantine = frozenset({0})
+    assert [violation for check in CHECKERS.values() for violation in check(history)] == []

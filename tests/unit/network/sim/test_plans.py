@@ -1,0 +1,69 @@
+"""Plans: drawn from a seed, written and read back, and cut down to what breaks something."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from network.sim.checkers import Violation
+from network.sim.plan import Fault, Plan, load_plan, make_plan, plan_to_toml
+from network.sim.run import RunResult
+from network.sim.shrink import shrink_plan
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_printed_plan_is_read_back_as_it_was(seed: int, tmp_path: Path) -> None:
+    plan = make_plan(seed, nodes=7, byzantine=seed % 3, behaviours=("equivocate", "garbage"))
+    (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
+    assert load_plan(tmp_path / "plan.toml") == plan
+
+
+def test_a_seed_draws_one_plan_and_another_seed_another() -> None:
+    assert make_plan(5) == make_plan(5)
+    assert make_plan(5) != make_plan(6)
+
+
+def test_a_plan_with_a_misspelt_fault_is_refused_with_what_is_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text('seed = 1\n[[faults]]\nkind = "crush"\nat_ms = 1\nfor_ms = 2\n')
+    with pytest.raises(BlockRobotError, match="crush"):
+        load_plan(path)
+
+
+def test_no_plan_makes_more_nodes_faulty_than_the_network_bears() -> None:
+    plans = [make_plan(seed, byzantine=1, behaviours=("garbage",)) for seed in range(200)]
+    assert not any(
+        fault.kind == "old-disk" or plan.governance == "producers" for plan in plans for fault in plan.faults
+    )
+
+
+def result_of(plan: Plan, *checkers: str) -> RunResult:
+    violations = tuple(Violation(checker, 0.0, -1, "broken") for checker in checkers)
+    return RunResult(plan.seed, "", violations, 0, 0, 0, 0, 0.0, 0.0)
+
+
+def test_shrinking_leaves_only_the_two_faults_that_break_something_together() -> None:
+    def crash(node: int) -> Fault:
+        return Fault(kind="crash", at_ms=10 * node, for_ms=64, node=node)
+
+    def play(plan: Plan) -> RunResult:
+        nodes = {fault.node for fault in plan.faults}
+        return result_of(plan, *(["agreement"] if {3, 8} <= nodes else []))
+
+    plan = Plan(seed=1, rounds=80, byzantine={"2": "garbage"}, faults=tuple(crash(node) for node in range(12)))
+    shrunk, found = shrink_plan(plan, play(plan), play)
+    assert [fault.node for fault in shrunk.faults] == [3, 8]
+    assert shrunk.byzantine == {}
+    assert shrunk.rounds < 80
+    assert {violation.checker for violation in found.violations} == {"agreement"}
+
+
+def test_shrinking_does_not_take_another_break_for_the_one_that_it_was_given() -> None:
+    def play(plan: Plan) -> RunResult:
+        return result_of(plan, "agreement" if len(plan.faults) > 1 else "liveness")
+
+    plan = Plan(seed=1, faults=tuple(Fault(kind="power-cut", at_ms=n, for_ms=1) for n in range(4)))
+    shrunk, _ = shrink_plan(plan, play(plan), play)
+    assert len(shrunk.faults) == 2
