@@ -16,6 +16,7 @@ from typing import Any
 import msgspec
 
 from clients.sdk.http import NetworkClient
+from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.transactions import Clock, SystemClock
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -107,7 +108,7 @@ class Desk:
         `robot` is its member key M. What stands in the rows is proven against a finalized header. Raises NOT_FOUND if
         the robot is not registered.
         """
-        async with NetworkClient(self._genesis) as client:
+        async with open_pinned_client(self._genesis, self._folder / PIN_FILE) as client:
             members = await self._registered(client)
             robot_state = await client.state_value("identity", b"member/" + robot, self.key)
         if robot_state is None or robot_state["role"] != "robot" or robot_state["status"] != "active":

@@ -61,7 +61,7 @@ def register(ctx: click.Context, code: str, as_json: bool) -> None:
     """Register the robot with the CODE that the registrar issued."""
     folder, genesis_path = ctx.obj
     identity = load_identity(folder)
-    done = asyncio.run(register_robot(identity, code, load_genesis(genesis_path)))
+    done = asyncio.run(register_robot(folder, identity, code, load_genesis(genesis_path)))
     if as_json:
         print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex()})
     else:

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from clients.robot.identity import RobotIdentity
 from clients.sdk.enrolment import NewMember, Registration, register_member
-from clients.sdk.http import NetworkClient
+from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from consensus.genesis import Genesis
 from consensus.records.vouchers import decode_card_code
 
 
-async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -> Registration:
-    """Register with the card's code. Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses."""
+async def register_robot(folder: Path, identity: RobotIdentity, code: str, genesis: Genesis) -> Registration:
+    """Register the robot that lives in `folder` with the card's code.
+
+    Raises VOUCHER_INVALID, or CALL_REFUSED if the chain refuses.
+    """
     card = decode_card_code(code)
     member = NewMember(
         identity=identity.identity,
@@ -18,5 +23,5 @@ async def register_robot(identity: RobotIdentity, code: str, genesis: Genesis) -
         view=identity.view.public_key,
         sealing=identity.sealing_public,
     )
-    async with NetworkClient(genesis) as client:
+    async with open_pinned_client(genesis, folder / PIN_FILE) as client:
         return await register_member(client, card, member, [])

@@ -29,6 +29,7 @@ from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
 from clients.sdk.http import NetworkClient
+from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from consensus.genesis import Genesis
 
 SENSOR_NAME = "depth"
@@ -150,7 +151,7 @@ async def replay_recording(
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
     source = BagSource(recording)
-    async with NetworkClient(genesis) as client:
+    async with open_pinned_client(genesis, folder / PIN_FILE) as client:
         run = _Run(folder, client, options, progress)
         statistics = await run.work(source)
     return {

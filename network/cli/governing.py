@@ -19,6 +19,7 @@ from rich.table import Table
 
 from clients.sdk.governance import Decision, Governor, MembershipView, ProposalRow, find_proposal, read_membership
 from clients.sdk.http import NetworkClient
+from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.terminal import console, load_genesis, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -108,7 +109,7 @@ def with_client(seat: Seat, work: Callable[[NetworkClient], Awaitable[T]]) -> T:
     """Run work with a client of the seat's network. Raises GOVERNANCE_NOT_ADMIN if its key may not even ask."""
 
     async def run() -> T:
-        async with NetworkClient(seat.genesis) as client:
+        async with open_pinned_client(seat.genesis, seat.folder / PIN_FILE) as client:
             return await work(client)
 
     try:

@@ -21,6 +21,9 @@ from consensus.primitives.keys import PrivateKey
 from network.cluster import Cluster
 
 ANSWER_TIMEOUT_MS = 3_000
+LOOKS_COUNT = 3
+LOOK_AGAIN_S = 1.0
+"""A node may be busy for a moment; it counts as unwell only if it is so every time."""
 
 
 def anyway_option(command: Any) -> Any:
@@ -60,10 +63,13 @@ async def require_live_quorum(
     left = [row.name for row in seated if row.key not in leaving]
     if not left or len(left) == len(seated):
         return
-    unwell = await find_unwell(client, folder, left)
     needed = len(left) - (len(left) - 1) // 3
-    if len(left) - len(unwell) >= needed:
-        return
+    unwell = left
+    for look in range(LOOKS_COUNT):
+        await asyncio.sleep(LOOK_AGAIN_S if look else 0)
+        unwell = await find_unwell(client, folder, unwell)
+        if len(left) - len(unwell) >= needed:
+            return
     raise BlockRobotError(
         "GOVERNANCE_QUORUM_UNWELL",
         f"{len(left)} producers would be left, and {needed} of them are needed; not well now: {', '.join(unwell)}.",

@@ -13,7 +13,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.governance import MembershipView
-from clients.sdk.http import NetworkClient
+from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import NodeEntry
@@ -93,7 +93,7 @@ class _Wanted:
 async def _add(
     cluster: Cluster, voices: dict[str, PrivateKey], wanted: _Wanted, tell: Callable[[Step], None]
 ) -> tuple[NodeEntry, Growth]:
-    async with NetworkClient(cluster.genesis) as client:
+    async with open_pinned_client(cluster.genesis, cluster.folder / PIN_FILE) as client:
         growth = Growth(client, voices, tell)
         membership = await growth.begin()
         entry = _make(cluster, membership, growth, wanted)

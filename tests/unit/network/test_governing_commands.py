@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.governing as governing
+import network.cli.live_quorum as live_quorum
 from consensus.errors import CATALOGUE
 from consensus.genesis import genesis_to_json
 from network.authority import create_authority, issue_node_certificate
@@ -38,7 +39,8 @@ def chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, silent: set[str]) -> 
         (place / "admin.key").write_bytes(admin_of(name).secret)
     (folder / "genesis.json").write_text(genesis_to_json(chain.genesis), encoding="utf-8")
     monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
-    monkeypatch.setattr(governing, "NetworkClient", lambda genesis: ConsortiumClient(chain, silent))
+    monkeypatch.setattr(live_quorum, "LOOK_AGAIN_S", 0)
+    monkeypatch.setattr(governing, "open_pinned_client", lambda _genesis, _path: ConsortiumClient(chain, silent))
     return chain
 
 

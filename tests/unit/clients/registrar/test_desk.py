@@ -11,6 +11,7 @@ import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
 from clients.registrar.desk import CARD_LIFETIME_DEFAULT_MS, Desk
+from clients.sdk.pin_file import PIN_FILE
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.roster import Roster, open_roster, roster_tag
@@ -114,7 +115,8 @@ class FakeClient:
 
     state: dict[tuple[str, bytes], Any] = {}  # noqa: RUF012 - set anew by each test
 
-    def __init__(self, genesis: object) -> None:
+    def __init__(self, genesis: object, path: Path) -> None:
+        assert path.name == PIN_FILE
         self.asked: list[bytes] = []
 
     async def __aenter__(self) -> FakeClient:
@@ -144,7 +146,7 @@ def member_state(role: str, status: str = "active", sealing: bytes = bytes(32)) 
 def chain(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, bytes], Any]:
     robot = member_state("robot", sealing=bytes(ROBOT_SEALING.public_key))
     FakeClient.state = {("identity", b"member/" + ROBOT): robot}
-    monkeypatch.setattr("clients.registrar.desk.NetworkClient", FakeClient)
+    monkeypatch.setattr("clients.registrar.desk.open_pinned_client", FakeClient)
     return FakeClient.state
 
 
