@@ -192,6 +192,7 @@ class Core(Hearing):
         node = self._add_block(proposal.block)
         if node is not None:
             self._pacemaker.note_word_of(node.header.producer)
+            self._confront(node.header.round)
             if node.header.round < self.round - 1:
                 self._answer_stale(sender, always=False)
 
@@ -304,6 +305,7 @@ class Core(Hearing):
         if vote.epoch != self.epoch or not self._genuine.has_producer(vote.index):
             return
         self._hear_vote(vote)
+        self._confront(vote.round)
         if vote.round <= self.high_qc.round:
             if 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS and self._genuine.of_vote(vote):
                 self._answer_stale(vote.index, always=False)

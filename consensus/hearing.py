@@ -9,7 +9,7 @@ from consensus.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.effects import Effect, EvidenceFound, Persist, SendTo
 from consensus.evidence import Evidence
 from consensus.journal_records import SilenceMark, encode_silence_record
-from consensus.messages import Timeout, Vote, Word, WordsAnswer, WordsRequest
+from consensus.messages import Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
 from consensus.returning import SilenceReport
 from consensus.standing import Standing
 
@@ -29,6 +29,15 @@ class Hearing(Standing):
 
     def _hear_proposal(self, block: Block, header: Header, block_id: bytes) -> None:
         self._note_evidence(self._witness.hear_proposal(block, header, block_id))
+
+    def _confront(self, round_number: int) -> None:
+        """R39: whoever voted for another block of a round than the one held here is shown this one."""
+        if self.index is None:
+            return
+        block_id, voters = self._witness.confront(round_number)
+        node = self._tree.get(block_id) or self._tree.orphans.get(block_id)
+        if node is not None:
+            self._effects += [SendTo(index=index, message=Proposal(block=node.block)) for index in voters]
 
     def _hear_timeout(self, timeout: Timeout) -> None:
         self._witness.note_timeout(timeout)

@@ -27,6 +27,7 @@ class _Heard:
     block_id: bytes = b""
     signature: bytes = b""
     is_accused: bool = False
+    is_confronted: bool = False
     checks_count: int = 0
 
 
@@ -80,6 +81,20 @@ class Witness:
             check=self._check,
         )
         return self._note(kind, round_number, index, block_id, signature) if is_genuine else []
+
+    def confront(self, round_number: int) -> tuple[bytes, list[int]]:
+        """Return the proposal first heard of a round, and who voted for another one there; each is named once (R39)."""
+        words = self._rounds.get(round_number, {})
+        held = words.get((WORD_PROPOSAL, self._schedule.leader(round_number)))
+        if held is None or not held.block_id:
+            return b"", []
+        named = []
+        for (kind, index), heard in words.items():
+            is_another = kind == WORD_VOTE and heard.block_id not in (b"", held.block_id)
+            if is_another and not heard.is_confronted and index != self._own_index:
+                heard.is_confronted = True
+                named.append(index)
+        return held.block_id, named
 
     # Genuine words
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import msgspec
 import pytest
 
-from consensus.effects import EvidenceFound
+from consensus.effects import EvidenceFound, SendTo
 from consensus.errors import BlockRobotError
 from consensus.events import ProposalReceived, VoteReceived
 from consensus.evidence import evidence_key, make_evidence, verify_evidence
 from consensus.limits import EVIDENCE_ROUNDS_KEPT_COUNT, WORD_CHECKS_MAX_COUNT
-from consensus.messages import Proposal
+from consensus.messages import Proposal, Vote
 from consensus.primitives.encoding import encode
 from consensus.signature_cache import SignatureCache
 from tests.sim.named_chain import CHAIN_ID
@@ -80,6 +80,35 @@ def test_a_certificate_that_contradicts_a_vote_is_evidence():
     hear(node, PEERS.vote(0, OTHER))
     found = [effect.evidence for effect in of_type(node.notice(PEERS.qc(ONE)), EvidenceFound)]
     assert found == [evidence_of_votes()]
+
+
+def shown_to(node, *words):
+    """To whom the node sends which block while it hears these words."""
+    sent = []
+    for word in words:
+        if isinstance(word, Vote):
+            event = VoteReceived(vote=word, now_ms=NOW_MS)
+        else:
+            event = ProposalReceived(proposal=Proposal(block=word), sender=None, now_ms=NOW_MS)
+        sent += [
+            (effect.index, effect.message.block.block_id)
+            for effect in of_type(node.handle(event), SendTo)
+            if isinstance(effect.message, Proposal)
+        ]
+    return sent
+
+
+def test_who_voted_for_the_leaders_other_block_is_shown_this_one_once():
+    """R39: of seven, twins shown to three each are never certified; only so do both come before one pair of eyes."""
+    vote = PEERS.vote(0, OTHER)
+    assert shown_to(OneCore(), ONE, vote, vote, PEERS.vote(2, ONE)) == [(0, ONE.block_id)]
+    assert shown_to(OneCore(), vote, ONE, ONE) == [(0, ONE.block_id)]
+    assert shown_to(OneCore(), vote) == []
+
+
+def test_a_forged_vote_for_another_block_is_shown_nothing():
+    forged = msgspec.structs.replace(PEERS.vote(0, OTHER), index=2)
+    assert shown_to(OneCore(), ONE, forged) == []
 
 
 def test_a_vote_and_a_proposal_or_words_of_two_rounds_are_no_evidence():
