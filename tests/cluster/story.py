@@ -10,13 +10,14 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from clients.registrar.desk import Desk
 from clients.sdk import NetworkClient
 from clients.sdk.enrolment import NewMember, register_member
+from clients.sdk.governance import read_producers
 from consensus.errors import BlockRobotError
 from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.keys import PrivateKey
@@ -276,10 +277,11 @@ class Story:
 
     # The end
 
-    async def end(self, *, without: Sequence[str] = ()) -> None:
+    async def end(self, *, without: Sequence[str] = (), liars: Collection[str] = ()) -> None:
         """Let clients finish; check the same state everywhere, and the clients' history with all that every node has.
 
-        `without` names nodes whose word counts for nothing: those that are down for good, or lie.
+        `without` names nodes whose word counts for nothing: those that are down for good, or lie. `liars` may have been
+        accused of saying two things in one round; of all others nobody may hold such evidence.
         """
         await self.rest()
         honest = [name for name in self.names if name not in without]
@@ -291,6 +293,13 @@ class Story:
         self.report("reads_count", len(self.history.reads))
         assert self.history.violations() == []
         assert self.history.unread(honest) == []
+        assert await self.accused() <= set(liars)
+
+    async def accused(self) -> set[str]:
+        """The nodes against whose producer keys the proved state holds evidence."""
+        client = self.clients[0]
+        view = await read_producers(client.client, client.key)
+        return {row.name for row in view.candidates if row.evidence}
 
     async def same_state(self, names: Sequence[str]) -> str:
         """Wait until these nodes are at one height with one state root, at least as far as clients know; return it."""

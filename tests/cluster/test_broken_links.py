@@ -24,6 +24,19 @@ async def test_a_node_that_is_paused_longer_than_the_timeout_costs_its_turns_and
     await story.end()
 
 
+async def test_clients_of_a_node_that_freezes_as_leader_are_served_by_the_others(story: Story) -> None:
+    """Elsewhere followers who never heard of a frozen leader's transactions wait with it (hyperledger/fabric#4438)."""
+    frozen = await story.leader()
+    await story.work(frozen)
+    await story.until_told()
+    paused_s = await story.do(Pause(frozen))
+    await story.until_told()
+    story.report_gap("own_node_frozen", paused_s)
+    await story.do(Resume(frozen))
+    await story.until_told()
+    await story.end()
+
+
 async def test_three_nodes_go_on_without_the_one_that_is_cut_off_which_catches_up(story: Story) -> None:
     await story.work("node-1", "node-2", "node-3")
     await story.until_told()

@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 
-from network.faults.actions import FillDisk
+from network.faults.actions import FillDisk, Kill, Restart
 from tests.cluster.story import Story
 
 FULL_S = 3.0
@@ -38,4 +38,20 @@ async def test_when_every_journal_is_full_nothing_is_said_and_freed_all_go_on(st
     freed_s = await story.do(*(FillDisk(name, "journal", is_full=False) for name in story.names))
     await story.until_told()
     story.report_gap("all_disks_freed", freed_s)
+    await story.end()
+
+
+async def test_a_node_that_is_killed_on_a_full_disk_starts_on_it_and_goes_on_when_it_is_freed(story: Story) -> None:
+    """Elsewhere such a node cannot start again (hyperledger/fabric#4162)."""
+    await story.work("node-1", "node-2", "node-4")
+    await story.until_told()
+    full_s = await story.do(*(FillDisk("node-3", disk) for disk in ("journal", "ledger")))
+    await story.wait_until("node-3", lambda said: bool(said.get("fault")))
+    await story.do(Kill("node-3"), Restart("node-3"))
+    await story.cluster.wait_answering("node-3")
+    await story.until_told()
+    freed_s = await story.do(*(FillDisk("node-3", disk, is_full=False) for disk in ("journal", "ledger")))
+    story.report_gap("killed_on_a_full_disk", full_s, freed_s)
+    await story.wait_until("node-3", lambda said: said.get("fault") == "" and bool(said.get("ready")))
+    await story.until_told()
     await story.end()

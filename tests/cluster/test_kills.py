@@ -10,6 +10,8 @@ from __future__ import annotations
 import asyncio
 import time
 
+import pytest
+
 from network.faults.actions import Kill, Restart
 from tests.cluster.story import Story
 
@@ -59,4 +61,16 @@ async def test_power_is_cut_under_load_twice_and_everything_acknowledged_is_ther
     story.report("restart_ready_s", round(time.monotonic() - began_s, 3))
     await story.until_told(10)
     story.report_gap("power_cut_twice", cut_s)
+    await story.end()
+
+
+@pytest.mark.parametrize("story", [1], indirect=True)
+async def test_a_network_of_one_node_is_killed_and_goes_on(story: Story) -> None:
+    """Elsewhere a single validator cannot be restarted (besu#6457). Nobody is there to ask what it said last."""
+    await story.work()
+    await story.until_told(10)
+    killed_s = await story.do(Kill("node-1"))
+    await story.do(Restart("node-1"))
+    await story.until_told(10)
+    story.report_gap("lone_node_killed", killed_s)
     await story.end()

@@ -55,7 +55,7 @@ async def test_who_contradicts_itself_is_suspended_by_the_evidence_and_stays_so_
     await story.cluster.wait_answering(LIAR)
     await story.until_told()
     assert (await _seat(story))["status"] == "suspended"
-    await story.end()
+    await story.end(liars=[LIAR])
 
 
 @pytest.mark.long
@@ -67,4 +67,4 @@ async def test_other_lies_deceive_nobody_stop_nothing_and_end_with_a_restart(sto
     await story.until_told()
     if behaviour not in REWRITING:
         assert (await _seat(story))["status"] == "producing"
-    await story.end()
+    await story.end(liars=[LIAR])

@@ -15,7 +15,10 @@ from typing import Any
 
 import pytest
 
+from network.faults.actions import Kill, Restart
+from tests.cluster.commands import must
 from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.story import Story
 
 RETURN_TIMEOUT_S = 60.0
 
@@ -60,22 +63,35 @@ async def _require_its_votes(network: NetworkUnderTest, name: str, dead: str) ->
     await _work(network, name, 2)
 
 
-async def test_a_whole_directory_from_a_backup_is_silent_for_a_while_and_then_votes(network: NetworkUnderTest) -> None:
-    name, directory = "node-4", network.cluster.config("node-4").data_dir
-    await _work(network, "node-1", 3)
-    network.cluster.stop(name)
-    shutil.copytree(directory, directory.with_name("backup"))
-    network.cluster.start(name)
-    await _work(network, "node-1", 5)
-    network.cluster.kill(name)
-    shutil.rmtree(directory)
-    directory.with_name("backup").rename(directory)
-    network.cluster.start(name, restored=True)
-    silent = await _silence(network, name)
-    assert silent is not None
-    assert silent["reason"] == "restored"
-    assert await _until_it_speaks(network, name, "node-1") > 0
-    await _require_its_votes(network, name, "node-2")
+@pytest.mark.parametrize("is_flagged", [True, False], ids=["flagged", "unflagged"])
+async def test_an_old_machine_comes_back_under_load_and_never_speaks_against_itself(
+    story: Story, is_flagged: bool
+) -> None:
+    """The whole directory is put back. With the flag it is certain to be silent; without it, the others tell it."""
+    name, config = "node-4", story.cluster.config("node-4")
+    await story.work("node-1", "node-2", "node-3")
+    await story.until_told(10)
+    await asyncio.to_thread(story.cluster.stop, name)
+    backup = shutil.copytree(config.data_dir, config.data_dir.with_name("backup"))
+    story.cluster.start(name)
+    await story.cluster.wait_ready([name])
+    await story.until_told(20)
+    killed_s = await story.do(Kill(name))
+    shutil.rmtree(config.data_dir)
+    backup.rename(config.data_dir)
+    story.cluster.start(name, restored=is_flagged)
+    await story.wait_until(name, lambda said: bool(said.get("ready")) and said["silent"] is None, RETURN_TIMEOUT_S)
+    story.report_gap("old_machine", killed_s)
+    assert ('"restored"' if is_flagged else '"outdated"') in config.log_path.read_text(encoding="utf-8")
+    dead_s = await story.do(Kill("node-2"))
+    await story.until_told(5)
+    story.report_gap("needing_its_votes", dead_s)
+    await story.do(Restart("node-2"))
+    await story.cluster.wait_ready(["node-2"])
+    listed = await must(story.network, "producer", "list")
+    assert [row["status"] for row in listed["producers"]] == ["producing"] * 4
+    assert not any(row["evidence"] for row in listed["producers"])
+    await story.end()
 
 
 async def test_an_old_journal_is_noticed_by_what_the_others_remember(network: NetworkUnderTest) -> None:
