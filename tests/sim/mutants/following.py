@@ -1,0 +1,76 @@
+"""Mutants of epochs: where one ends, and what of it counts in the next (R21 to R24)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import pytest
+
+from consensus import core, standing
+from consensus.block import Header
+from consensus.blocktree import BlockTree
+from consensus.committing import Commit, _prove
+from consensus.journal_records import JournalRecord, JournalState, _merge
+from consensus.primitives.encoding import decode
+from consensus.settings import Epoch
+from node import execution
+from tests.sim.mutants.mutant import Mutant
+from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, CUT_AT_THE_BOUNDARY
+
+
+def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
+    """What was said and certified in one epoch counts in the next."""
+
+    def read(records: Iterable[bytes], epoch: int) -> JournalState:
+        state = JournalState()
+        for data in records:
+            record = decode(data, JournalRecord)
+            state.silence = record.silence
+            _merge(state, record)
+        return state
+
+    patch.setattr(standing, "read_journal", read)
+
+
+def ignore_the_boundary(patch: pytest.MonkeyPatch) -> None:
+    """A block that decides another epoch is one like any other: transactions go on after it."""
+
+    def next_epoch(writes: object, current: int) -> Epoch | None:
+        return None
+
+    patch.setattr(execution, "next_epoch", next_epoch)
+
+
+def never_end_an_epoch(patch: pytest.MonkeyPatch) -> None:
+    """Leaders and voters do not see that only closing blocks may follow."""
+    patch.setattr(Header, "ends_epoch", property(lambda self: False))
+
+
+def finalize_closing_blocks(patch: pytest.MonkeyPatch) -> None:
+    """A commit among closing blocks goes beyond the boundary."""
+
+    def choose(tree: BlockTree, chains: list) -> Commit:
+        newest = chains[-1]
+        return Commit(head=newest.final, proof=_prove([newest.final], newest), ends_epoch=False)
+
+    patch.setattr(core, "choose_commit", choose)
+
+
+def carry_the_round_over(patch: pytest.MonkeyPatch) -> None:
+    """A head of an earlier epoch counts with its round there."""
+    patch.setattr(BlockTree, "root_round", property(lambda self: self.root.header.round))
+
+
+FOLLOWING = (
+    Mutant("let words span an epoch", "R24", let_words_span_epochs, CUT_AT_THE_BOUNDARY, frozenset({"liveness"})),
+    Mutant("ignore the boundary", "R21", ignore_the_boundary, CHANGES, frozenset({"epoch_in_force"})),
+    Mutant("ends_epoch always False", "R21", never_end_an_epoch, CHANGES, frozenset({"liveness"})),
+    Mutant(
+        "closing blocks final",
+        "R22",
+        finalize_closing_blocks,
+        CHANGES_AND_LOST_LEADERS,
+        frozenset({"agreement", "code_faults"}),
+    ),
+    Mutant("the root round of another epoch", "R23", carry_the_round_over, CHANGES, frozenset({"liveness"})),
+)

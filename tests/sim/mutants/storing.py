@@ -1,0 +1,106 @@
+"""Mutants of what blocks do: execution, replays, the stores, and what clients are told."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import pytest
+
+from consensus.block import FinalityProof
+from contracts.execution.machine import ContractMachine
+from contracts.execution.results import BlockContext
+from node.assembly import Assembly
+from node.custody import Custody
+from node.execution import ExecutedBlock, _BranchTransactions
+from node.finality import FinalityFeed, LedgerWriter
+from node.offchain.finalized import collect_events
+from node.storage.memory_store import _Tables
+from tests.sim.mutants.mutant import Mutant
+from tests.sim.mutants.schedules import CHAOS, CHAOS_APART, REPLAY, REPLAY_AFTER_PRUNING
+
+
+def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
+    """Contracts see how often this process has executed something."""
+    count = itertools.count()
+
+    def context(self: ContractMachine, height: int, time_ms: int) -> BlockContext:
+        return BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms + next(count) % 2)
+
+    patch.setattr(ContractMachine, "_context", context)
+
+
+def forget_stored_txids(patch: pytest.MonkeyPatch) -> None:
+    """Only transactions above the stored ledger count as known."""
+    patch.setattr(_BranchTransactions, "__contains__", lambda self, txid: txid in self._above)
+
+
+def prune_txids(patch: pytest.MonkeyPatch) -> None:
+    """With a block's body its transactions' ids go."""
+    prune = _Tables.prune
+
+    def forgetful(self: _Tables, below_height: int, reduce: Callable[[bytes], bytes]) -> None:
+        prune(self, below_height, reduce)
+        self.locations = {txid: place for txid, place in self.locations.items() if place.height >= self.earliest_height}
+
+    patch.setattr(_Tables, "prune", forgetful)
+
+
+def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
+    """The custodian's store follows certified blocks, final or not."""
+    make = Assembly._make_custody
+
+    def make_custody(self: Assembly) -> Custody | None:
+        custody = make(self)
+        note = self.engine._note_certified
+
+        def note_certified(block_id: bytes) -> None:
+            note(block_id)
+            executed = self.executor.find(block_id)
+            if executed is not None and custody is not None and custody.checkpoint_height is not None:
+                self.engine._loop.create_task(apply(custody, executed))
+
+        self.engine._note_certified = note_certified  # type: ignore[method-assign]
+        return custody
+
+    async def apply(custody: Custody, executed: ExecutedBlock) -> None:
+        header = executed.header
+        if header.height == (custody.checkpoint_height or 0) + 1:
+            events = collect_events(header.height, executed.block_id, header.timestamp_ms, executed.receipts)
+            await custody._custodian.on_finalized_block(events)
+            custody.checkpoint_height = header.height
+
+    patch.setattr(Assembly, "_make_custody", make_custody)
+
+
+def tell_too_early(patch: pytest.MonkeyPatch) -> None:
+    """Who waits for a transaction is told when its block is handed to the store."""
+    store = LedgerWriter.store
+
+    def store_and_tell(self: LedgerWriter, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
+        store(self, blocks, proof)
+        for listener in self._listeners:
+            feed = getattr(listener, "__self__", None)
+            if isinstance(feed, FinalityFeed):
+                feed.publish(blocks, proof, blocks[-1].to_stored(proof).position)
+
+    patch.setattr(LedgerWriter, "store", store_and_tell)
+
+
+STORING = (
+    Mutant(
+        "execution that depends on the node",
+        "R5",
+        look_at_ones_own_clock,
+        CHAOS_APART,
+        frozenset({"liveness", "code_faults"}),
+    ),
+    Mutant("forget stored txids", "R14", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
+    Mutant("drop txids when pruning", "R14", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),
+    Mutant(
+        "apply reversible blocks to the store", "R16", apply_reversible_blocks, CHAOS, frozenset({"chain_equals_store"})
+    ),
+    Mutant(
+        "acknowledge before durable storage", "R12", tell_too_early, CHAOS, frozenset({"durability", "code_faults"})
+    ),
+)

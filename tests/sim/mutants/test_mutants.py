@@ -1,0 +1,32 @@
+"""Each rule is turned off in turn, and must be missed; with all of them on, the same schedules break nothing."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.sim.mutants.mutant import Mutant, Schedule, hunt
+from tests.sim.mutants.registry import MUTANTS, SCHEDULES
+
+
+@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name)
+def test_a_rule_that_is_turned_off_is_missed(mutant: Mutant) -> None:
+    caught = hunt(mutant)
+    assert caught is not None, f"{mutant.name}: no seed of {mutant.schedule.name} shows it"
+
+
+@pytest.mark.parametrize("schedule", SCHEDULES, ids=lambda schedule: schedule.name)
+def test_with_all_rules_on_the_same_schedule_breaks_nothing(schedule: Schedule) -> None:
+    for seed in schedule.seeds:
+        assert [str(violation) for violation in schedule.play(seed)] == [], seed
+
+
+def test_every_mutant_has_a_row_in_the_table() -> None:
+    from pathlib import Path
+
+    table = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
+    rows = [line for line in table.splitlines() if line.startswith("| ") and "`" in line]
+    missing = [
+        mutant.name for mutant in MUTANTS if not any(f"| {mutant.name} | {mutant.rule} |" in row for row in rows)
+    ]
+    assert missing == []
+    assert len(rows) == len(MUTANTS) >= 16
