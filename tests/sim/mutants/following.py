@@ -70,7 +70,7 @@ FOLLOWING = (
         "R22",
         finalize_closing_blocks,
         CHANGES_AND_LOST_LEADERS,
-        frozenset({"agreement", "code_faults"}),
+        frozenset({"code_faults"}),
     ),
     Mutant("the root round of another epoch", "R23", carry_the_round_over, CHANGES, frozenset({"liveness"})),
 )

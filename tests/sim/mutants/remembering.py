@@ -110,11 +110,11 @@ REMEMBERING = (
     Mutant("skip the journal's sync", "R12", skip_the_sync, POWER_CUTS, FORGETFUL),
     Mutant("send before the sync", "R12", send_before_the_sync, POWER_CUTS, TWO_WORDS),
     Mutant(
-        "a block leaves the journal before it is stored",
+        "forget final blocks that are not stored",
         "R12",
         forget_final_blocks_early,
         STORES_BEHIND,
-        frozenset({"durability", "liveness"}),
+        frozenset({"liveness"}),
     ),
     Mutant("trust a restored journal", "R33, R34", trust_a_restored_journal, OLD_JOURNAL, TWO_WORDS),
 )

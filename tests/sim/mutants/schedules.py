@@ -77,7 +77,7 @@ def play_power_cuts(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, faults=tuple(cuts)))
 
 
-CHAOS = Schedule("chaos", play_chaos, range(12))
+CHAOS = Schedule("chaos", play_chaos, range(4))
 HALVES = Schedule("halves", play_halves, range(3))
 POWER_CUTS = Schedule("power cuts", play_power_cuts, range(6))
 
@@ -131,7 +131,7 @@ def play_old_journal(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, faults=faults))
 
 
-OLD_JOURNAL = Schedule("old journal", play_old_journal, range(12))
+OLD_JOURNAL = Schedule("old journal", play_old_journal, range(8))
 
 
 # Liars

@@ -66,10 +66,11 @@ def play_two_rounds_given_up(_seed: int) -> list[Violation]:
     words += said([*again.started, *again.fire("round"), *again.fire("resend")], Timeout)
 
     rounds: dict[int, bytes] = {}
-    found = []
-    for word in words:
-        if rounds.setdefault(word.round, word.signature) != word.signature:
-            found.append(Violation("no_double_vote", 0.0, 0, f"gave up round {word.round} with two different words"))
+    found = [
+        Violation("no_double_vote", 0.0, 0, f"gave up round {word.round} with two different words")
+        for word in words
+        if rounds.setdefault(word.round, word.signature) != word.signature
+    ]
     if len(rounds) != 3:
         raise AssertionError("the node did not give three rounds up")
     return found

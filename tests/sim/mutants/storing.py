@@ -93,14 +93,16 @@ STORING = (
         "R5",
         look_at_ones_own_clock,
         CHAOS_APART,
-        frozenset({"liveness", "code_faults"}),
+        frozenset({"liveness"}),
     ),
-    Mutant("forget stored txids", "R14", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
-    Mutant("drop txids when pruning", "R14", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),
+    Mutant("forget stored txids", "once for all", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
+    Mutant("drop txids when pruning", "once for all", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),
     Mutant(
-        "apply reversible blocks to the store", "R16", apply_reversible_blocks, CHAOS, frozenset({"chain_equals_store"})
+        "apply reversible blocks to the store",
+        "final only",
+        apply_reversible_blocks,
+        CHAOS,
+        frozenset({"chain_equals_store"}),
     ),
-    Mutant(
-        "acknowledge before durable storage", "R12", tell_too_early, CHAOS, frozenset({"durability", "code_faults"})
-    ),
+    Mutant("acknowledge before durable storage", "R12", tell_too_early, CHAOS, frozenset({"code_faults"})),
 )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.sim.mutants.mutant import Mutant, Schedule, hunt
@@ -21,8 +23,6 @@ def test_with_all_rules_on_the_same_schedule_breaks_nothing(schedule: Schedule) 
 
 
 def test_every_mutant_has_a_row_in_the_table() -> None:
-    from pathlib import Path
-
     table = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
     rows = [line for line in table.splitlines() if line.startswith("| ") and "`" in line]
     missing = [
