@@ -179,7 +179,7 @@ class NetworkClient:
                 node, method, path, lane=lane, body=body, media_type=media_type, query=query, timeout_ms=timeout_ms
             )
         for attempt in (1, 2):
-            token = await self._sessions.token(node, key)
+            token = await self._sessions.token(node, key, min(timeout_ms, REQUEST_TIMEOUT_MS))
             try:
                 return await self._connections.request(
                     node,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import msgspec
 
 from clients.sdk.answers import ChallengeAnswer, SessionAnswer, read_answer, read_hex
-from clients.sdk.connections import Connections, NodeAddress
+from clients.sdk.connections import REQUEST_TIMEOUT_MS, Connections, NodeAddress
 from clients.sdk.transactions import Clock
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -34,7 +34,7 @@ class Sessions:
         self._clock = clock
         self._tokens: OrderedDict[tuple[str, bytes], _Token] = OrderedDict()
 
-    async def token(self, node: NodeAddress, key: PrivateKey) -> str:
+    async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
         """Return a token for this key at this node, opening a session if there is none that lasts.
 
         Raises SESSION_REFUSED, NODE_UNREACHABLE and the like.
@@ -43,7 +43,7 @@ class Sessions:
         known = self._tokens.get(place)
         if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
             return known.text
-        opened = await self._open(node, key)
+        opened = await self._open(node, key, timeout_ms)
         self._tokens[place] = opened
         while len(self._tokens) > TOKENS_MAX_COUNT:
             self._tokens.popitem(last=False)
@@ -60,8 +60,9 @@ class Sessions:
         for place in [place for place in self._tokens if place[1] == public_key]:
             del self._tokens[place]
 
-    async def _open(self, node: NodeAddress, key: PrivateKey) -> _Token:
-        content = await self._post(node, key, "/v1/session-challenges", {"public_key": key.public_key.hex()})
+    async def _open(self, node: NodeAddress, key: PrivateKey, timeout_ms: int) -> _Token:
+        document = {"public_key": key.public_key.hex()}
+        content = await self._post(node, key, "/v1/session-challenges", document, timeout_ms)
         challenge = read_hex(read_answer(content, ChallengeAnswer).challenge)
         if len(challenge) != CHALLENGE_SIZE_BYTES:
             raise BlockRobotError("INTERNAL", f"Node {node.name} sent a challenge of a wrong size.")
@@ -70,9 +71,11 @@ class Sessions:
             "challenge": challenge.hex(),
             "signature": sign_session(key, self._chain_id, node.name, challenge).hex(),
         }
-        answer = read_answer(await self._post(node, key, "/v1/sessions", document), SessionAnswer)
+        answer = read_answer(await self._post(node, key, "/v1/sessions", document, timeout_ms), SessionAnswer)
         return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)
 
-    async def _post(self, node: NodeAddress, key: PrivateKey, path: str, document: dict[str, str]) -> bytes:
-        body = msgspec.json.encode(document)
-        return await self._connections.request(node, "POST", path, lane=key.public_key, body=body)
+    async def _post(
+        self, node: NodeAddress, key: PrivateKey, path: str, document: dict[str, str], timeout_ms: int
+    ) -> bytes:
+        body, lane = msgspec.json.encode(document), key.public_key
+        return await self._connections.request(node, "POST", path, lane=lane, body=body, timeout_ms=timeout_ms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import asyncio
 import stat
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,7 @@ async def test_the_next_run_begins_where_the_last_one_was(nodes: Any, tmp_path: 
     light_client, kept = open_pin(genesis, read_pin(path))
     assert (light_client.header.height, kept) == (1, known)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
-    assert os.listdir(tmp_path) == [PIN_FILE]
+    assert await asyncio.to_thread(lambda: [entry.name for entry in tmp_path.iterdir()]) == [PIN_FILE]
 
 
 async def test_what_was_verified_is_kept_though_the_work_failed(nodes: Any, tmp_path: Path) -> None:
