@@ -47,6 +47,8 @@ from consensus.primitives.keys import PrivateKey
 from consensus.transaction import Transaction
 
 WAIT_SLICE_MS = 5_000
+FROZEN_AFTER_MS = 4_000
+"""A node that keeps a transaction, or the question for it, waiting for longer is passed over: asking twice is harmless."""
 WAIT_DEFAULT_MS = 30_000
 PROOF_KEYS_MAX_COUNT = 128
 ANNOUNCEMENTS_PAGE_MAX_COUNT = 200
@@ -281,6 +283,7 @@ class NetworkClient:
             lane=transactions[0].body.sender,
             body=body,
             media_type="application/msgpack",
+            timeout_ms=FROZEN_AFTER_MS,
         )
         results = read_answer(content, SubmitAnswer).results
         if len(results) != len(transactions):
@@ -324,7 +327,7 @@ class NetworkClient:
             f"/v1/transactions/{txid.hex()}",
             lane=lane,
             query={"wait_ms": wait_ms, "evidence": 1},
-            timeout_ms=wait_ms + REQUEST_TIMEOUT_MS,
+            timeout_ms=wait_ms + FROZEN_AFTER_MS,
         )
         answer = read_answer(content, TransactionAnswer)
         if answer.status == "expired":
