@@ -359,6 +359,7 @@ class Assembly:
             self.pool.purge_expired()
             self.peers.retry_unsettled()
             self.engine.note_work()
+            self.sync.look_again()
             await self.pruner.run_once()
             if self._candidacy is not None:
                 await self._candidacy.speak_if_due()

@@ -3,7 +3,8 @@
 A line of requests runs ahead, each for a run of blocks and to another peer; while one run is executed the next ones are
 fetched and checked, and those before are stored. Every block is executed here and its roots compared before any of it
 is stored. A peer that lies is left alone for a while, one that stalls or has nothing for a moment. Short gaps are the
-core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here.
+core's own business (it asks for the missing ancestors of what it hears of); long ones are closed here, and short ones
+that stay: on an idle network a node that missed the last blocks hears of no further one.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ RANGE_COUNT = 64
 RANGES_AHEAD_COUNT = 6
 INLINE_WEIGHT_MAX = 48
 UNSTORED_MAX_COUNT = 4 * RANGE_COUNT
+STANDSTILL_MS = 2_000
 PATIENCE_MS = 3_000
 RETRY_MS = 500
 FRUITLESS_MS = 5_000
@@ -91,6 +93,7 @@ class Synchroniser:
         self._asked: dict[str, int] = {}
         self._earliest: dict[str, int] = {}
         self._has_proof = False
+        self._still: tuple[int, float] | None = None
         self._task: asyncio.Task[None] | None = None
         self._checking = ThreadPoolExecutor(max_workers=1, thread_name_prefix="sync-check")
         self.blocks_installed_count = 0
@@ -138,6 +141,17 @@ class Synchroniser:
             return
         self._heights[peer] = height
         if height > self._writer.queued_height + LAG_TOLERATED_BLOCKS:
+            self._begin()
+
+    def look_again(self) -> None:
+        """Close a short gap too if it has stayed for `STANDSTILL_MS`. To be called every now and then."""
+        reached = self._writer.queued_height
+        if not self.lag_blocks:
+            self._still = None
+        elif self._still is None or self._still[0] != reached:
+            self._still = (reached, self._now())
+        elif self._now() >= self._still[1] + STANDSTILL_MS / 1000:
+            self._still = None
             self._begin()
 
     def note_epoch(self, peer: str, epoch: int) -> None:
@@ -193,7 +207,7 @@ class Synchroniser:
 
     def _is_behind(self) -> bool:
         """Tell whether a peer is in a later epoch or claims blocks that are not queued here."""
-        reached = max(self._feed.height, self._writer.queued_height + 1)
+        reached = max(self._feed.height, self._writer.queued_height)
         following = self._writer.queued_height + 1
         later = any(number > self._engine.epoch.number for number in self._epochs.values())
         useful = (height for peer, height in self._heights.items() if self._earliest.get(peer, 0) <= following)

@@ -142,6 +142,35 @@ def test_a_long_gap_is_closed_from_several_peers_at_once() -> None:
     story(400, tell)
 
 
+@pytest.mark.parametrize("missed", [1, 5])
+def test_a_short_gap_is_closed_once_it_has_stayed_for_a_while(missed: int) -> None:
+    """On an idle network a node that missed the last blocks hears of no further one."""
+
+    async def tell(behind: Behind) -> None:
+        await behind.catch_up({"b": missed})
+        for _ in range(3):
+            behind.assert_equal_to(0)
+            behind.sync.look_again()
+            await asyncio.sleep(1)
+        behind.assert_equal_to(missed)
+        behind.sync.look_again()
+        assert not behind.sync.is_running
+
+    story(missed, tell)
+
+
+def test_a_peer_that_boasts_of_a_block_is_not_asked_for_it_again_and_again() -> None:
+    async def tell(behind: Behind) -> None:
+        await behind.catch_up({"boaster": 6})
+        for _ in range(60):
+            behind.sync.look_again()
+            await asyncio.sleep(1)
+        behind.assert_equal_to(5)
+        assert len(behind.asked) < 4
+
+    story(5, tell)
+
+
 def test_a_peer_that_changes_a_transaction_is_found_out_and_asked_no_more() -> None:
     async def tell(behind: Behind) -> None:
         async def lie(request: FinalizedRequest) -> BlockBatch:
