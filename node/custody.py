@@ -294,7 +294,9 @@ class Custody:
         submission = self._submitted.get(row.key)
         if submission is None or submission.valid_until_ms <= now_ms:
             return True
-        return submission.valid_until_ms > now_ms + OUTBOX_LIFETIME_MS  # signed while this clock was ahead of the others
+        return (
+            submission.valid_until_ms > now_ms + OUTBOX_LIFETIME_MS
+        )  # signed while this clock was ahead of the others
 
     def _sign(self, row: OutboxRow, valid_until_ms: int) -> Transaction:
         return sign_transaction(

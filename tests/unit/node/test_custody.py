@@ -165,7 +165,9 @@ async def test_a_store_that_does_not_answer_is_asked_again_and_no_block_is_left_
     assert rig.custodian.heights == [0, 1, 2]
 
 
-async def test_what_a_custodian_signed_by_a_clock_an_hour_ahead_is_signed_anew_once_the_clock_is_right(rig: Rig) -> None:
+async def test_what_a_custodian_signed_by_a_clock_an_hour_ahead_is_signed_anew_once_the_clock_is_right(
+    rig: Rig,
+) -> None:
     rig.now_ms += 3_600_000
     await rig.custody._submit_due()
     rig.now_ms -= 3_600_000
