@@ -106,7 +106,9 @@ FORGETFUL = frozenset({"no_double_vote", "no_double_proposal", "liveness"})
 REMEMBERING = (
     Mutant("forget last_voted_round", "R13", forget_the_last_voted_round, CHAOS, FORGETFUL),
     Mutant("lose the TC at a restart", "R13", lose_the_tc, TWO_ROUNDS_GIVEN_UP, frozenset({"no_double_vote"})),
-    Mutant("a second proposal after a crash", "R2, R12", propose_unrecorded, POWER_CUTS, FORGETFUL),
+    Mutant(
+        "a second proposal after a crash", "R2, R12", propose_unrecorded, POWER_CUTS, frozenset({"no_double_proposal"})
+    ),
     Mutant("skip the journal's sync", "R12", skip_the_sync, POWER_CUTS, FORGETFUL),
     Mutant("send before the sync", "R12", send_before_the_sync, POWER_CUTS, TWO_WORDS),
     Mutant(

@@ -79,7 +79,7 @@ def play_power_cuts(seed: int) -> list[Violation]:
 
 CHAOS = Schedule("chaos", play_chaos, range(4))
 HALVES = Schedule("halves", play_halves, range(3))
-POWER_CUTS = Schedule("power cuts", play_power_cuts, range(6))
+POWER_CUTS = Schedule("power cuts", play_power_cuts, range(8))
 
 
 # Journals that are all there is
