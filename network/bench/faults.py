@@ -34,7 +34,15 @@ class _Seen:
     heals_s: list[float] = field(default_factory=list)
     acknowledged_count: int = 0
     lost_count: int = 0
+    not_in_time_count: int = 0
     errors: dict[str, int] = field(default_factory=dict)
+
+    def note(self, values_s: list[float], value_s: float | None) -> None:
+        """Keep a figure, or count that what was waited for did not come in time."""
+        if value_s is None:
+            self.not_in_time_count += 1
+        else:
+            values_s.append(value_s)
 
     def add(self, probe: FinalityProbe, lost: int) -> None:
         self.acknowledged_count += probe.acknowledged_count
@@ -54,15 +62,18 @@ async def _heights(network: FreshNetwork) -> dict[str, int]:
     return {report.name: int(report.status["finalized_height"]) for report in reports if report.status is not None}
 
 
-async def _restart(network: FreshNetwork, name: str) -> float:
-    """Start a node again; return the time until it says it is ready and holds all that was final when it started."""
+async def _restart(network: FreshNetwork, name: str) -> float | None:
+    """Start a node again; return the time until it says it is ready and holds all that was final when it started.
+
+    None if it does not come so far in time.
+    """
     goal = max((await _heights(network)).values())
     started_s = time.perf_counter()
     network.cluster.start(name)
     await network.cluster.wait_ready([name])
     while (await _heights(network)).get(name, 0) < goal:
         if time.perf_counter() > started_s + CATCH_UP_TIMEOUT_S:
-            break
+            return None
         await asyncio.sleep(_POLL_S)
     return time.perf_counter() - started_s
 
@@ -76,8 +87,9 @@ async def _kill_leader(network: FreshNetwork, robots: dict[str, LoadRobot], seen
         killed_s = time.perf_counter()
         await asyncio.to_thread(network.cluster.kill, victim)
         await asyncio.sleep(WATCH_S)
-        seen.kill_gaps_s.append(longest_gap_s(probe.finals_s, killed_s, killed_s + WATCH_S))
-        seen.restarts_s.append(await _restart(network, victim))
+        gap_s = longest_gap_s(probe.finals_s, killed_s, killed_s + WATCH_S)
+        seen.note(seen.kill_gaps_s, gap_s if gap_s < WATCH_S else None)
+        seen.note(seen.restarts_s, await _restart(network, victim))
         seen.add(probe, await probe.settle())
 
 
@@ -94,7 +106,7 @@ async def _cut_and_heal(network: FreshNetwork, robots: dict[str, LoadRobot], see
         await control.carry_out(Heal(()))
         healed_s = time.perf_counter()
         final_s = await probe.wait_final_after(healed_s, HEAL_TIMEOUT_S)
-        seen.heals_s.append(HEAL_TIMEOUT_S if final_s is None else final_s - healed_s)
+        seen.note(seen.heals_s, None if final_s is None else final_s - healed_s)
         seen.add(probe, await probe.settle())
 
 
@@ -104,7 +116,7 @@ async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
     Figures: `leader_kill_gap_s` (longest time without finality in the four seconds after a SIGKILL of the leader),
     `restart_ready_s` (from starting that node again to ready and caught up), `heal_gap_s` (from the end of a cut into
     halves to the first call that is final), each with its maximum; calls that were acknowledged, and how many of them
-    were lost (`ok` is False if any was).
+    were lost. `ok` is False if any was lost or failed, or if finality or the node did not come back in time.
     """
     conditions = measure_conditions(nodes=nodes, clients=1, repeats=repeats, call="records.record")
     seen = _Seen()
@@ -120,7 +132,9 @@ async def run_faults_benchmark(*, repeats: int, nodes: int) -> dict[str, Any]:
         **_spread("restart_ready", seen.restarts_s),
         "acknowledged_count": seen.acknowledged_count,
         "lost_count": seen.lost_count,
+        "not_in_time_count": seen.not_in_time_count,
         "errors": sum(seen.errors.values()),
         "error_codes": dict(sorted(seen.errors.items())),
     }
-    return build_result("faults", ok=not seen.lost_count, figures=figures, conditions=conditions)
+    is_ok = not (seen.lost_count or seen.not_in_time_count or seen.errors)
+    return build_result("faults", ok=is_ok, figures=figures, conditions=conditions)
