@@ -66,7 +66,7 @@ class Witness:
     def _hear(self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes) -> list[Evidence]:
         if abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
             return []
-        heard = self._rounds.setdefault(round_number, {}).setdefault((kind, index), _Heard())
+        heard = self._heard(kind, round_number, index)
         if heard.block_id == block_id or heard.is_accused or heard.checks_count >= WORD_CHECKS_MAX_COUNT:
             return []
         heard.checks_count += 1
@@ -81,6 +81,16 @@ class Witness:
             check=self._check,
         )
         return self._note(kind, round_number, index, block_id, signature) if is_genuine else []
+
+    def _heard(self, kind: str, round_number: int, index: int) -> _Heard:
+        """Return what was heard of a kind, round and producer, an empty note if nothing was."""
+        words = self._rounds.get(round_number)
+        if words is None:
+            words = self._rounds[round_number] = {}
+        heard = words.get((kind, index))
+        if heard is None:
+            heard = words[kind, index] = _Heard()
+        return heard
 
     def confront(self, round_number: int) -> tuple[bytes, list[int]]:
         """Return the proposal first heard of a round, and who voted for another one there; each is named once (R39)."""
@@ -131,7 +141,7 @@ class Witness:
         self._note_newest(kind, round_number, index, block_id, 0, signature)
         if index == self._own_index or abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
             return []
-        heard = self._rounds.setdefault(round_number, {}).setdefault((kind, index), _Heard())
+        heard = self._heard(kind, round_number, index)
         if not heard.block_id:
             heard.block_id, heard.signature = block_id, signature
         elif heard.block_id != block_id and not heard.is_accused:

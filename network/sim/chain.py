@@ -98,10 +98,34 @@ class SharedCheck:
         place = (public_key, tag, signature, parts)
         known = self._known.get(place)
         if known is None:
-            if len(self._known) >= SIGNATURES_MAX_COUNT:
-                self._known.clear()
-            known = self._known[place] = verify(public_key, tag, signature, *parts)
+            known = verify(public_key, tag, signature, *parts)
+            self._remember(place, genuine=known)
         return known
+
+    def note_signed(self, public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> None:
+        """Remember a signature that was made in this process with the key itself."""
+        self._remember((public_key, tag, signature, parts), genuine=True)
+
+    def _remember(self, place: tuple[object, ...], *, genuine: bool) -> None:
+        if len(self._known) >= SIGNATURES_MAX_COUNT:
+            self._known.clear()
+        self._known[place] = genuine
+
+
+class TrustedKey(PrivateKey):
+    """A node's key. What it signed here was signed with it: nobody in this process need check that again."""
+
+    __slots__ = ("_check",)
+
+    def __init__(self, secret: bytes, check: SharedCheck) -> None:
+        super().__init__(secret)
+        self._check = check
+
+    def sign_compact(self, tag: str, *parts: bytes) -> bytes:
+        """See `PrivateKey.sign_compact`."""
+        signature = super().sign_compact(tag, *parts)
+        self._check.note_signed(self.public_key, tag, signature, *parts)
+        return signature
 
 
 @dataclass(frozen=True)
@@ -110,7 +134,7 @@ class Chain:
 
     genesis: Genesis
     first_block: FinalizedBlock
-    producers: tuple[PrivateKey, ...]
+    producers: tuple[TrustedKey, ...]
     custodians: tuple[PrivateKey | None, ...]
     registrar: PrivateKey
     admins: tuple[PrivateKey, ...]
@@ -122,7 +146,8 @@ class Chain:
 @cache
 def make_chain(nodes: int) -> Chain:
     """Return the chain of a network of so many nodes, all of them producers."""
-    producers = tuple(make_key(f"producer {index}") for index in range(nodes))
+    check = SharedCheck()
+    producers = tuple(TrustedKey(make_key(f"producer {index}").secret, check) for index in range(nodes))
     custodians = tuple(make_key(f"custodian {index}") if is_custodian(index, nodes) else None for index in range(nodes))
     organisations = _ORGANISATIONS[: min(ORGANISATIONS_COUNT, nodes)]
     admins = tuple(make_key(f"admin {name}") for name in organisations)
@@ -169,6 +194,6 @@ def make_chain(nodes: int) -> Chain:
         registrar=registrar,
         admins=admins,
         machine=SharedMachine(ContractMachine(genesis.chain_id, require_contracts(genesis))),
-        check=SharedCheck(),
+        check=check,
         transactions=TransactionCache(),
     )

@@ -77,7 +77,7 @@ class Wires:
             if target.lives.get(source.name) is not source.owner:
                 return
             self._on_frame(source.name, target_name, kind, payload)
-            self.loop.call_for(life, self.loop.time(), target.receive, source.name, kind, payload)
+            self.loop.call_soon_for(life, target.receive, source.name, kind, payload)
 
         self.transmit(source.name, target_name, deliver)
 
@@ -112,7 +112,7 @@ class Wires:
         for name, peer in ((first, second), (second, first)):
             end = self.ends.get(name)
             if end is not None and peer in end.lives:
-                self.loop.call_for(end.owner, self.loop.time(), end.lose, peer, end.lives[peer])
+                self.loop.call_soon_for(end.owner, end.lose, peer, end.lives[peer])
         self._dial(first, second)
 
     def _dial(self, first: str, second: str) -> None:
@@ -130,7 +130,7 @@ class Wires:
         for end, peer in ((one, other), (other, one)):
             end.lives[peer.name] = peer.owner
             height = peer.handler.finalized_height()
-            self.loop.call_for(end.owner, self.loop.time(), end.greet, peer.name, peer.owner, height)
+            self.loop.call_soon_for(end.owner, end.greet, peer.name, peer.owner, height)
 
 
 class SimNetwork:
@@ -186,7 +186,7 @@ class SimNetwork:
         def ask() -> None:
             target = wires.ends.get(peer)
             if target is not None and target.owner is life and life is not None:
-                wires.loop.call_for(life, wires.loop.time(), target.serve, self, number, kind, body)
+                wires.loop.call_soon_for(life, target.serve, self, number, kind, body)
 
         wires.transmit(self.name, peer, ask)
         try:
@@ -235,7 +235,7 @@ class SimNetwork:
         self.wires.loop.create_task(answer())
 
     def _return(self, source: SimNetwork, number: int, data: bytes | None) -> None:
-        self.wires.loop.call_for(source.owner, self.wires.loop.time(), source.take_answer, number, data)
+        self.wires.loop.call_soon_for(source.owner, source.take_answer, number, data)
 
     def take_answer(self, number: int, data: bytes | None) -> None:
         """An answer came, perhaps twice or too late."""

@@ -18,6 +18,7 @@ from contextvars import Context
 from typing import Any, cast
 
 EXECUTOR_DELAY_MS = (0.1, 2.0)
+STEPS_A_LOOK_COUNT = 16
 
 
 class PowerCutError(BaseException):
@@ -99,6 +100,12 @@ class SimLoop:
 
     call_soon_threadsafe = call_soon
 
+    def call_soon_for(self, owner: Owner, callback: Callable[..., Any], *args: Any) -> _Handle:
+        """Run a callback next, in the name of `owner`."""
+        handle = _Handle(owner, self._now_s, callback, args, None)
+        self._ready.append(handle)
+        return handle
+
     def call_at(self, when: float, callback: Callable[..., Any], *args: Any, context: Context | None = None) -> _Handle:
         """Run a callback at a virtual time (s), in the name of the present owner."""
         return self.call_for(self.owner, when, callback, *args, context=context)
@@ -143,22 +150,26 @@ class SimLoop:
         return cast("asyncio.AbstractEventLoop", self)
 
     def run_until(self, is_over: Callable[[], bool], limit_s: float) -> bool:
-        """Carry out what is due until `is_over()`; False if the virtual time passed `limit_s` or nothing is left."""
+        """Carry out what is due until `is_over()`; False if the virtual time passed `limit_s` or nothing is left.
+
+        It looks at the beginning, every few steps and at the end: a look may cost more than a step.
+        """
         ready, timers = self._ready, self._timers
         events._set_running_loop(self.as_loop)
         try:
             while not is_over():
-                if not ready:
-                    while timers and timers[0][2].dropped:
-                        heapq.heappop(timers)
-                    if not timers or timers[0][0] > limit_s:
-                        self._now_s = max(self._now_s, limit_s)
-                        return False
-                    when, _, handle = heapq.heappop(timers)
-                    self._now_s = max(self._now_s, when)
-                    self._run(handle)
-                while ready:
-                    self._run(ready.popleft())
+                for _ in range(STEPS_A_LOOK_COUNT):
+                    if not ready:
+                        while timers and timers[0][2].dropped:
+                            heapq.heappop(timers)
+                        if not timers or timers[0][0] > limit_s:
+                            self._now_s = max(self._now_s, limit_s)
+                            return is_over()
+                        when, _, handle = heapq.heappop(timers)
+                        self._now_s = max(self._now_s, when)
+                        self._run(handle)
+                    while ready:
+                        self._run(ready.popleft())
             return True
         finally:
             events._set_running_loop(None)
