@@ -6,12 +6,14 @@ checked here, against the node's own clock, so that each refusal has a code and 
 
 from __future__ import annotations
 
+import ssl
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 
 from cryptography import x509
 from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import NameOID
 
 from consensus.errors import BlockRobotError
@@ -73,12 +75,22 @@ def load_authorities(ca_certificate: str) -> tuple[x509.Certificate, ...]:
 
     Two of them, one behind the other, let an organisation go over from an old authority to a new one without a gap.
     What stands on the chain was agreed upon, but no contract can read a certificate: one that is damaged makes
-    strangers of its own organisation's nodes, and of nobody else's.
+    strangers of its own organisation's nodes, and of nobody else's. One that the TLS library would refuse is none.
     """
     try:
-        return tuple(x509.load_pem_x509_certificates(ca_certificate.encode()))
-    except (ValueError, UnsupportedAlgorithm):
+        found = x509.load_pem_x509_certificates(ca_certificate.encode())
+    except (ValueError, UnsupportedAlgorithm, x509.InvalidVersion):
         return ()
+    return tuple(certificate for certificate in found if _is_known_to_tls(certificate))
+
+
+def _is_known_to_tls(certificate: x509.Certificate) -> bool:
+    """Tell whether the TLS library takes what this library could read: the two differ on oddities."""
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(cadata=certificate.public_bytes(Encoding.DER))
+    except (ssl.SSLError, ValueError):
+        return False
+    return True
 
 
 def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, now_ms: int) -> CertificateFacts:
@@ -93,7 +105,7 @@ def identify_peer(certificate_der: bytes | None, directory: DirectoryContent, no
     try:
         certificate = x509.load_der_x509_certificate(certificate_der)
         facts = read_facts(certificate)
-    except (ValueError, UnsupportedAlgorithm):
+    except (ValueError, UnsupportedAlgorithm, x509.InvalidVersion):
         raise BlockRobotError("PEER_REFUSED", "The peer's certificate cannot be read.") from None
     node = directory.nodes.get(facts.name)
     if node is None:

@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 import structlog
 from cryptography import x509
+from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
 from node.directory import DirectoryContent
@@ -133,14 +134,15 @@ class Credentials:
 def _authorities(directory: DirectoryContent) -> tuple[str, ...]:
     """Return the CA certificates of all organisations: of removed ones too, so that their nodes are refused by name.
 
-    Raises GENESIS_INVALID if there is none that can be read.
+    Each is written anew as PEM, never taken over as text: what one organisation's text holds besides a certificate
+    must not reach the TLS library together with the others'. Raises GENESIS_INVALID if there is none that can be read.
     """
     readable = []
     for name, organisation in sorted(directory.organisations.items()):
-        if not load_authorities(organisation.ca_certificate):
+        certificates = load_authorities(organisation.ca_certificate)
+        if not certificates:
             log.error("authority_unreadable", organisation=name)
-        else:
-            readable.append(organisation.ca_certificate.rstrip() + "\n")
+        readable += [certificate.public_bytes(Encoding.PEM).decode() for certificate in certificates]
     if not readable:
         raise BlockRobotError("GENESIS_INVALID", "No CA certificate of the directory can be read.")
     return tuple(readable)
