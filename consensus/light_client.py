@@ -112,11 +112,14 @@ class LightClient:
     def advance(self, proof: EpochProof) -> Epoch:
         """Follow the chain into its next epoch (R26); return the epoch that the client is in then.
 
-        An epoch that the client has already entered changes nothing. Raises PROOF_OTHER_EPOCH if those between are
-        missing, PROOF_INVALID if the boundary names another epoch or contradicts what was pinned, GENESIS_INVALID if
-        the epoch has no producers, and what `verify_finality` raises.
+        An epoch that the client has already entered changes nothing, and its certificates are not verified again: who
+        keeps a proof must see that the client went forward with it. Raises PROOF_OTHER_EPOCH if those between are
+        missing, PROOF_INVALID if the boundary names another epoch, contradicts what was pinned, or is not the one by
+        which the client entered that epoch, GENESIS_INVALID if the epoch has no producers, and what `verify_finality`
+        raises.
         """
         if proof.epoch.number <= self._epoch.number:
+            self._require_known(proof)
             return self._epoch
         if proof.epoch.number != self._epoch.number + 1:
             raise BlockRobotError(
@@ -140,6 +143,16 @@ class LightClient:
         self._epoch, self._schedule, self._round_zero_id = proof.epoch, schedule, sha256(boundary_bytes)
         self._epochs.append(proof)
         return self._epoch
+
+    def _require_known(self, proof: EpochProof) -> None:
+        number = proof.epoch.number
+        known = self._epochs[number - 1] if number > 0 else None
+        _require(
+            known is not None
+            and known.epoch == proof.epoch
+            and known.finality.header_bytes == proof.finality.header_bytes,
+            f"The proof names another epoch {number} than the one that this client entered.",
+        )
 
     def accept(self, proof: FinalityProof) -> Header:
         """Verify a proof and pin its header, if it is newer (R20); return the header.

@@ -60,13 +60,18 @@ def start_of_genesis(genesis: Genesis) -> EpochStart:
 
 
 def read_start(snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochStart:
-    """Return how an epoch began that the ledger has reached. Raises STORAGE_DAMAGED if it does not say."""
+    """Return how an epoch began that the ledger has reached.
+
+    Raises STORAGE_DAMAGED if it does not say, or tells of another epoch: nobody may be let into one by the wrong proof.
+    """
     if number == 0:
         return start_of_genesis(genesis)
     data = snapshot.epoch_proof(number)
     if data is None:
         raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold the proof that began epoch {number}.")
     proof = decode(data, EpochProof)
+    if proof.epoch.number != number:
+        raise BlockRobotError("STORAGE_DAMAGED", f"What the ledger holds as the proof of epoch {number} is another's.")
     return EpochStart(epoch=proof.epoch, round_zero_id=sha256(proof.finality.header_bytes), proof_bytes=data)
 
 

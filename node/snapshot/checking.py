@@ -23,8 +23,10 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.light_client import LightClient
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS
+from consensus.messages import is_valid_block_signature
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
+from consensus.schedule import Schedule
 from consensus.transaction import decode_transaction
 from node.snapshot.form import Manifest, RecentChunk, RecentRow, SnapshotSource, StateChunk, read_manifest
 from node.snapshot.making import Progress, no_progress
@@ -74,13 +76,15 @@ def verify_head(manifest: Manifest, genesis: Genesis) -> ProvenHead:
         transactions = [decode_transaction(wire) for wire in block.transactions]
         if header.height == 0:
             if block != genesis.block():
-                raise BlockRobotError("SNAPSHOT_UNPROVEN", "The snapshot's genesis block is not this chain's.")
+                raise _unproven("The snapshot's genesis block is not this chain's.")
+            if manifest.epoch_proofs or manifest.finality:
+                raise _unproven("Nothing follows genesis yet, and nothing has to prove it.")
         else:
             _verify_finality(manifest, genesis, block)
     except BlockRobotError as error:
         if error.code.startswith("SNAPSHOT_"):
             raise
-        raise BlockRobotError("SNAPSHOT_UNPROVEN", f"The snapshot proves nothing: {error.detail}") from error
+        raise _unproven(f"The snapshot proves nothing: {error.detail}") from error
     if header.height != manifest.height:
         raise _damaged("The manifest names another height than its block.")
     if compute_transactions_root([item.txid for item in transactions]) != header.transactions_root:
@@ -91,15 +95,40 @@ def verify_head(manifest: Manifest, genesis: Genesis) -> ProvenHead:
     return ProvenHead(manifest, block, header, receipts, expiries)
 
 
+def _unproven(detail: str) -> BlockRobotError:
+    return BlockRobotError("SNAPSHOT_UNPROVEN", detail)
+
+
 def _verify_finality(manifest: Manifest, genesis: Genesis, block: Block) -> None:
-    """Follow the epochs from genesis to the block's own. Raises what the light client raises."""
+    """Follow the epochs from genesis to the block's own, and into the next one if the block is its boundary.
+
+    Every proof is followed exactly once and in order, for the ledger keeps all of them and believes them from then on.
+    Raises SNAPSHOT_UNPROVEN, SNAPSHOT_DAMAGED, and what the light client raises.
+    """
+    header = block.header
+    proofs = [decode(data, EpochProof) for data in manifest.epoch_proofs]
+    if [proof.epoch.number for proof in proofs] != list(range(1, header.epoch + header.is_boundary + 1)):
+        raise _unproven("The snapshot's epoch proofs are not those of the epochs up to its block, one by one.")
     client = LightClient(genesis)
-    for data in manifest.epoch_proofs:
-        client.advance(decode(data, EpochProof))
-    proof = decode(manifest.finality, FinalityProof)
-    client.accept(proof)
-    if proof.header_bytes != block.header_bytes:
-        raise BlockRobotError("SNAPSHOT_UNPROVEN", "The proof is for another block than the snapshot's.")
+    for proof in proofs[: header.epoch]:
+        client.advance(proof)
+    client.accept(decode(manifest.finality, FinalityProof))
+    _verify_producer(genesis.chain_id, Schedule.of(client.epoch), block)
+    for proof in proofs[header.epoch :]:
+        client.advance(proof)
+    if client.pinned_header_bytes != block.header_bytes:
+        raise _unproven("The proof is for another block than the snapshot's.")
+    if client.epoch.number != len(proofs):
+        raise _unproven("The snapshot's epoch proofs do not lead into the epoch that follows its block.")
+
+
+def _verify_producer(chain_id: bytes, schedule: Schedule, block: Block) -> None:
+    """Check the one part of a block that its id does not cover, or nobody would take the block from here."""
+    header = block.header
+    if not 0 <= header.producer < len(schedule.producers) or not is_valid_block_signature(
+        chain_id, header.epoch, header.round, block.block_id, block.signature, schedule.producers[header.producer]
+    ):
+        raise _damaged("The snapshot's block is not signed by its producer.")
 
 
 def _checked_chunk(source: _Sized, manifest: Manifest, index: int) -> bytes:

@@ -3,7 +3,8 @@
     manifest        "blockrobot-snapshot/1\n", the canonical bytes of a `Manifest`, and the SHA-256 of both
     chunk-000000    the canonical bytes of a `RecentChunk` (the first `recent_chunk_count` of them) or of a `StateChunk`
 
-Two honest nodes that make a snapshot of the same block cut the same chunks: only their proofs of finality may differ.
+Two honest nodes that make a snapshot of the same block cut the same chunks: only the certificates in their proofs may
+differ.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from consensus.block import EpochProof
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash
@@ -21,6 +23,7 @@ CHUNK_SIZE_BYTES = 1024 * 1024
 CHUNK_SIZE_MAX_BYTES = 6 * 1024 * 1024
 MANIFEST_SIZE_MAX_BYTES = 6 * 1024 * 1024
 CHUNKS_MAX_COUNT = 150_000
+COUNTS_END = 1 << 63
 _FORMAT_NAME_START = b"blockrobot-snapshot/"
 _CONTENT_TAG = "blockrobot/snapshot"
 
@@ -64,10 +67,25 @@ class StateChunk(Wire, frozen=True):
 
 
 def compute_content_id(manifest: Manifest) -> bytes:
-    """Return the 32-byte hash by which two snapshots of the same content are known, whatever their proofs are."""
-    counts = [manifest.height, manifest.recent_chunk_count, manifest.recent_block_count, manifest.state_row_count]
+    """Return the 32-byte hash by which two snapshots of the same content are known, whoever certified their proofs.
+
+    It covers all that a restore can refuse a snapshot for whose head is proven: which epochs and boundaries the proofs
+    are about too, but not their certificates, of which honest nodes hold different ones. Raises ENCODING_* if an epoch
+    proof is none.
+    """
+    proofs = [decode(data, EpochProof) for data in manifest.epoch_proofs]
+    epochs = [part for proof in proofs for part in (proof.finality.header_bytes, encode(proof.epoch))]
+    counts = [
+        manifest.height,
+        manifest.recent_chunk_count,
+        manifest.recent_block_count,
+        manifest.state_row_count,
+        manifest.size_bytes,
+        len(epochs),
+    ]
     numbers = b"".join(number.to_bytes(8, "big") for number in counts)
-    return tagged_hash(_CONTENT_TAG, manifest.chain_id, numbers, sha256(manifest.block), *manifest.chunks)
+    parts = [manifest.chain_id, manifest.block, manifest.receipts, *epochs]
+    return tagged_hash(_CONTENT_TAG, numbers, *(sha256(part) for part in parts), *manifest.chunks)
 
 
 def write_manifest(manifest: Manifest) -> bytes:
@@ -99,6 +117,8 @@ def read_manifest(data: bytes) -> Manifest:
     counts = (manifest.height, manifest.recent_block_count, manifest.state_row_count, manifest.size_bytes)
     if (
         min(counts) < 0
+        or max(counts) >= COUNTS_END
+        or manifest.size_bytes > len(manifest.chunks) * CHUNK_SIZE_MAX_BYTES
         or not 0 < manifest.recent_chunk_count <= len(manifest.chunks) <= CHUNKS_MAX_COUNT
         or any(len(digest) != HASH_SIZE_BYTES for digest in manifest.chunks)
         or not manifest.chain_id

@@ -32,9 +32,13 @@ def _replaced(ledger_dir: Path) -> Path:
 
 
 def adopt_restored(ledger_dir: Path) -> None:
-    """Finish, or clear away, what a restore that was cut off left. Only for who holds the data directory's lock."""
+    """Finish, or clear away, what a restore that was cut off left. Only for who holds the data directory's lock.
+
+    A ledger that is not newer than the one in place is cleared away too: the node went on by itself meanwhile. Raises
+    STORAGE_BUSY.
+    """
     incoming, replaced = _incoming(ledger_dir), _replaced(ledger_dir)
-    if (incoming / WHOLE_MARK).exists():
+    if (incoming / WHOLE_MARK).exists() and _height_in(incoming) > _height_in(ledger_dir):
         if ledger_dir.exists():
             shutil.rmtree(replaced, ignore_errors=True)
             ledger_dir.rename(replaced)
@@ -45,6 +49,22 @@ def adopt_restored(ledger_dir: Path) -> None:
     (ledger_dir / WHOLE_MARK).unlink(missing_ok=True)
     if replaced.exists():
         shutil.rmtree(replaced)
+
+
+def discard_restored(ledger_dir: Path) -> None:
+    """Remove a ledger that `build_aside` made and that nobody wants any more."""
+    shutil.rmtree(_incoming(ledger_dir), ignore_errors=True)
+
+
+def _height_in(directory: Path) -> int:
+    """Return how far the ledger in a directory is; -1 if there is none that can be read. Raises STORAGE_BUSY."""
+    try:
+        with LedgerFile(directory) as ledger, ledger.snapshot() as snapshot:
+            return -1 if snapshot.position is None else snapshot.position.height
+    except BlockRobotError as error:
+        if error.code == "STORAGE_BUSY":
+            raise
+        return -1
 
 
 def read_stored_position(ledger_dir: Path, genesis: Genesis) -> Position | None:

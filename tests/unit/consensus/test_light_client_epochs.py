@@ -60,6 +60,17 @@ def test_an_epoch_that_was_entered_before_changes_nothing():
     assert client.epochs == tuple(proofs)
 
 
+def test_another_epoch_of_a_number_that_was_entered_before_is_refused_and_not_passed_over():
+    """Who keeps what `advance` let pass would else keep an epoch that nobody decided."""
+    chain = ManyEpochs()
+    proofs = [chain.change(1), chain.change(2)]
+    client = LightClient(GENESIS_FILE, epochs=proofs)
+    for number in (-1, 0, 1, 2):
+        mine = renamed(proofs[1], number=number, producers=proofs[0].epoch.producers[:1])
+        refused(lambda mine=mine: client.advance(mine), "PROOF_INVALID", "another epoch")
+    assert client.epochs == tuple(proofs)
+
+
 def test_the_boundary_itself_is_believed_in_both_epochs():
     """After a change on an idle network the boundary is the newest block, and its proof is of the epoch before."""
     chain = ManyEpochs()

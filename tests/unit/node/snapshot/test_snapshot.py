@@ -9,14 +9,17 @@ from typing import Any
 import msgspec
 import pytest
 
+from consensus.block import EpochProof, FinalityProof, genesis_certificate
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
 from consensus.settings import ChainSettings, Epoch
 from contracts.state.trie import compute_root
 from node.snapshot import making
 from node.snapshot.checking import restore_into
 from node.snapshot.form import (
+    CHUNK_SIZE_MAX_BYTES,
     FORMAT_LINE,
     MANIFEST_NAME,
     Manifest,
@@ -212,6 +215,93 @@ async def test_a_snapshot_is_followed_over_epochs() -> None:
     assert refusal(tampered(folder, epoch_proofs=()), chain) == "SNAPSHOT_UNPROVEN"
 
 
+def boundary_chain() -> WrittenChain:
+    """A chain whose newest block is a boundary: all that a ledger knows of the next epoch is its proof."""
+    chain = written(3)
+    chain.extend(next_epoch=Epoch(1, tuple(key.public_key for key in KEYS), (), ChainSettings()))
+    return chain
+
+
+def own_epoch(number: int) -> bytes:
+    """A proof that proves nothing, for an epoch that a liar would rule alone."""
+    mine = Epoch(number, (PrivateKey(sha256(b"liar")).public_key,), (), ChainSettings())
+    return encode(EpochProof(FinalityProof(b"x", b"", genesis_certificate(bytes(32))), mine))
+
+
+@pytest.mark.parametrize("number", [0, 1, 2])
+async def test_an_epoch_that_only_a_liar_names_is_refused(number: int) -> None:
+    """Behind a boundary a node follows the schedule of the last proof: it has to be the boundary's own."""
+    chain = boundary_chain()
+    folder = await snapshot_of(chain)
+    proofs = read_manifest(folder.manifest()).epoch_proofs
+    assert refusal(folder, chain) == ""
+    assert refusal(tampered(folder, epoch_proofs=(own_epoch(number),)), chain) == "SNAPSHOT_UNPROVEN"
+    assert refusal(tampered(folder, epoch_proofs=(*proofs, own_epoch(number))), chain) == "SNAPSHOT_UNPROVEN"
+    chain.extend()
+    later = await snapshot_of(chain)
+    assert refusal(tampered(later, epoch_proofs=(*proofs, own_epoch(number))), chain) == "SNAPSHOT_UNPROVEN"
+    begun = WrittenChain()
+    first = await snapshot_of(begun)
+    assert refusal(tampered(first, epoch_proofs=(own_epoch(number),)), begun) == "SNAPSHOT_UNPROVEN"
+
+
+async def test_a_boundary_without_the_proof_of_the_epoch_that_it_begins_is_refused() -> None:
+    chain = boundary_chain()
+    folder = await snapshot_of(chain)
+    proof = read_manifest(folder.manifest()).epoch_proofs[0]
+    assert refusal(tampered(folder, epoch_proofs=()), chain) == "SNAPSHOT_UNPROVEN"
+    assert refusal(tampered(folder, epoch_proofs=(proof, proof)), chain) == "SNAPSHOT_UNPROVEN"
+
+
+async def test_the_proof_of_a_boundary_is_checked_like_any_other() -> None:
+    chain = boundary_chain()
+    folder = await snapshot_of(chain)
+    proof = decode(read_manifest(folder.manifest()).finality, FinalityProof)
+    hollow = msgspec.structs.replace(proof, child_qc=genesis_certificate(bytes(32)))
+    assert refusal(tampered(folder, finality=encode(hollow)), chain) == "SNAPSHOT_UNPROVEN"
+
+
+async def test_a_head_that_its_producer_did_not_sign_is_refused() -> None:
+    chain = written(3)
+    other = msgspec.structs.replace(chain.blocks[-1], signature=chain.blocks[-2].signature)
+    assert refusal(tampered(await snapshot_of(chain), block=encode(other)), chain) == "SNAPSHOT_DAMAGED"
+
+
+async def test_two_snapshots_of_the_same_content_differ_in_certificates_only() -> None:
+    """Whatever else a liar changes makes another content: what is said of that one says nothing of the honest one."""
+    chain = boundary_chain()
+    chain.extend()
+    manifest = read_manifest((await snapshot_of(chain)).manifest())
+    content_id = compute_content_id(manifest)
+    epoch_proof = decode(manifest.epoch_proofs[0], EpochProof)
+    finality = msgspec.structs.replace(epoch_proof.finality, child_qc=genesis_certificate(bytes(32)))
+    recertified = encode(msgspec.structs.replace(epoch_proof, finality=finality))
+    same = msgspec.structs.replace(manifest, epoch_proofs=(recertified,), finality=b"another quorum's")
+    assert compute_content_id(same) == content_id
+    for changes in (
+        {"size_bytes": manifest.size_bytes + 1},
+        {"height": manifest.height + 1},
+        {"receipts": b""},
+        {"block": chain.stored[1].block_bytes},
+        {"state_row_count": manifest.state_row_count + 1},
+        {"recent_block_count": manifest.recent_block_count + 1},
+        {"recent_chunk_count": manifest.recent_chunk_count + 1},
+        {"chunks": manifest.chunks[::-1]},
+        {"epoch_proofs": ()},
+        {"epoch_proofs": (own_epoch(1),)},
+    ):
+        assert compute_content_id(msgspec.structs.replace(manifest, **changes)) != content_id, changes
+
+
+async def test_a_manifest_of_more_bytes_than_its_chunks_can_hold_contradicts_itself() -> None:
+    chain = written(3)
+    folder = await snapshot_of(chain)
+    chunks = len(read_manifest(folder.manifest()).chunks)
+    with pytest.raises(BlockRobotError) as refused:
+        tampered(tampered(folder, size_bytes=chunks * CHUNK_SIZE_MAX_BYTES + 1), height=3)
+    assert refused.value.code == "SNAPSHOT_DAMAGED"
+
+
 async def test_what_a_liar_changes_is_refused() -> None:
     chain = written()
     folder = await snapshot_of(chain)
@@ -257,7 +347,9 @@ async def test_what_a_liar_changes_is_refused() -> None:
     assert refusal(tampered(folder, receipts=chain.stored[0].receipts_bytes), chain) == "SNAPSHOT_DAMAGED"
     bare = msgspec.structs.replace(chain.blocks[-1], transactions=())
     assert refusal(tampered(folder, block=encode(bare)), chain) == "SNAPSHOT_DAMAGED"
-    assert refusal(tampered(folder, block=chain.stored[0].block_bytes, height=0), chain) == "SNAPSHOT_DAMAGED"
+    begun = tampered(folder, block=chain.stored[0].block_bytes, height=0)
+    assert refusal(begun, chain) == "SNAPSHOT_UNPROVEN"
+    assert refusal(tampered(begun, finality=b""), chain) == "SNAPSHOT_DAMAGED"
 
 
 async def test_a_snapshot_of_another_chain_or_format_is_refused_by_name() -> None:
@@ -355,6 +447,25 @@ async def test_a_restore_that_a_crash_cut_off_is_finished_or_cleared_away(tmp_pa
     with LedgerFile(ledger_dir) as ledger, ledger.snapshot() as view:
         assert view.position == chain.stored[-1].position
     assert not (ledger_dir / WHOLE_MARK).exists()
+
+
+@pytest.mark.parametrize("ahead", [0, 2])
+async def test_a_restored_ledger_that_is_not_newer_than_the_one_in_place_is_dropped(tmp_path: Path, ahead: int) -> None:
+    """The node went on by blocks while the other was built, and it may have voted for them since."""
+    chain = written(3)
+    source = await _folder(chain, tmp_path / "snap")
+    restore_into(source, chain.genesis, LmdbRestore(tmp_path / "ledger.incoming"))
+    (tmp_path / "ledger.incoming" / WHOLE_MARK).touch()
+    for _ in range(ahead):
+        chain.extend()
+    store = LmdbStore.create(tmp_path / "ledger")
+    await chain.fill(store)
+    await store.close()
+    adopt_restored(tmp_path / "ledger")
+    assert names_in(tmp_path) == ["ledger", "snap"]
+    with LedgerFile(tmp_path / "ledger") as ledger, ledger.snapshot() as view:
+        assert view.position == chain.stored[-1].position
+        assert view.earliest_height == 0
 
 
 async def test_a_ledger_is_read_while_its_node_writes_it(tmp_path: Path) -> None:
