@@ -5,8 +5,6 @@ Must never hold a key that anybody uses: all of them are hashes of their names.
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -16,12 +14,9 @@ from consensus.possession import prove_possession
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey, verify
 from consensus.records.purposes import PURPOSES
-from consensus.transaction import Transaction
 from contracts.execution.genesis import complete_genesis
 from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import contract_entries, require_contracts
-from contracts.execution.results import BlockResult
-from contracts.state.view import StateView
 from contracts.vm import LANGUAGE_VERSION
 from node.machine import genesis_block
 from node.storage.ledger_store import FinalizedBlock
@@ -30,7 +25,6 @@ from node.transaction_cache import TransactionCache
 EPOCH_MS = 1_800_000_000_000 - 1_800_000_000_000 % TIME_BUCKET_MS
 ORGANISATIONS_COUNT = 2
 SIGNATURES_MAX_COUNT = 65_536
-RESULTS_MAX_COUNT = 512
 _ORGANISATIONS = ("hospital", "university")
 
 
@@ -47,44 +41,6 @@ def node_name(index: int) -> str:
 def is_custodian(index: int, nodes: int) -> bool:
     """Tell whether a node keeps off-chain data: the first of each organisation does."""
     return index < min(ORGANISATIONS_COUNT, nodes)
-
-
-class SharedMachine:
-    """Executes each block once for all nodes of the process. A result depends on nothing but what it is kept under.
-
-    With `shares` False every node executes for itself, as real ones do.
-    """
-
-    def __init__(self, machine: ContractMachine) -> None:
-        self.shares = True
-        self._machine = machine
-        self._results: OrderedDict[tuple[bytes, int, int, tuple[bytes, ...]], BlockResult] = OrderedDict()
-
-    def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
-    ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block; what came of it serves those who verify the block."""
-        result, faulty = self._machine.build(parent, height, time_ms, transactions)
-        txids = tuple(receipt.txid for receipt in result.receipts)
-        if self.shares and len(txids) == len(transactions) and not result.left_out:
-            self._keep((parent.state_root, height, time_ms, txids), result)
-        return result, faulty
-
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
-        """Execute exactly these transactions, or return what came of it before."""
-        key = (parent.state_root, height, time_ms, tuple(transaction.txid for transaction in transactions))
-        known = self._results.get(key) if self.shares else None
-        if known is not None:
-            return known
-        result = self._machine.verify(parent, height, time_ms, transactions)
-        if self.shares:
-            self._keep(key, result)
-        return result
-
-    def _keep(self, key: tuple[bytes, int, int, tuple[bytes, ...]], result: BlockResult) -> None:
-        self._results[key] = result
-        if len(self._results) > RESULTS_MAX_COUNT:
-            self._results.popitem(last=False)
 
 
 class SharedCheck:
@@ -138,7 +94,7 @@ class Chain:
     custodians: tuple[PrivateKey | None, ...]
     registrar: PrivateKey
     admins: tuple[PrivateKey, ...]
-    machine: SharedMachine
+    machine: ContractMachine
     check: SharedCheck
     transactions: TransactionCache
 
@@ -193,7 +149,7 @@ def make_chain(nodes: int) -> Chain:
         custodians=custodians,
         registrar=registrar,
         admins=admins,
-        machine=SharedMachine(ContractMachine(genesis.chain_id, require_contracts(genesis))),
+        machine=ContractMachine(genesis.chain_id, require_contracts(genesis)),
         check=check,
         transactions=TransactionCache(),
     )

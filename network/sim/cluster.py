@@ -19,9 +19,10 @@ from network.byzantine import Accomplices
 from network.sim.audit import audit_custody
 from network.sim.chain import make_chain, node_name
 from network.sim.clients import SimClient, batches_of, decisions_of
-from network.sim.history import CodeFault, Ended, FaultBegan, Healed, History
+from network.sim.history import CodeFault, Ended, ExecutionDiffered, FaultBegan, Healed, History
 from network.sim.links import LinkQuality, Wires
 from network.sim.loop import Owner, SimLoop
+from network.sim.machine import ComparingMachine
 from network.sim.node import Backup, SimNode
 from network.sim.plan import PROFILES, Fault, Plan
 from node.storage.ledger_store import FinalizedBlock
@@ -47,6 +48,9 @@ class SimCluster:
         self.plan, self.history = plan, history
         self.chain = make_chain(plan.nodes)
         self.loop = SimLoop(plan.seed)
+        self.machine = ComparingMachine(
+            self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
+        )
         self.dice = random.Random(f"run {plan.seed}")  # noqa: S311 - a simulation's dice
         self.accomplices = Accomplices()
         self.owners: list[Owner] = [self.loop.stage]
@@ -102,6 +106,9 @@ class SimCluster:
 
     def _note_frame(self, sender: str, receiver: str, kind: int, payload: bytes) -> None:
         self.history.note_frame(self.now, self._indexes[sender], self._indexes[receiver], kind, payload)
+
+    def _note_difference(self, height: int, text: str) -> None:
+        self.history.add(ExecutionDiffered(self.now, -1, height, text))
 
     # The run
 

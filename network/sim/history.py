@@ -154,6 +154,13 @@ class Ended(Observation, frozen=True):
     settled: bool
 
 
+class ExecutionDiffered(Observation, frozen=True):
+    """Two executions of one block of this height gave different results."""
+
+    height: int
+    text: str
+
+
 class CodeFault(Observation, frozen=True):
     """An exception that no code caught."""
 

@@ -190,7 +190,7 @@ class SimNode:
             custody=None if key is None else CustodyPlace(key, self.store, self.erase_keys),
             stopwatch=lambda: loop.time() + self.disk.busy_s,
             randomness=self.dice.randbytes,
-            machine=chain.machine,
+            machine=cluster.machine,
             check=chain.check,
             transactions=chain.transactions,
             wrap_outbox=self._wrap_outbox,

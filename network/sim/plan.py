@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 
 PLAN_MS_PER_ROUND = 22
 OLD_DISK_SHARE = 0.15
+APART_EVERY_SEEDS = 8
 SPARING_NODES_COUNT = 4
 CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
 PROFILES: dict[str, dict[str, float]] = {
@@ -74,7 +75,8 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
     `governance` says what organisations change meanwhile: nothing, `settings`, or `producers` (one loses its seat and
-    has it again).
+    has it again). With `executes_apart` every node executes each block for itself; otherwise the first node that
+    verifies a block does, after the leader, and the others are given its result.
     """
 
     seed: int
@@ -82,6 +84,7 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     rounds: int = 200
     profile: str = "lan"
     governance: Governance = ""
+    executes_apart: bool = False
     byzantine: dict[str, str] = {}
     faults: tuple[Fault, ...] = ()
 
@@ -133,6 +136,7 @@ def make_plan(
         rounds=rounds,
         profile=dice.choice(("lan", "lan", "lan", "wifi")),
         governance=_draw_governance(dice, nodes, is_whole=not chosen and "old-disk" not in kinds),
+        executes_apart=seed % APART_EVERY_SEEDS == 0,
         byzantine={str(index): dice.choice(behaviours) for index in sorted(chosen)},
         faults=tuple(sorted(faults, key=lambda fault: (fault.at_ms, str(fault)))),
     )
@@ -182,6 +186,8 @@ def plan_to_toml(plan: Plan) -> str:
     lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
     if plan.governance:
         lines.append(f'governance = "{plan.governance}"')
+    if plan.executes_apart:
+        lines.append("executes_apart = true")
     if plan.byzantine:
         lines += ["", "[byzantine]", *(f'{index} = "{behaviour}"' for index, behaviour in plan.byzantine.items())]
     for fault in plan.faults:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from network.sim.checkers.violation import Violation
-from network.sim.history import BlockFinalized, History, NodeStarted, ValueRead
+from network.sim.history import BlockFinalized, ExecutionDiffered, History, NodeStarted, ValueRead
 
 
 def check_equal_state_roots(history: History) -> list[Violation]:
-    """Compare roots by height, and what clients read by root and key."""
+    """Compare roots by height, and what clients read by root and key; count executions that came out differently."""
     roots: dict[int, bytes] = {}
     values: dict[tuple[bytes, bytes], bytes] = {}
-    found: list[Violation] = []
+    found = [Violation("equal_state_roots", item.at_ms, item.node, item.text) for item in history.of(ExecutionDiffered)]
     for item in history.observations:
         if item.node in history.byzantine or not isinstance(item, BlockFinalized | NodeStarted | ValueRead):
             continue

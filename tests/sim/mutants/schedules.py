@@ -12,6 +12,8 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
+import msgspec
+
 from consensus.effects import Message
 from consensus.messages import Proposal
 from consensus.transaction import Transaction, sign_transaction
@@ -216,24 +218,9 @@ REPLAY_AFTER_PRUNING = Schedule("replay after pruning", play_a_replay_after_prun
 # Every node for itself
 
 
-def execute_apart(cluster: SimCluster) -> None:
-    """Let every node execute each block itself."""
-    cluster.chain.machine.shares = False
-
-
 def play_chaos_apart(seed: int) -> list[Violation]:
     """Chance, and no node takes a result over from another."""
-    machine: Any = None
-
-    def apart(cluster: SimCluster) -> None:
-        nonlocal machine
-        machine = cluster.chain.machine
-        execute_apart(cluster)
-
-    try:
-        return played(make_plan(seed, rounds=ROUNDS), apart)
-    finally:
-        machine.shares = True
+    return played(msgspec.structs.replace(make_plan(seed, rounds=ROUNDS), executes_apart=True))
 
 
 CHAOS_APART = Schedule("chaos, each executing for itself", play_chaos_apart, range(3))
