@@ -23,7 +23,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
-from node.config import CONFIG_FILE, NodeConfig, load_config
+from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config
 from node.faults import STATE_FILE_NAME
 
 READY_TIMEOUT_S = 40.0
@@ -267,7 +267,7 @@ async def read_metric(config: NodeConfig, name: str) -> float | None:
 
 
 def _operator_url(config: NodeConfig, path: str) -> str:
-    return f"http://{config.host}:{config.operator_port}{path}"
+    return f"http://{OPERATOR_HOST}:{config.operator_port}{path}"
 
 
 async def fetch_status(session: aiohttp.ClientSession, config: NodeConfig) -> dict[str, Any] | None:

@@ -20,6 +20,8 @@ KEEP_BLOCKS_MIN_COUNT = 256
 """A node serves at least so many blocks to peers that missed a few."""
 SNAPSHOT_LAG_BLOCKS = 100_000
 SNAPSHOT_LAG_MIN_BLOCKS = 100
+OPERATOR_HOST = "127.0.0.1"
+"""Where the operator's listener is, wherever the node listens for peers and clients: it asks nobody for a password."""
 _PORT_MAX = 65_535
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 _SECTIONS: dict[str, frozenset[str]] = {

@@ -23,7 +23,7 @@ from consensus.primitives.keys import PrivateKey
 from node.api import ApiServices, create_api
 from node.api.server import serve_api
 from node.assembly import Assembly, CustodyPlace, Surroundings, begin_ledger
-from node.config import NodeConfig, load_genesis, load_key
+from node.config import OPERATOR_HOST, NodeConfig, load_genesis, load_key
 from node.directory import Directory
 from node.directory_file import newest_beginning
 from node.disk import SystemDisk
@@ -240,7 +240,7 @@ class Node:
         config, stack, parts = self.config, self._stack, self._parts
         api_socket = bind_listener(config.host, config.api_port)
         stack.callback(api_socket.close)
-        operator_socket = bind_listener(config.host, config.operator_port)
+        operator_socket = bind_listener(OPERATOR_HOST, config.operator_port)
         stack.callback(operator_socket.close)
         await parts.start()
         looking = asyncio.get_running_loop().create_task(self._look_for_snapshots(), name="joining")

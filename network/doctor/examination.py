@@ -27,7 +27,7 @@ from network.doctor.findings import Finding, in_order
 from network.doctor.ledger_probe import LedgerFacts, probe_ledgers
 from network.faults.control import FaultControl
 from network.joining import newest_directory
-from node.config import CONFIG_FILE, NodeConfig, load_config, load_genesis
+from node.config import CONFIG_FILE, OPERATOR_HOST, NodeConfig, load_config, load_genesis
 from node.storage.directory_lock import LOCK_FILE_NAME, DirectoryLock
 
 ASK_TIMEOUT_S = 3.0
@@ -135,7 +135,7 @@ async def _ask(session: aiohttp.ClientSession, config: NodeConfig, genesis: Gene
     if status is not None and (status.get("name"), status.get("chain_id")) != (config.name, genesis.chain_id.hex()):
         status = None
     running = status is not None or _is_locked(config.data_dir)
-    ports = () if running else tuple(port for port in _ports(config) if _is_taken(config.host, port))
+    ports = () if running else tuple(port for host, port in _places(config) if _is_taken(host, port))
     offset_ms = 0 if status is None else round(status.get("now_ms", middle_ms) - middle_ms)
     return Answer(config.name, running, status, offset_ms, ports)
 
@@ -151,8 +151,10 @@ def _is_locked(data_dir: Path) -> bool:
     return False
 
 
-def _ports(config: NodeConfig) -> tuple[int, int, int]:
-    return config.p2p_port, config.api_port, config.operator_port
+def _places(config: NodeConfig) -> tuple[tuple[str, int], ...]:
+    """Return where the node would listen."""
+    own = (config.host, config.p2p_port), (config.host, config.api_port)
+    return *own, (OPERATOR_HOST, config.operator_port)
 
 
 def _is_taken(host: str, port: int) -> bool:
