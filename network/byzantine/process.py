@@ -22,7 +22,7 @@ from network.byzantine.behaviour import TICK_MS, Behaviour
 from network.byzantine.catalogue import BEHAVIOURS, byzantine_clock, check_behaviour, make_behaviour
 from network.byzantine.engine_view import EngineView
 from node.assembly import Assembly
-from node.config import NodeConfig, load_genesis, load_key
+from node.config import NodeConfig, load_genesis
 from node.engine import Outbox
 from node.interface import WallClock
 from node.main import run_process
@@ -54,10 +54,12 @@ class ByzantineNode(Node):
         if config.producer_key_path is None:
             raise BlockRobotError("FAULT_INVALID", f"{config.name} is no producer: it has nothing to lie about.")
         genesis = load_genesis(config)
-        key = load_key(config.producer_key_path, genesis.node(config.name).producer_key, "producer")
         self._ticking: asyncio.Task[None] | None = None
 
         def wrap(outbox: Outbox, parts: Assembly) -> Outbox:
+            key = parts.surroundings.key  # as the honest node has it: it may have joined later, or have a new key
+            if key is None:
+                raise BlockRobotError("FAULT_INVALID", f"{config.name} has no producer key.")
             view = EngineView(parts.engine, genesis.chain_id, parts.network)
             liar = make_behaviour(behaviour, inner=outbox, own=view, key=key, chance=Random(seed))  # noqa: S311
             self._ticking = asyncio.get_running_loop().create_task(_tick(liar), name="byzantine")

@@ -24,6 +24,10 @@ class Kill:
 
     node: str
 
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
+
     def describe(self) -> str:
         """Say what is done."""
         return f"kill {self.node}"
@@ -34,6 +38,10 @@ class Restart:
     """Start a node honestly; one that runs is stopped cleanly first. Its other faults stay on."""
 
     node: str
+
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
 
     def describe(self) -> str:
         """Say what is done."""
@@ -46,6 +54,10 @@ class Pause:
 
     node: str
 
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
+
     def describe(self) -> str:
         """Say what is done."""
         return f"pause {self.node}"
@@ -57,6 +69,10 @@ class Resume:
 
     node: str
 
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
+
     def describe(self) -> str:
         """Say what is done."""
         return f"resume {self.node}"
@@ -67,6 +83,10 @@ class Partition:
     """Nodes of different groups hear nothing of each other. It replaces an earlier partition; one group joins all."""
 
     groups: tuple[tuple[str, ...], ...]
+
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return tuple(name for group in self.groups for name in group)
 
     def describe(self) -> str:
         """Say what is done."""
@@ -80,6 +100,10 @@ class Heal:
     """All faults of these nodes (of all, if none is named) end; who was killed stays down."""
 
     nodes: tuple[str, ...] = ()
+
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches; nobody for all that take faults."""
+        return self.nodes
 
     def describe(self) -> str:
         """Say what is done."""
@@ -95,6 +119,10 @@ class SetLink:
     fault: LinkFault
     is_both: bool = False
 
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.source, self.target)
+
     def describe(self) -> str:
         """Say what is done."""
         return f"link {self.source} {'<->' if self.is_both else '->'} {self.target}: {self.fault.describe()}"
@@ -106,6 +134,10 @@ class Skew:
 
     node: str
     offset_ms: int
+
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
 
     def describe(self) -> str:
         """Say what is done."""
@@ -120,6 +152,10 @@ class FillDisk:
     disk: str
     is_full: bool = True
 
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
+
     def describe(self) -> str:
         """Say what is done."""
         return f"disk of {self.node} under its {self.disk}: {'full' if self.is_full else 'free again'}"
@@ -132,6 +168,10 @@ class GoByzantine:
     node: str
     behaviour: str
     seed: int = 0
+
+    def touched(self) -> tuple[str, ...]:
+        """Return the nodes that it touches."""
+        return (self.node,)
 
     def describe(self) -> str:
         """Say what is done."""

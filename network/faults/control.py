@@ -32,6 +32,7 @@ from network.faults.actions import (
     Skew,
     format_duration,
 )
+from node.config import OPERATOR_HOST
 from node.faults import TOKEN_FILE_NAME, FaultRequest, FaultSwitch
 from node.interface import WallClock
 from node.p2p.shaping import SOUND, LinkFault
@@ -77,6 +78,7 @@ class FaultControl:
 
     async def carry_out(self, action: Action) -> None:
         """Do one thing. Raises FAULT_UNKNOWN, FAULTS_DISABLED, FAULT_TARGET_ABSENT, CLUSTER_START_FAILED."""
+        self._require_allowed(action.touched() or self._allowing())
         match action:
             case Kill(node=node):
                 await asyncio.to_thread(self._running(node).kill, node)
@@ -87,7 +89,6 @@ class FaultControl:
             case Restart(node=node):
                 await self._restart(node, "", 0)
             case GoByzantine(node=node, behaviour=behaviour, seed=seed):
-                self._require_allowed([node])
                 await self._restart(node, behaviour, seed)
             case Partition(groups=groups):
                 await self._partition(groups)
@@ -118,6 +119,13 @@ class FaultControl:
             raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} is not running.")
         return self.cluster
 
+    def _allowing(self) -> tuple[str, ...]:
+        """Return the nodes that take faults: the others have none to end. Raises FAULTS_DISABLED if nobody does."""
+        found = tuple(name for name in self.cluster.names if self.cluster.config(name).faults_enabled)
+        if not found:
+            raise BlockRobotError("FAULTS_DISABLED", "No node of this network takes faults.")
+        return found
+
     def _require_allowed(self, names: Iterable[str]) -> None:
         """Refuse before anything is done, if one of these nodes takes no faults. Raises FAULTS_DISABLED."""
         for name in names:
@@ -137,15 +145,15 @@ class FaultControl:
         self.cluster.start(name, behaviour=behaviour, seed=seed)
 
     async def _heal(self, nodes: tuple[str, ...]) -> None:
-        chosen = nodes or tuple(self.cluster.names)
-        self._require_allowed(chosen)
+        allowing = self._allowing()
+        chosen = nodes or allowing
         for name in chosen:
             if self.cluster.is_paused(name):
                 self.cluster.resume(name)
-        self._require_listening(self.cluster.names)
+        self._require_listening(allowing)
         await asyncio.gather(*(self._tell(name, FaultRequest(clear=True)) for name in chosen))
         if nodes:
-            others = [name for name in self.cluster.names if name not in nodes]
+            others = [name for name in allowing if name not in nodes]
             sound: dict[str, LinkFault | None] = dict.fromkeys(nodes)
             await asyncio.gather(*(self._tell(name, FaultRequest(links=sound)) for name in others))
         for name in chosen:
@@ -154,7 +162,6 @@ class FaultControl:
 
     async def _partition(self, groups: tuple[tuple[str, ...], ...]) -> None:
         group_of = {self.reader.node(name): number for number, group in enumerate(groups) for name in group}
-        self._require_allowed(group_of)
         self._require_listening(group_of)
         asked = await asyncio.gather(*(self._ask_patiently(name, "GET", b"") for name in group_of))
         states = {
@@ -173,7 +180,6 @@ class FaultControl:
         await asyncio.gather(*(self._tell(name, request) for name, request in wanted.items()))
 
     async def _set_link(self, action: SetLink) -> None:
-        self._require_allowed([action.source, action.target])
         self._require_listening([action.source, action.target])
         fault = None if action.fault == SOUND else action.fault
         await self._tell(action.source, FaultRequest(links={action.target: fault}, seed=self._seed))
@@ -217,7 +223,7 @@ class FaultControl:
 
     async def _ask(self, name: str, method: str, body: bytes) -> Mapping[str, Any]:
         config = self.cluster.config(name)
-        url = f"http://{config.host}:{config.operator_port}/faults"
+        url = f"http://{OPERATOR_HOST}:{config.operator_port}/faults"
         try:
             token = (config.data_dir / TOKEN_FILE_NAME).read_text(encoding="ascii").strip()
             headers = {"Authorization": f"Bearer {token}"}

@@ -4,12 +4,25 @@ from __future__ import annotations
 
 import asyncio
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
-from network.faults.actions import Action, FillDisk, GoByzantine, Heal, Kill, Partition, Pause, SetLink, Skew
+from network.faults.actions import (
+    Action,
+    FillDisk,
+    GoByzantine,
+    Heal,
+    Kill,
+    Partition,
+    Pause,
+    Restart,
+    Resume,
+    SetLink,
+    Skew,
+)
 from network.faults.control import FaultControl
 from network.faults.plan import parse_plan
 from network.faults.run import StepDone, run_plan
@@ -18,6 +31,20 @@ from node.faults import STATE_FILE_NAME
 from node.p2p.shaping import LinkFault
 
 HALVES = Partition((("node-1", "node-2"), ("node-3",)))
+EVERY_ACTION: tuple[Action, ...] = (
+    HALVES,
+    Heal(),
+    Heal(("node-2",)),
+    Kill("node-1"),
+    Pause("node-1"),
+    Resume("node-1"),
+    Restart("node-1"),
+    Skew("node-1", 5),
+    FillDisk("node-1", "ledger"),
+    SetLink("node-1", "node-2", LinkFault(cut=True)),
+    SetLink("node-1", "node-2", LinkFault(cut=True), is_both=True),
+    GoByzantine("node-1", "garbage"),
+)
 
 
 @pytest.fixture(scope="module")
@@ -96,16 +123,7 @@ def test_an_unknown_node_is_refused(control: FaultControl) -> None:
     assert refused.value.code == "FAULT_UNKNOWN"
 
 
-@pytest.mark.parametrize(
-    "action",
-    [
-        HALVES,
-        Heal(),
-        Skew("node-1", 5),
-        SetLink("node-1", "node-2", LinkFault(cut=True)),
-        GoByzantine("node-1", "garbage"),
-    ],
-)
+@pytest.mark.parametrize("action", EVERY_ACTION)
 def test_a_network_that_allows_no_faults_is_left_alone(tmp_path: Path, action: Action) -> None:
     create_network(tmp_path, nodes=3, organisations=1, base_port=46_850)
     control = FaultControl(Cluster(tmp_path))
@@ -113,7 +131,27 @@ def test_a_network_that_allows_no_faults_is_left_alone(tmp_path: Path, action: A
         _do(control, action)
     assert refused.value.code == "FAULTS_DISABLED"
     assert not list(tmp_path.rglob(STATE_FILE_NAME))
-    assert {row.switched is None for row in asyncio.run(control.state())} == {True}
+    states = asyncio.run(control.state())
+    assert {row.switched is None for row in states} == {True}
+    assert not any(row.running for row in states)
+
+
+def test_a_node_that_takes_no_faults_stands_in_nobodys_way(tmp_path: Path) -> None:
+    create_network(tmp_path, nodes=3, organisations=1, base_port=46_890, faults=True)
+    config = Cluster(tmp_path).config("node-2")
+    path = config.data_dir / "node.toml"
+    path.write_text(path.read_text().replace("enabled = true", "enabled = false"))
+    control = FaultControl(Cluster(tmp_path))
+    for refused_action in (Kill("node-2"), HALVES, Heal(("node-2",))):
+        with pytest.raises(BlockRobotError, match="FAULTS_DISABLED"):
+            _do(control, refused_action)
+    assert _do(control, Skew("node-1", 5), Heal())["node-1"] == ["down"]
+    assert _do(control, Heal(("node-3",)))["node-3"] == ["down"]
+    assert not (config.data_dir / STATE_FILE_NAME).exists()
+
+
+def test_every_action_is_tried_on_a_network_that_allows_no_faults() -> None:
+    assert {type(action) for action in EVERY_ACTION} == set(get_args(Action))
 
 
 def test_a_plan_is_carried_out_on_time_and_a_step_that_fails_is_told_and_not_the_end(control: FaultControl) -> None:
