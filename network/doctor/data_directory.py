@@ -59,8 +59,12 @@ def check_authorities(directory: DirectoryContent, now_ms: int) -> list[Finding]
     """Look at the certificate authorities of the active organisations."""
     found = []
     for organisation in directory.organisations.values():
+        if not organisation.is_active:
+            continue
         authorities = load_authorities(organisation.ca_certificate)
-        if not authorities or not organisation.is_active:
+        if not authorities:
+            detail = f"The certificate authority of {organisation.name} on the chain cannot be read."
+            found.append(Finding("AUTHORITY_UNREADABLE", "", detail))
             continue
         end_ms = max(round(item.not_valid_after_utc.timestamp() * 1000) for item in authorities)
         if end_ms - now_ms < AUTHORITY_WARNING_MS:

@@ -145,6 +145,12 @@ KINDS: dict[str, FindingKind] = _table(
         "Make a new one and have it agreed: blockrobot org propose replace-ca; then renew the nodes' certificates.",
     ),
     FindingKind(
+        "AUTHORITY_UNREADABLE",
+        "problem",
+        "An organisation's certificate authority, as agreed on the chain, cannot be read: its nodes are strangers.",
+        "Have a sound one agreed on: blockrobot org propose replace-ca; the other organisations can do that.",
+    ),
+    FindingKind(
         "KEY_FILE_EXPOSED",
         "problem",
         "Others than the node's user can read a key.",

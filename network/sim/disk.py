@@ -2,7 +2,7 @@
 
 It keeps the promises of `node.disk.Disk` and no more: bytes are safe after the file's `sync`, names after their
 directory's. A power cut keeps of the rest what the dice say: a prefix of the unsynced bytes, the last of them perhaps
-garbled, and each unsynced renaming or not.
+garbled, and either all unsynced names or none.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -99,6 +100,16 @@ def test_authorities_in_their_last_year(directory: DirectoryContent) -> None:
         "AUTHORITY_EXPIRES_SOON",
         "AUTHORITY_EXPIRES_SOON",
     ]
+
+
+def test_an_authority_that_cannot_be_read_is_named(directory: DirectoryContent) -> None:
+    damaged = {**directory.organisations}
+    damaged["university"] = replace(damaged["university"], ca_certificate="-----BEGIN CERTIFICATE-----\nAA==\n")
+    (found,) = check_authorities(replace(directory, organisations=damaged), now_ms())
+    assert (found.code, found.kind.severity) == ("AUTHORITY_UNREADABLE", "problem")
+    assert "university" in found.detail
+    damaged["university"] = replace(damaged["university"], is_active=False)
+    assert check_authorities(replace(directory, organisations=damaged), now_ms()) == []
 
 
 def test_nodes_that_do_not_run_and_a_port_that_another_program_took(folder: Path, config: NodeConfig) -> None:
