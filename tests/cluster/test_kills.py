@@ -33,18 +33,6 @@ async def test_each_node_in_turn_is_killed_under_load_and_comes_back(story: Stor
     await story.end()
 
 
-async def test_the_leader_of_the_moment_is_killed_under_load(story: Story) -> None:
-    await story.work()
-    await story.until_told()
-    leader = await story.leader()
-    killed_s = await story.do(Kill(leader))
-    await story.until_told(8)
-    assert story.report_gap("leader_killed", killed_s) < GAP_MAX_S
-    await story.do(Restart(leader))
-    await story.cluster.wait_ready([leader])
-    await story.end()
-
-
 async def test_power_is_cut_under_load_twice_and_everything_acknowledged_is_there(story: Story) -> None:
     """The second cut comes while the nodes start."""
     await story.work()
