@@ -98,6 +98,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("JOURNAL_UNWRITABLE", 500, "The voting journal cannot be written, so the node signs nothing.", "Make room on the disk; the node goes on by itself within seconds.", retryable=True),
     ErrorEntry("JOURNAL_DAMAGED", 500, "The voting journal is damaged in its middle.", "Keep a copy for inspection and start the node once with `--restored`: it is then silent until the chain has gone on without it."),
     ErrorEntry("CONFIGURATION_INVALID", 400, "The configuration is incomplete or contradicts itself.", "Compare it with the reference in docs/reference."),
+    ErrorEntry("FILE_HOLDS_PRIVATE_KEY", 400, "A file that everybody would read holds a private key.", "Name a file with the certificates or public keys alone; keep the key where only its owner reads it."),
     ErrorEntry("FILE_UNUSABLE", 400, "A file or folder cannot be read or written.", "Check its path, its permissions and the space on the disk."),
     ErrorEntry("EVIDENCE_INVALID", 400, "The evidence does not show two words of one producer.", "Accuse nobody of it; a node that made it is damaged or dishonest."),
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),

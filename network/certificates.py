@@ -87,7 +87,7 @@ def serial_bytes(serial: int) -> bytes:
 def parse_serial(text: str) -> int:
     """Read a serial number in hexadecimal. Raises REQUEST_INVALID."""
     try:
-        serial = int(text, 16)
+        serial = int(text.replace(":", ""), 16)
     except ValueError:
         serial = -1
     if not 0 < serial < 1 << (8 * SERIAL_SIZE_BYTES):

@@ -1,7 +1,7 @@
 """Makes a network on disk: keys, certificates, genesis, one data directory a node. Must never overwrite one that is there.
 
     DIRECTORY/genesis.json
-    DIRECTORY/organisations/<name>/   ca.crt.pem, ca.key.pem, admin.key, registrar.key
+    DIRECTORY/organisations/<name>/   ca.crt.pem, ca.key.pem, admin.key, registrar.key, organisation-entry.json
     DIRECTORY/nodes/<name>/           node.toml, genesis.json, keys/, journal/
 
 Private keys are raw 32 bytes (TLS and CA keys: PEM), readable by their owner only.
@@ -31,6 +31,7 @@ from contracts.execution.genesis import complete_genesis
 from contracts.execution.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.authority import Authority, create_authority, encode_private_key, issue_node_certificate, write_secret
+from network.handed_over import ORGANISATION_ENTRY_FILE, organisation_entry_to_json
 from node.config import CONFIG_FILE, NodeConfig, config_to_toml
 from node.journal import Journal
 
@@ -127,7 +128,7 @@ def create_network(
 
 
 def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
-    """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key.
+    """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key, its public entry.
 
     Raises DATA_DIRECTORY_INVALID if there is one already.
     """
@@ -146,6 +147,7 @@ def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisa
         admins=(admin.public_key,),
         registrars=(registrar.public_key,),
     )
+    (folder / ORGANISATION_ENTRY_FILE).write_text(organisation_entry_to_json(entry), encoding="utf-8")
     return authority, entry
 
 

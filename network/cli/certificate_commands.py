@@ -27,6 +27,7 @@ from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import decide, governing_options, plain_table, report_decision, take_seat
 from network.cli.node_commands import find_node
 from network.cluster import Cluster
+from network.handed_over import read_certificate
 from network.joining import newest_directory, organisation_of
 from node.config import NodeConfig
 
@@ -35,6 +36,7 @@ authority_option = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="The folder with ca.crt.pem and ca.key.pem, if it is not in the network's folder.",
 )
+_file = click.Path(path_type=Path, exists=True, dir_okay=False)
 days_option = click.option(
     "--days", default=NODE_LIFETIME_DAYS, show_default=True, type=click.IntRange(1, 3650), help="How long it counts."
 )
@@ -137,13 +139,17 @@ def renew_certificate(
 @certificate.command()
 @click.argument("node", required=False)
 @click.option("--serial", help="The certificate by its serial number, in hexadecimal; else the one the node has now.")
-@click.option("--of", "owner", metavar="ORG", help="With --serial: whose authority issued it; else your own.")
+@click.option("--certificate", "file", type=_file, help="The certificate by its file (PEM).")
+@click.option(
+    "--of", "owner", metavar="ORG", help="With --serial or --certificate: whose authority issued it; else your own."
+)
 @governing_options
 @json_option
 @plain_errors
 def revoke(
     node: str | None,
     serial: str | None,
+    file: Path | None,
     owner: str | None,
     folder: Path | None,
     organisation: str | None,
@@ -154,8 +160,8 @@ def revoke(
 
     Example: blockrobot certificate revoke node-2 --as hospital
     """
-    if (node is None) == (serial is None):
-        raise click.UsageError("Name a node, or a certificate with --serial.")
+    if sum(item is not None for item in (node, serial, file)) != 1:
+        raise click.UsageError("Name a node, or a certificate with --serial or --certificate.")
     if node is not None:
         config = find_node(node, folder)
         facts = read_report(config).facts
@@ -163,7 +169,7 @@ def revoke(
             raise BlockRobotError("FILE_UNUSABLE", f"The certificate of {config.name} cannot be read; use --serial.")
         number, owner = facts.serial, owner or _organisation(config, folder)
     else:
-        number = parse_serial(str(serial))
+        number = parse_serial(str(serial) if file is None else f"{read_certificate(file).serial_number:x}")
     seat = take_seat(folder, organisation or (owner if key_file is None else None), key_file)
     owner = owner or seat.organisation
     if not owner:

@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import click
-from cryptography import x509
 from rich.markup import escape
 
 from clients.sdk.governance import MembershipView, NodeRow, OrganisationRow, ProposalRow, read_membership
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from consensus.genesis import NodeEntry
 from consensus.possession import prove_possession
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import (
@@ -32,12 +29,15 @@ from network.cli.governing import (
     take_seat,
 )
 from network.cli.live_quorum import anyway_option, check_membership_change
+from network.handed_over import (
+    ORGANISATION_ENTRY_FILE,
+    read_authority_certificates,
+    read_node_entry,
+    read_organisation_entry,
+)
 from network.layout import create_organisation
 
-SERIAL_BYTES = 20
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
-_certificate_option = click.option("--certificate", type=_file, help="The node's certificate (PEM).")
-_serial_option = click.option("--serial", help="The certificate's serial number in hexadecimal.")
 
 
 @click.group()
@@ -111,16 +111,25 @@ def list_organisations(folder: Path | None, organisation: str | None, key_file: 
 def new(name: str, folder: Path | None, as_json: bool) -> None:
     """Make an organisation's folder on this machine: its certificate authority, an admin's and a registrar's key.
 
+    The folder stays with its owner. What others need of it is in organisation-entry.json, which holds no secret.
+
     Example: blockrobot org new clinic
     """
     place = network_folder(folder)
     _, entry = create_organisation(place, name)
     path = place / "organisations" / name
+    public = path / ORGANISATION_ENTRY_FILE
     if as_json:
-        print_json({"ok": True, "folder": str(path), "admins": [key.hex() for key in entry.admins]})
+        admins = [key.hex() for key in entry.admins]
+        print_json({"ok": True, "folder": str(path), "entry": str(public), "admins": admins})
         return
-    console.print(f"The organisation {escape(name)} has its keys in {path}. Keep its folder secret and safe.")
-    console.print(f"Next step: blockrobot org propose add-org {escape(name)} --as ORG")
+    console.print(
+        f"The organisation {escape(name)} has its keys in {escape(str(path))}. Keep its folder secret and safe."
+    )
+    console.print(
+        f"Hand {ORGANISATION_ENTRY_FILE} from there to an organisation of the network: nothing in it is secret."
+    )
+    console.print(f"Next step, there: blockrobot org propose add-org --from {ORGANISATION_ENTRY_FILE} --as ORG")
 
 
 @org.command()
@@ -196,40 +205,35 @@ def propose() -> None:
     """
 
 
-def _keys_of(folder: Path, kind: str) -> list[bytes]:
-    return [read_private_key(folder / f"{kind}.key").public_key]
-
-
 @propose.command("add-org")
-@click.argument("name")
+@click.argument("name", required=False)
 @click.option(
     "--from",
     "source",
-    type=click.Path(path_type=Path, file_okay=False),
-    help="The new organisation's folder (ca.crt.pem, admin.key, registrar.key); else that in the network's folder.",
+    type=_file,
+    help=f"The newcomer's {ORGANISATION_ENTRY_FILE} (see org new); else NAME's in the network's folder.",
 )
 @governing_options
 @json_option
 @plain_errors
 def add_org(
-    name: str,
+    name: str | None,
     source: Path | None,
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
     as_json: bool,
 ) -> None:
-    """Propose a new organisation, with the certificate authority and the keys in its folder (see org new).
+    """Propose a new organisation by its entry: certificate authority and public keys, nothing secret.
 
-    Example: blockrobot org propose add-org clinic --as hospital
+    Example: blockrobot org propose add-org --from organisation-entry.json --as hospital
     """
-    place = source or network_folder(folder) / "organisations" / name
-    arguments = {
-        "name": name,
-        "ca_certificate": _read_certificate(place / "ca.crt.pem"),
-        "admins": _keys_of(place, "admin"),
-        "registrars": _keys_of(place, "registrar"),
-    }
+    if source is None and name is None:
+        raise click.UsageError(f"Name the newcomer's {ORGANISATION_ENTRY_FILE} with --from FILE.")
+    place = source or network_folder(folder) / "organisations" / str(name) / ORGANISATION_ENTRY_FILE
+    arguments = read_organisation_entry(place)
+    if name is not None and arguments["name"] != name:
+        raise BlockRobotError("FILE_UNUSABLE", f"{place} is the entry of {arguments['name']!r}, not of {name!r}.")
     _propose("add_org", arguments, folder, organisation, key_file, as_json=as_json)
 
 
@@ -265,9 +269,11 @@ def replace_ca(
 ) -> None:
     """Propose a new certificate authority for an organisation. Certificates of the old one count no more.
 
+    Only the certificates in the file are sent, written anew; a file that holds a private key too is refused.
+
     Example: blockrobot org propose replace-ca hospital --certificate new-ca.crt.pem --as hospital
     """
-    arguments = {"organisation": name, "ca_certificate": _read_certificate(certificate)}
+    arguments = {"organisation": name, "ca_certificate": read_authority_certificates(certificate)}
     _propose("replace_ca", arguments, folder, organisation, key_file, as_json=as_json)
 
 
@@ -349,102 +355,8 @@ def rekey_producer(
     _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json)
 
 
-@propose.command("revoke-certificate")
-@click.argument("owner")
-@_certificate_option
-@_serial_option
-@governing_options
-@json_option
-@plain_errors
-def propose_revocation(
-    owner: str,
-    certificate: Path | None,
-    serial: str | None,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
-    """Propose to revoke a certificate of another organisation (its own needs no others: org revoke-certificate).
-
-    Example: blockrobot org propose revoke-certificate university --serial 4a0f... --as hospital
-    """
-    arguments = {"organisation": owner, "serial": read_serial(certificate, serial)}
-    _propose("revoke_certificate", arguments, folder, organisation, key_file, as_json=as_json)
-
-
-@org.command("revoke-certificate")
-@_certificate_option
-@_serial_option
-@governing_options
-@json_option
-@plain_errors
-def revoke_certificate(
-    certificate: Path | None,
-    serial: str | None,
-    folder: Path | None,
-    organisation: str | None,
-    key_file: Path | None,
-    as_json: bool,
-) -> None:
-    """Revoke a certificate of your own organisation, at once on every node.
-
-    Example: blockrobot org revoke-certificate --certificate nodes/node-2/keys/tls.crt.pem --as university
-    """
-    seat = take_seat(folder, organisation, key_file)
-    if not seat.organisation:
-        raise click.UsageError("Say whose certificate it is: --as ORG.")
-    number = read_serial(certificate, serial)
-    arguments = {"organisation": seat.organisation, "serial": number}
-    told = decide(seat, lambda governor: governor.propose_membership("revoke_certificate", arguments))
-    report_decision(told, f"Revocation of {number.hex()}", "org", as_json=as_json)
-
-
-# Files
-
-
 def _read_hex(text: str, option: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except ValueError:
         raise click.UsageError(f"{option} takes hexadecimal digits.") from None
-
-
-def _load_certificate(path: Path) -> x509.Certificate:
-    try:
-        return x509.load_pem_x509_certificate(path.read_bytes())
-    except ValueError:
-        raise BlockRobotError("FILE_UNUSABLE", f"{path} is no certificate in PEM.") from None
-
-
-def _read_certificate(path: Path) -> str:
-    _load_certificate(path)
-    return path.read_text(encoding="ascii")
-
-
-def read_serial(certificate: Path | None, serial: str | None) -> bytes:
-    """Return a certificate's serial number as 20 bytes, from the certificate or from its digits."""
-    if (certificate is None) == (serial is None):
-        raise click.UsageError("Name the certificate with either --certificate FILE or --serial HEX.")
-    if certificate is not None:
-        return _load_certificate(certificate).serial_number.to_bytes(SERIAL_BYTES, "big")
-    digits = (serial or "").replace(":", "")
-    found = _read_hex(digits.zfill(len(digits) + len(digits) % 2), "--serial")
-    if len(found) > SERIAL_BYTES:
-        raise click.UsageError("A serial number has at most 20 bytes.")
-    return found.rjust(SERIAL_BYTES, b"\0")
-
-
-def read_node_entry(path: Path) -> dict[str, Any]:
-    """Read a node's entry: a JSON object with the fields of a node in the genesis file, keys in hexadecimal.
-
-    Raises FILE_UNUSABLE if it is none.
-    """
-    try:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        fields = {name: document[name] for name in NodeEntry.__struct_fields__}
-        for name in ("producer_key", "producer_possession", "custodian_key"):
-            fields[name] = bytes.fromhex(fields[name])
-    except (ValueError, TypeError, KeyError):
-        raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold a node's entry.") from None
-    return fields

@@ -14,8 +14,9 @@ import network.cli.governing as governing
 import network.cli.live_quorum as live_quorum
 from consensus.errors import CATALOGUE
 from consensus.genesis import genesis_to_json
-from network.authority import create_authority, issue_node_certificate
-from network.cli.org_commands import org, read_serial
+from network.authority import create_authority, encode_private_key, issue_node_certificate
+from network.cli.certificate_commands import certificate
+from network.cli.org_commands import org
 from network.cli.producer_commands import producer
 from network.cli.settings_commands import settings
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
@@ -117,11 +118,13 @@ def test_without_a_network_that_is_said(tmp_path: Path, monkeypatch: pytest.Monk
         assert refusal(group, "list") == "CLUSTER_NOT_RUNNING"
 
 
-def test_a_new_organisation_is_made_proposed_and_approved(chain: Consortium) -> None:
+def test_a_new_organisation_is_made_proposed_and_approved(chain: Consortium, tmp_path: Path) -> None:
     made = answer(org, "new", "clinic")
     assert Path(made["folder"]).joinpath("ca.crt.pem").exists()
     assert refusal(org, "new", "clinic") == "DATA_DIRECTORY_INVALID"
-    opened = answer(org, "propose", "add-org", "clinic", "--as", "org-01")["proposal"]["id"]
+    handed_over = tmp_path / "clinic.json"
+    Path(made["entry"]).rename(handed_over)
+    opened = answer(org, "propose", "add-org", "--from", str(handed_over), "--as", "org-01")["proposal"]["id"]
     assert "add-org clinic" in run(org, "list").output
     answer(org, "approve", opened, "--as", "org-02")
     listed = answer(org, "list")
@@ -221,16 +224,15 @@ def test_a_producer_is_named_by_node_or_key(chain: Consortium) -> None:
 
 def test_organisations_nodes_keys_and_certificates_are_changed(chain: Consortium, tmp_path: Path) -> None:
     authority = create_authority("org-02")
-    certificate = tmp_path / "ca.crt.pem"
-    certificate.write_text(authority.certificate_pem, encoding="utf-8")
+    ca_file = tmp_path / "ca.crt.pem"
+    ca_file.write_text(authority.certificate_pem, encoding="utf-8")
     issued = issue_node_certificate(authority, "node-02")
     (tmp_path / "tls.crt.pem").write_bytes(issued.certificate_pem)
     (tmp_path / "new.key").write_bytes(key_of("new").secret)
     new_admin = key_of("new-admin").public_key
     changes = [
-        ("replace-ca", "org-02", "--certificate", str(certificate)),
+        ("replace-ca", "org-02", "--certificate", str(ca_file)),
         ("rekey-producer", "node-02", "--producer-key", str(tmp_path / "new.key")),
-        ("revoke-certificate", "org-02", "--serial", "0a:0b"),
         ("remove-node", "node-04"),
         ("replace-keys", "org-03", "--admin", new_admin.hex()),
     ]
@@ -239,15 +241,49 @@ def test_organisations_nodes_keys_and_certificates_are_changed(chain: Consortium
         assert answer(org, "approve", opened, "--as", "org-02")["executed"]
     assert chain.value("membership", b"org/org-02")["ca_certificate"] == authority.certificate_pem
     assert chain.value("membership", b"node/node-02")["producer_key"] == key_of("new").public_key
-    assert chain.value("membership", b"revoked/org-02/" + (0x0A0B).to_bytes(20, "big")) is not None
     assert chain.value("membership", b"node/node-04")["status"] == "removed"
     assert chain.view("identity", "admin_of", new_admin) == "org-03"
 
-    own = run(org, "revoke-certificate", "--certificate", str(tmp_path / "tls.crt.pem"), "--as", "org-02")
+    own = run(certificate, "revoke", "--certificate", str(tmp_path / "tls.crt.pem"), "--as", "org-02")
     assert "in force since height" in own.output
-    serial = issued.serial.to_bytes(20, "big")
-    assert read_serial(tmp_path / "tls.crt.pem", None) == serial
-    assert chain.value("membership", b"revoked/org-02/" + serial) is not None
-    assert run(org, "revoke-certificate", "--as", "org-02").exit_code == 2
+    assert chain.value("membership", b"revoked/org-02/" + issued.serial.to_bytes(20, "big")) is not None
+    assert run(certificate, "revoke", "--as", "org-02").exit_code == 2
     opened = answer(org, "propose", "remove-org", "org-01", "--as", "org-02")["proposal"]["id"]
     answer(org, "withdraw", opened, "--as", "org-02")
+
+
+def test_anothers_certificate_is_revoked_by_a_majority_ones_own_at_once(chain: Consortium) -> None:
+    revoke = ("revoke", "--serial", "0a:0b", "--of", "org-02")
+    opened = answer(certificate, *revoke, "--as", "org-01")["proposal"]["id"]
+    place = b"revoked/org-02/" + (0x0A0B).to_bytes(20, "big")
+    assert chain.value("membership", place) is None
+    assert answer(org, "approve", opened, "--as", "org-03")["executed"]
+    assert chain.value("membership", place) is not None
+
+
+@pytest.fixture
+def bundle(tmp_path: Path) -> Path:
+    """What people keep in one file: a certificate and its key."""
+    authority = create_authority("org-02")
+    path = tmp_path / "bundle.pem"
+    path.write_bytes(authority.certificate_pem.encode() + encode_private_key(authority.key))
+    return path
+
+
+def test_a_private_key_is_never_proposed(chain: Consortium, tmp_path: Path, bundle: Path) -> None:
+    said = run(org, "propose", "replace-ca", "org-02", "--certificate", str(bundle), "--as", "org-01")
+    assert str(bundle) in said.stderr.replace("\n", "")
+    replaced = refusal(org, "propose", "replace-ca", "org-02", "--certificate", str(bundle), "--as", "org-01")
+    assert replaced == "FILE_HOLDS_PRIVATE_KEY"
+    entry = Path(answer(org, "new", "clinic")["entry"])
+    document = json.loads(entry.read_text("utf-8"))
+    entry.write_text(json.dumps(document | {"ca_certificate": bundle.read_text("ascii")}), "utf-8")
+    assert refusal(org, "propose", "add-org", "clinic", "--as", "org-01") == "FILE_HOLDS_PRIVATE_KEY"
+    assert chain.height == 0, "nothing was sent"
+
+
+def test_an_entry_is_that_of_whom_one_names(chain: Consortium) -> None:
+    entry = answer(org, "new", "clinic")["entry"]
+    assert refusal(org, "propose", "add-org", "other", "--from", entry, "--as", "org-01") == "FILE_UNUSABLE"
+    assert run(org, "propose", "add-org", "--as", "org-01").exit_code == 2
+    assert refusal(org, "propose", "add-org", "nowhere", "--as", "org-01") == "FILE_UNUSABLE"

@@ -12,8 +12,8 @@ from consensus.genesis import Genesis
 from consensus.possession import POSSESSION_TAG
 from consensus.primitives.keys import verify
 from network.certificates import find_authority, now_ms, read_report
-from network.cli.org_commands import read_node_entry
 from network.cluster import Cluster
+from network.handed_over import read_node_entry
 from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port, organisation_of
 from network.layout import PORTS_PER_NODE, create_network
 from node.config import load_config, load_genesis
