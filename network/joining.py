@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from clients.sdk.connections import NodeAddress, check_address
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, NodeEntry, genesis_to_json
 from consensus.possession import prove_possession
@@ -51,6 +52,19 @@ def newest_directory(genesis: Genesis, configs: Iterable[NodeConfig]) -> Directo
         if content is not None and content.height > newest.height:
             newest = content
     return newest
+
+
+def of_chain(configs: Iterable[NodeConfig], chain_id: bytes) -> list[NodeConfig]:
+    """Return those nodes of this machine that belong to this network; one whose genesis cannot be read does not."""
+    found = []
+    for config in configs:
+        try:
+            own = load_genesis(config).chain_id
+        except (BlockRobotError, OSError):
+            continue
+        if own == chain_id:
+            found.append(config)
+    return found
 
 
 def organisation_of(config: NodeConfig, configs: Iterable[NodeConfig]) -> str:
@@ -99,6 +113,25 @@ def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
         raise BlockRobotError("NOT_FOUND", f"There is no organisation {newcomer.organisation!r}; there are {known}.")
     if not 0 < newcomer.base_port <= _PORT_MAX - 2:
         raise BlockRobotError("CONFIGURATION_INVALID", f"{newcomer.base_port} leaves no room for three ports.")
+    check_api_url(name, api_url_of(newcomer))
+
+
+def api_url_of(newcomer: Newcomer) -> str:
+    """Return where clients are told to reach it."""
+    host = f"[{newcomer.host}]" if ":" in newcomer.host else newcomer.host
+    return newcomer.api_url or f"http://{host}:{newcomer.base_port + 1}"
+
+
+def check_api_url(name: str, url: str) -> None:
+    """Refuse an address at which no client would talk to the node. Raises CONFIGURATION_INVALID."""
+    try:
+        check_address(NodeAddress(name, url))
+    except BlockRobotError:
+        detail = (
+            f"No client would talk to {name} at {url}: beyond this machine clients take https:// only. Put a TLS proxy "
+            "with a certificate of the organisation's authority in front of it, and name that with --api-url."
+        )
+        raise BlockRobotError("CONFIGURATION_INVALID", detail) from None
 
 
 def init_node(
@@ -117,7 +150,7 @@ def init_node(
         organisation=newcomer.organisation,
         host=newcomer.host,
         p2p_port=newcomer.base_port,
-        api_url=newcomer.api_url or f"http://{newcomer.host}:{newcomer.base_port + 1}",
+        api_url=api_url_of(newcomer),
         producer_key=keys.producer.public_key,
         producer_possession=prove_possession(keys.producer, newcomer.name),
         custodian_key=b"" if keys.custodian is None else keys.custodian.public_key,

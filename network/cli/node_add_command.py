@@ -23,7 +23,7 @@ from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import admin_keys, read_private_key
 from network.cluster import Cluster
 from network.growing import Growth, Step
-from network.joining import Newcomer, init_node, newest_directory, next_base_port
+from network.joining import Newcomer, init_node, newest_directory, next_base_port, of_chain
 from node.config import load_config
 from node.directory import DirectoryContent
 
@@ -117,7 +117,7 @@ async def _add(
 def _make(cluster: Cluster, membership: MembershipView, growth: Growth, wanted: _Wanted) -> NodeEntry:
     """Make the node's data directory; return its entry. Raises NODE_EXISTS, NOT_FOUND, AUTHORITY_NOT_HERE."""
     configs = list(cluster.configs.values())
-    known = newest_directory(cluster.genesis, configs)
+    known = newest_directory(cluster.genesis, of_chain(configs, cluster.genesis.chain_id))
     owner = wanted.organisation or _smallest(cluster.folder, membership, list(growth.voices))
     name = wanted.name or _free_name(cluster, known, membership)
     newcomer = Newcomer(

@@ -9,12 +9,13 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from consensus.genesis import Genesis
 from network.certificates import find_authority
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import plain_table
 from network.cli.node_commands import find_node
 from network.cluster import Cluster
-from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port
+from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port, of_chain
 from node.directory_file import DIRECTORY_FILE, decode_directory, encode_directory
 
 
@@ -26,7 +27,13 @@ from node.directory_file import DIRECTORY_FILE, decode_directory, encode_directo
     type=click.Path(path_type=Path, file_okay=False),
     help="Where the node keeps all that is its own; else nodes/NAME in the network's folder.",
 )
-@click.option("--host", default="127.0.0.1", show_default=True, help="The address at which peers and clients reach it.")
+@click.option("--host", default="127.0.0.1", show_default=True, help="Where it listens, and peers reach it.")
+@click.option(
+    "--api-url",
+    default="",
+    metavar="URL",
+    help="Where clients reach it: needed, and https://, if --host is another machine's address.",
+)
 @click.option("--base-port", type=click.IntRange(1, 65_533), help="The first of its three ports; else the next free.")
 @click.option("--custodian", is_flag=True, help="It keeps off-chain data too.")
 @click.option("--store", default="sqlite", show_default=True, help="A custodian's store: sqlite or mongodb://...")
@@ -40,6 +47,9 @@ from node.directory_file import DIRECTORY_FILE, decode_directory, encode_directo
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help=f"A {DIRECTORY_FILE} of another machine (see node directory), if the network is older than its genesis file.",
 )
+@click.option(
+    "--faults", is_flag=True, help="Allow it to be broken on purpose (blockrobot fault). For experiments only."
+)
 @folder_option
 @json_option
 @plain_errors
@@ -48,12 +58,14 @@ def init(
     organisation: str,
     data_dir: Path | None,
     host: str,
+    api_url: str,
     base_port: int | None,
     custodian: bool,
     store: str,
     authority: Path | None,
     genesis: Path | None,
     directory_file: Path | None,
+    faults: bool,
     folder: Path | None,
     as_json: bool,
 ) -> None:
@@ -65,8 +77,11 @@ def init(
     """
     network = network_folder(folder)
     beginning = load_genesis(genesis or network / "genesis.json")
+    is_elsewhere = not _is_home(network, beginning)
+    if is_elsewhere and (data_dir is None or authority is None):
+        raise click.UsageError(f"{network} is another network: name --data-dir and --authority as well.")
     configs = list(Cluster(network).configs.values()) if (network / "genesis.json").is_file() else []
-    known = newest_directory(beginning, configs)
+    known = newest_directory(beginning, of_chain(configs, beginning.chain_id))
     if directory_file is not None:
         told = decode_directory(directory_file.read_bytes(), beginning.chain_id)
         known = max(known, told, key=lambda content: content.height)
@@ -77,7 +92,8 @@ def init(
         base_port=base_port or next_base_port(known, configs),
         store=store,
         is_custodian=custodian,
-        faults=any(config.faults_enabled for config in configs),
+        faults=faults,
+        api_url=api_url,
     )
     place = (data_dir or network / "nodes" / name).resolve()
     entry = init_node(place, newcomer, beginning, find_authority(network, organisation, authority), known)
@@ -90,6 +106,12 @@ def init(
     console.print(f"The node {escape(name)} of {escape(organisation)} is in {escape(str(place))}. What is next:")
     for number, step in enumerate(steps, 1):
         console.print(f"  {number}. {escape(step)}")
+
+
+def _is_home(network: Path, beginning: Genesis) -> bool:
+    """Tell whether the network's folder is that of this genesis file, or of no network yet."""
+    path = network / "genesis.json"
+    return not path.is_file() or load_genesis(path).chain_id == beginning.chain_id
 
 
 def next_steps(name: str, organisation: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:

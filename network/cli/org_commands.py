@@ -35,6 +35,7 @@ from network.handed_over import (
     read_node_entry,
     read_organisation_entry,
 )
+from network.joining import check_api_url
 from network.layout import create_organisation
 
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -317,7 +318,9 @@ def add_node(source: Path, folder: Path | None, organisation: str | None, key_fi
 
     Example: blockrobot org propose add-node --from node-5/node-entry.json --as hospital
     """
-    _propose("add_node", read_node_entry(source), folder, organisation, key_file, as_json=as_json)
+    arguments = read_node_entry(source)
+    check_api_url(str(arguments["name"]), str(arguments["api_url"]))
+    _propose("add_node", arguments, folder, organisation, key_file, as_json=as_json)
 
 
 @propose.command("remove-node")

@@ -144,6 +144,9 @@ def test_a_node_joins_by_its_entry_and_is_voted_in(chain: Consortium, tmp_path: 
     chain.ready("node-05")
     voted = answer(producer, "approve", "node-05", "--as", "org-03")
     assert (voted["epoch"], voted["producer"]["turn"], voted["votes_needed"]) == (1, 4, 2)
+    elsewhere = json.loads(entry.read_text("utf-8")) | {"name": "node-06", "api_url": "http://10.0.0.7:4101"}
+    entry.write_text(json.dumps(elsewhere), "utf-8")
+    assert refusal(org, "propose", "add-node", "--from", str(entry), "--as", "org-01") == "CONFIGURATION_INVALID"
     entry.write_text("[]", "utf-8")
     assert refusal(org, "propose", "add-node", "--from", str(entry), "--as", "org-01") == "FILE_UNUSABLE"
 

@@ -1,0 +1,105 @@
+"""`node init` makes a node of one network, whatever other network lies on the machine."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from consensus.genesis import Genesis
+from network.cli.node_setup_commands import init
+from network.cluster import Cluster
+from network.joining import ENTRY_FILE, of_chain
+from network.layout import PORTS_PER_NODE, create_network
+from node.config import load_config, load_genesis
+from node.directory_file import DIRECTORY_FILE
+
+HOME_PORT, OTHER_PORT = 21_000, 22_000
+
+
+@pytest.fixture
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A network for trying things out, in the home folder: it may be broken on purpose."""
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    create_network(tmp_path / "network", nodes=2, organisations=2, base_port=HOME_PORT, faults=True)
+    return tmp_path / "network"
+
+
+@pytest.fixture
+def other(tmp_path: Path) -> Path:
+    """The network that matters, with organisations of the same names."""
+    create_network(tmp_path / "real", nodes=2, organisations=2, base_port=OTHER_PORT)
+    return tmp_path / "real"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(init, list(arguments))
+
+
+def genesis_of(folder: Path) -> Genesis:
+    return Cluster(folder).genesis
+
+
+def test_the_network_in_the_home_folder_says_nothing_of_another_one(home: Path, other: Path, tmp_path: Path) -> None:
+    place = tmp_path / "srv"
+    authority = other / "organisations" / "hospital"
+    said = run(
+        *("node-3", "--organisation", "hospital", "--genesis", str(other / "genesis.json"), "--json"),
+        *("--data-dir", str(place), "--authority", str(authority)),
+    )
+    assert said.exit_code == 0, said.output
+    config = load_config(place)
+    assert load_genesis(config).chain_id == genesis_of(other).chain_id
+    assert not config.faults_enabled
+    assert not (place / DIRECTORY_FILE).exists()
+
+
+def test_a_node_of_another_network_is_not_put_into_the_home_folder(home: Path, other: Path) -> None:
+    said = run("node-3", "--organisation", "hospital", "--genesis", str(other / "genesis.json"))
+    assert said.exit_code == 2
+    assert "another network" in said.stderr
+    assert Cluster(home).names == ["node-1", "node-2"]
+
+
+def test_only_nodes_of_one_chain_are_asked_who_is_there(home: Path, other: Path) -> None:
+    ours, theirs = (list(Cluster(folder).configs.values()) for folder in (home, other))
+    theirs[1].genesis_path.write_text("no genesis", "utf-8")
+    assert of_chain([*ours, *theirs], genesis_of(other).chain_id) == theirs[:1]
+    theirs[0].genesis_path.unlink()
+    assert of_chain([*ours, *theirs], genesis_of(home).chain_id) == ours
+
+
+def test_faults_are_allowed_only_if_one_says_so(home: Path) -> None:
+    for name, flags in (("node-3", ()), ("node-4", ("--faults",))):
+        assert run(name, "--organisation", "hospital", *flags).exit_code == 0
+        assert load_config(home / "nodes" / name).faults_enabled == bool(flags)
+    assert load_config(home / "nodes" / "node-3").p2p_port == HOME_PORT + 2 * PORTS_PER_NODE
+
+
+@pytest.mark.parametrize(
+    ("arguments", "url"),
+    [
+        ((), "http://127.0.0.1:21501"),
+        (("--host", "::1"), "http://[::1]:21501"),
+        (("--host", "10.0.0.7", "--api-url", "https://node-3.clinic.example"), "https://node-3.clinic.example"),
+        (("--host", "10.0.0.7", "--api-url", "http://127.0.0.1:9000"), "http://127.0.0.1:9000"),
+        (("--host", "10.0.0.7"), None),
+        (("--host", "0.0.0.0"), None),
+        (("--api-url", "http://node-3.clinic.example"), None),
+        (("--api-url", "node-3.clinic.example"), None),
+    ],
+)
+def test_a_node_is_entered_only_where_clients_would_talk_to_it(
+    home: Path, arguments: tuple[str, ...], url: str | None
+) -> None:
+    place = home / "nodes" / "node-3"
+    said = run("node-3", "--organisation", "hospital", "--base-port", "21500", *arguments)
+    if url is None:
+        assert "--api-url" in said.stderr
+        assert "CONFIGURATION_INVALID" in said.stderr
+        assert not place.exists()
+    else:
+        assert said.exit_code == 0, said.output
+        assert json.loads((place / ENTRY_FILE).read_text("utf-8"))["api_url"] == url
