@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 PROGRESS_INTERVAL_S = 5.0
 NODES_MAX_COUNT = 10
+NODES_DEFAULT_COUNT = 4
 SEED_MAX = 1 << 32
 
 
@@ -44,7 +45,20 @@ def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str
 
 @sim.command("run")
 @click.option("--seeds", default="1..20", show_default=True, callback=_parse_seeds, help="One seed, or A..B.")
-@click.option("--nodes", default=4, show_default=True, type=click.IntRange(1, NODES_MAX_COUNT), help="Producers.")
+@click.option(
+    "--profile",
+    default="faults",
+    show_default=True,
+    type=click.Choice(["faults", "grow"]),
+    help="What the seeds play: see above.",
+)
+@click.option(
+    "--nodes",
+    default=NODES_DEFAULT_COUNT,
+    show_default=True,
+    type=click.IntRange(1, NODES_MAX_COUNT),
+    help="Producers.",
+)
 @click.option(
     "--rounds", default=200, show_default=True, type=click.IntRange(10, 5_000), help="Rounds a seed, at least."
 )
@@ -58,6 +72,7 @@ def _parse_seeds(_context: click.Context, _parameter: click.Parameter, text: str
 @plain_errors
 def run_command(
     seeds: range,
+    profile: str,
     nodes: int,
     rounds: int,
     byzantine: int,
@@ -68,16 +83,40 @@ def run_command(
 ) -> None:
     """Play seeds under faults and check what happened; exits 0 only if nothing that was promised was broken.
 
-    Of what breaks, the command that replays it is printed, and a plan with no more faults than it takes.
+    Of what breaks, the command that replays it is printed, and a plan with no more faults than it takes. Progress goes
+    to standard error: seeds played, rounds a second of real time, violations so far, and each seed that broke a promise.
 
-    Example: blockrobot sim run --seeds 1..1000 --byzantine 1 --json
+    \b
+    Profiles:
+      faults  A fixed number of producers. Each seed draws up to a dozen crashes, power cuts, partitions, pauses, bad
+              links, wrong clocks, slow, full and old disks; some seeds also change settings, or one producer's seat.
+      grow    Four producers and six followers, which governance seats in two steps (7, then 10) and unseats again
+              (4), over and over, under load and under the same faults but for old disks.
+
+    \b
+    Links of a plan file (`profile` of the plan, or of a fault of kind `links`), delays in ms one way:
+      lan 1-14   wifi 2-40, 1 % lost   wan 20-90   lossy 2-60, 15 % lost   storm 1-600, doubled and held back
+
+    \b
+    Examples:
+      blockrobot sim run --seeds 1..100
+      blockrobot sim run --seeds 1..1000 --byzantine 1 --json
+      blockrobot sim run --profile grow --seeds 1..20
+      blockrobot sim run --seeds 42 --trace
+      blockrobot sim run --plan seed-42.toml --trace
     """
     from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
-    from network.sim.plan import load_plan  # noqa: PLC0415
+    from network.sim.plan import load_plan, make_growth_plan  # noqa: PLC0415
     from network.sim.sweep import plan_of, sweep  # noqa: PLC0415
 
     if plan_file is not None:
         plans = [load_plan(plan_file)]
+    elif profile == "grow":
+        if byzantine or nodes != NODES_DEFAULT_COUNT:
+            raise BlockRobotError(
+                "CONFIGURATION_INVALID", "The profile grow has its own ten nodes, all of them honest."
+            )
+        plans = [make_growth_plan(seed, rounds=rounds) for seed in seeds]
     elif byzantine >= nodes:
         raise BlockRobotError("CONFIGURATION_INVALID", "At least one node of a network is honest.")
     else:
@@ -124,22 +163,27 @@ def _values(observation: Observation) -> list[Any]:
 
 
 class _Progress:
-    """One line now and then, on standard error."""
+    """One line now and then, and one for each seed that broke a promise, on standard error."""
 
     def __init__(self) -> None:
         self._last_s = time.monotonic()
+        self._failed_count = 0
 
     def __call__(self, total: SweepResult, count: int) -> None:
         now_s = time.monotonic()
+        for result in total.failed[self._failed_count :]:
+            click.echo(f"seed {result.seed} broke a promise: {result.violations[0]}", err=True)
+        self._failed_count = len(total.failed)
         if now_s - self._last_s < PROGRESS_INTERVAL_S and total.seeds < count:
             return
         if total.seeds == count and total.elapsed_s < PROGRESS_INTERVAL_S:
             return
         self._last_s = now_s
         rate = total.rounds / total.elapsed_s if total.elapsed_s else 0.0
+        left_s = total.elapsed_s * (count - total.seeds) / total.seeds
         click.echo(
             f"{total.seeds} of {count} seeds, {total.rounds} rounds, {rate:.0f} rounds/s, "
-            f"{total.violations} violations",
+            f"{total.violations} violations, about {left_s:.0f} s left",
             err=True,
         )
 
@@ -182,6 +226,8 @@ def _print_failure(failure: Failure) -> None:
     for violation in failure.violations[:5]:
         click.echo(f"  {violation}", err=True)
     options = f"--nodes {plan.nodes} --rounds {plan.rounds} --byzantine {len(plan.byzantine)}"
+    if plan.governance == "grow":
+        options = f"--profile grow --rounds {plan.rounds}"
     click.echo(f"replay:  blockrobot sim run --seeds {failure.seed} {options} --trace", err=True)
     click.echo(f"shrunk:  blockrobot sim run --plan {path} --trace", err=True)
     click.echo(plan_to_toml(failure.shrunk), err=True)

@@ -18,6 +18,7 @@ from contracts.execution.genesis import complete_genesis
 from contracts.execution.machine import ContractMachine
 from contracts.execution.registry import contract_entries, require_contracts
 from contracts.vm import LANGUAGE_VERSION
+from network.sim.plan import NetworkSize
 from node.machine import genesis_block
 from node.storage.ledger_store import FinalizedBlock
 from node.transaction_cache import TransactionCache
@@ -99,9 +100,24 @@ class Chain:
     transactions: TransactionCache
 
 
+def make_node_entry(index: int, key: PrivateKey, custodian: PrivateKey | None = None) -> NodeEntry:
+    """Return the entry of a producing node, as genesis or governance has it. Organisations take turns."""
+    return NodeEntry(
+        name=node_name(index),
+        organisation=_ORGANISATIONS[index % ORGANISATIONS_COUNT],
+        host="127.0.0.1",
+        p2p_port=1000 + 10 * index,
+        api_url=f"http://127.0.0.1:{1001 + 10 * index}",
+        producer_key=key.public_key,
+        producer_possession=prove_possession(key, node_name(index)),
+        custodian_key=b"" if custodian is None else custodian.public_key,
+    )
+
+
 @cache
-def make_chain(nodes: int) -> Chain:
-    """Return the chain of a network of so many nodes, all of them producers."""
+def make_chain(size: NetworkSize) -> Chain:
+    """Return the chain of a network of this size; genesis names only those that produce from the beginning."""
+    nodes = size.nodes
     check = SharedCheck()
     producers = tuple(TrustedKey(make_key(f"producer {index}").secret, check) for index in range(nodes))
     custodians = tuple(make_key(f"custodian {index}") if is_custodian(index, nodes) else None for index in range(nodes))
@@ -123,19 +139,7 @@ def make_chain(nodes: int) -> Chain:
                 )
                 for name, admin in zip(organisations, admins, strict=True)
             ),
-            nodes=tuple(
-                NodeEntry(
-                    name=node_name(index),
-                    organisation=organisations[index % len(organisations)],
-                    host="127.0.0.1",
-                    p2p_port=1000 + 10 * index,
-                    api_url=f"http://127.0.0.1:{1001 + 10 * index}",
-                    producer_key=key.public_key,
-                    producer_possession=prove_possession(key, node_name(index)),
-                    custodian_key=b"" if custodian is None else custodian.public_key,
-                )
-                for index, (key, custodian) in enumerate(zip(producers, custodians, strict=True))
-            ),
+            nodes=tuple(make_node_entry(index, producers[index], custodians[index]) for index in range(size.producers)),
             contracts=contract_entries(),
             purposes=tuple(PURPOSES),
             state_root=b"",

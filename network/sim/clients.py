@@ -15,7 +15,8 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
 from network.sim.history import Acknowledged, CodeFault, Submitted, ValueRead
-from network.sim.workload import Call, enrolment, producer_turnover, setting_change, visit
+from network.sim.plan import NetworkSize
+from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
 
 if TYPE_CHECKING:
     from network.sim.cluster import SimCluster
@@ -30,19 +31,19 @@ UPLOAD_SHARE = 0.75
 READ_KEY = b"records\x00announcement-count"
 
 
-def decisions_of(nodes: int, governance: str) -> Iterator[tuple[Call, ...]]:
+def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
     """Yield what the organisations decide, without end: each decision ends an epoch, or two."""
-    decide = setting_change if governance == "settings" else producer_turnover
+    decide = {"settings": setting_change, "producers": producer_turnover, "grow": growth}[governance]
     for number in itertools.count():
-        yield from decide(nodes, number)
+        yield from decide(size, number)
 
 
-def batches_of(nodes: int, client: int) -> Iterator[tuple[Call, ...]]:
+def batches_of(size: NetworkSize, client: int) -> Iterator[tuple[Call, ...]]:
     """Yield the work of a robot and its owners without end."""
-    yield (enrolment(nodes, client),)
+    yield (enrolment(size, client),)
     number = 0
     while True:
-        yield from visit(nodes, client, number)
+        yield from visit(size, client, number)
         number += 1
 
 
@@ -79,14 +80,26 @@ class SimClient:
         self._later(self.dice.uniform(*REQUEST_DELAY_MS), action)
 
     def _next(self) -> None:
+        if not self.is_stopping:
+            self._begin(next(self._batches))
+
+    def _begin(self, batch: tuple[Call, ...]) -> None:
+        """Make the calls of a batch, once as many producers have seats as it takes."""
         if self.is_stopping:
             return
-        batch = next(self._batches)
+        if self._seats() < max(call.seats for call in batch):
+            self._later(self.dice.uniform(*RETRY_MS), lambda: self._begin(batch))
+            return
         self._open = {call.transaction.txid: call for call in batch}
         for call in batch:
             if call.upload is not None:
                 self._upload(call)
             self._try(call)
+
+    def _seats(self) -> int:
+        """Return how many producers the newest epoch has that a node in service knows."""
+        epochs = [node.parts.engine.epoch for node in self.cluster.nodes if node.is_serving and node.parts is not None]
+        return len(max(epochs, key=lambda start: start.number).epoch.producers) if epochs else 0
 
     def _choose(self) -> SimNode | None:
         serving = [node for node in self.cluster.nodes if node.is_serving]

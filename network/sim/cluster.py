@@ -46,7 +46,7 @@ class SimCluster:
 
     def __init__(self, plan: Plan, history: History) -> None:
         self.plan, self.history = plan, history
-        self.chain = make_chain(plan.nodes)
+        self.chain = make_chain(plan.size)
         self.loop = SimLoop(plan.seed)
         self.machine = ComparingMachine(
             self.chain.machine, shares=not plan.executes_apart, on_difference=self._note_difference
@@ -62,11 +62,11 @@ class SimCluster:
             self.nodes[index].behaviour = behaviour
         history.byzantine = frozenset(plan.byzantine_nodes)
         self.clients = [
-            SimClient(self, self._own_dice(f"client {number}"), batches_of(plan.nodes, number))
+            SimClient(self, self._own_dice(f"client {number}"), batches_of(plan.size, number))
             for number in range(CLIENTS_COUNT)
         ]
         if plan.governance:
-            decisions = decisions_of(plan.nodes, plan.governance)
+            decisions = decisions_of(plan.size, plan.governance)
             self.clients.append(SimClient(self, self._own_dice("organisations"), decisions, DECISION_GAP_MS))
         self._partitions: list[tuple[tuple[int, ...], ...]] = []
         self._one_way: list[tuple[int, int]] = []

@@ -87,6 +87,14 @@ class BlockFinalized(Observation, frozen=True):
     txids: tuple[bytes, ...]
 
 
+class EpochBegan(Observation, frozen=True):
+    """A node is in an epoch from now on: its number, its producers' keys, and the block from which it begins."""
+
+    epoch: int
+    producers: tuple[bytes, ...]
+    boundary: bytes
+
+
 class Submitted(Observation, frozen=True):
     """A client handed a transaction to a node; `code` is empty if the node took it."""
 

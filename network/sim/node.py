@@ -23,6 +23,7 @@ from network.sim.disk import SimDisk
 from network.sim.history import (
     BlockFinalized,
     CodeFault,
+    EpochBegan,
     NodeRefusedStart,
     NodeRestored,
     NodeStarted,
@@ -36,6 +37,7 @@ from network.sim.links import SimNetwork
 from network.sim.loop import Owner, PowerCutError
 from node.assembly import Assembly, CustodyPlace, Surroundings
 from node.engine import Outbox
+from node.epochs import EpochStart
 from node.journal import IDENTITY_SIZE_BYTES, Journal
 from node.p2p.network import PeerHandler
 from node.storage.ledger_store import FinalizedBlock
@@ -158,6 +160,7 @@ class SimNode:
         try:
             parts = Assembly(self._surroundings(Journal.open(JOURNAL_PATH, disk=self.disk)))
             self.starting = parts
+            parts.engine.add_epoch_listener(self._note_epoch)
         except BlockRobotError as error:
             cluster.history.add(NodeRefusedStart(cluster.now, self.index, error.code))
             self.is_refusing = True
@@ -170,6 +173,7 @@ class SimNode:
         height = -1 if checkpoint is None else checkpoint.height
         started = NodeStarted(cluster.now, self.index, position.height, position.block_id, position.state_root, height)
         cluster.history.add(started)
+        self._note_epoch(parts.engine.epoch)
         await parts.start()
         self.parts = parts
 
@@ -311,6 +315,10 @@ class SimNode:
         parts = self.starting
         schedule = parts.engine.epoch.schedule
         return schedule.producers[index] if schedule.epoch == epoch and index < len(schedule.producers) else b""
+
+    def _note_epoch(self, start: EpochStart) -> None:
+        cluster, epoch = self.cluster, start.epoch
+        cluster.history.add(EpochBegan(cluster.now, self.index, epoch.number, epoch.producers, start.round_zero_id))
 
     def _note_handed(self, blocks: Sequence[FinalizedBlock]) -> None:
         self.handed_height = max(self.handed_height, blocks[-1].height)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import random
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import msgspec
 
@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 
 PLAN_MS_PER_ROUND = 22
 OLD_DISK_SHARE = 0.15
+GROWTH_SEATS_COUNT = (4, 7, 10)
 APART_EVERY_SEEDS = 8
 SPARING_NODES_COUNT = 4
 CRASH_POINTS = ("now", "before-sync", "torn-sync", "after-sync", "mid-broadcast", "mid-commit")
@@ -42,7 +43,7 @@ FaultKind = Literal[
 ]
 
 
-Governance = Literal["", "settings", "producers"]
+Governance = Literal["", "settings", "producers", "grow"]
 
 
 class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -70,23 +71,38 @@ class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fiel
         return f"{self.at_ms} ms: {self.kind} for {self.for_ms} ms" + (f" ({rest})" if rest else "")
 
 
+class NetworkSize(NamedTuple):
+    """How many nodes there are, and how many of them (the first ones) produce from the beginning."""
+
+    nodes: int
+    producers: int
+
+
 class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A run: its seed (of delays and clients), size, and faults. `byzantine` maps a node's index to its behaviour.
 
     `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
-    `governance` says what organisations change meanwhile: nothing, `settings`, or `producers` (one loses its seat and
-    has it again). With `executes_apart` every node executes each block for itself; otherwise the first node that
-    verifies a block does, after the leader, and the others are given its result.
+    `producers` of the `nodes` have a seat at the start (0: all of them); the others follow, and no organisation named
+    them yet. `governance` says what organisations change meanwhile: nothing, `settings`, `producers` (one loses its
+    seat and has it again), or `grow` (followers become members, are seated step by step and unseated again). With
+    `executes_apart` every node executes each block for itself; otherwise the first node that verifies a block does,
+    after the leader, and the others are given its result.
     """
 
     seed: int
     nodes: int = 4
+    producers: int = 0
     rounds: int = 200
     profile: str = "lan"
     governance: Governance = ""
     executes_apart: bool = False
     byzantine: dict[str, str] = {}
     faults: tuple[Fault, ...] = ()
+
+    @property
+    def size(self) -> NetworkSize:
+        """How many nodes there are and how many of them produce at the start."""
+        return NetworkSize(self.nodes, self.producers or self.nodes)
 
     @property
     def horizon_ms(self) -> int:
@@ -142,6 +158,18 @@ def make_plan(
     )
 
 
+def make_growth_plan(seed: int, *, rounds: int = 200) -> Plan:
+    """Draw a plan named `grow`: four producers and six followers, which are seated in two steps and unseated again.
+
+    Faults are as `make_plan` draws them, but that no old disk is put back: four producers bear one forgetful node, and
+    the same one might be among those whose word is awaited.
+    """
+    smallest, largest = GROWTH_SEATS_COUNT[0], GROWTH_SEATS_COUNT[-1]
+    drawn = make_plan(seed, nodes=largest, rounds=rounds)
+    faults = tuple(fault for fault in drawn.faults if fault.kind != "old-disk")
+    return msgspec.structs.replace(drawn, producers=smallest, governance="grow", faults=faults)
+
+
 def _draw_governance(dice: random.Random, nodes: int, *, is_whole: bool) -> Governance:
     """Draw what organisations change; the seat only of a node that a network without faulty ones can spare."""
     drawn: Governance = dice.choices(("", "settings", "producers"), weights=[70, 15, 15])[0]
@@ -184,6 +212,8 @@ def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fau
 def plan_to_toml(plan: Plan) -> str:
     """Return the printed form of a plan."""
     lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
+    if plan.producers:
+        lines.append(f"producers = {plan.producers}")
     if plan.governance:
         lines.append(f'governance = "{plan.governance}"')
     if plan.executes_apart:

@@ -7,9 +7,12 @@ Must never depend on a seed.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
+
+import msgspec
 
 from consensus.limits import SEALED_METADATA_BYTES
 from consensus.primitives.hashing import sha256
@@ -19,7 +22,8 @@ from consensus.records.commitments import ciphertext_leaves, ciphertext_root, co
 from consensus.records.envelopes import SEALED_KEY_BYTES
 from consensus.records.vouchers import issue_card, sign_card
 from consensus.transaction import Transaction, sign_transaction
-from network.sim.chain import EPOCH_MS, Chain, make_chain, make_key
+from network.sim.chain import EPOCH_MS, Chain, make_chain, make_key, make_node_entry
+from network.sim.plan import GROWTH_SEATS_COUNT, NetworkSize
 
 VALID_UNTIL_MS = EPOCH_MS + 9 * 60_000
 KEPT_LONG_MS = EPOCH_MS + 24 * 3600 * 1000
@@ -30,10 +34,14 @@ PURPOSE = "demo"
 
 @dataclass(frozen=True)
 class Call:
-    """One call: its transaction, and the clip that goes to the custodians with it."""
+    """One call: its transaction, and the clip that goes to the custodians with it.
+
+    With `seats` it is made only once so many producers have one.
+    """
 
     transaction: Transaction
     upload: ClipUpload | None = None
+    seats: int = 0
 
 
 def _material(size: int, *parts: Any) -> bytes:
@@ -55,9 +63,9 @@ def _sign(chain: Chain, key: PrivateKey, contract: str, entry: str, arguments: l
 
 
 @cache
-def enrolment(nodes: int, client: int) -> Call:
+def enrolment(size: NetworkSize, client: int) -> Call:
     """Return the registration of a client's robot."""
-    chain, robot = make_chain(nodes), make_key(f"robot {client}")
+    chain, robot = make_chain(size), make_key(f"robot {client}")
     card = issue_card(
         chain.registrar,
         chain_id=chain.genesis.chain_id,
@@ -75,9 +83,9 @@ def enrolment(nodes: int, client: int) -> Call:
 
 
 @cache
-def visit(nodes: int, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
+def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
     """Return the batches of one visit: opened, recorded, looked at, some of it erased, closed."""
-    chain, robot = make_chain(nodes), make_key(f"robot {client}")
+    chain, robot = make_chain(size), make_key(f"robot {client}")
     owner = make_key(f"owner {client} {number}")
     clips = [_record(chain, robot, owner, client, number, index) for index in range(RECORDS_A_VISIT)]
     ids = [upload.record_id for _, upload in ((call.transaction, call.upload) for call in clips) if upload]
@@ -94,18 +102,18 @@ def visit(nodes: int, client: int, number: int) -> tuple[tuple[Call, ...], ...]:
 
 
 @cache
-def setting_change(nodes: int, number: int) -> tuple[tuple[Call, ...], ...]:
+def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
     """Return the batches by which the organisations change a setting: each change ends an epoch."""
-    chain = make_chain(nodes)
+    chain = make_chain(size)
     proposal = _sign(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
     approval = _sign(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
     return ((Call(proposal),), (Call(approval),))
 
 
 @cache
-def producer_turnover(nodes: int, number: int) -> tuple[tuple[Call, ...], ...]:
+def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
     """Return the batches by which the last node loses its seat and, once it said that it is ready, has it again."""
-    chain, index = make_chain(nodes), nodes - 1
+    chain, index = make_chain(size), size.nodes - 1
     key = chain.producers[index].public_key
     own = chain.admins[index % len(chain.admins)]
     return (
@@ -113,6 +121,40 @@ def producer_turnover(nodes: int, number: int) -> tuple[tuple[Call, ...], ...]:
         (Call(_sign(chain, chain.admins[0], "producers", "propose", [key], number)),),
         (Call(_sign(chain, chain.admins[-1], "producers", "approve", [key], number)),),
     )
+
+
+@cache
+def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
+    """Return the batches by which the followers are seated in steps and, once all have seats, lose them at once.
+
+    The first time round they become members of the network before.
+    """
+    chain = make_chain(size)
+    admins = (chain.admins[0], chain.admins[-1])
+    batches: list[tuple[Call, ...]] = []
+    for seats, goal in itertools.pairwise(GROWTH_SEATS_COUNT):
+        newcomers = chain.producers[seats:goal]
+        if number == 0:
+            batches += _join(chain, range(seats, goal))
+        for admin, entry in zip(admins, ("propose", "approve"), strict=True):
+            votes = [_sign(chain, admin, "producers", entry, [key.public_key], number, goal) for key in newcomers]
+            batches.append(tuple(Call(vote, seats=seats) for vote in votes))
+    smallest, largest = GROWTH_SEATS_COUNT[0], GROWTH_SEATS_COUNT[-1]
+    removals = [
+        _sign(chain, admins[index % 2], "producers", "remove", [chain.producers[index].public_key], number)
+        for index in range(smallest, largest)
+    ]
+    batches.append(tuple(Call(removal, seats=largest) for removal in removals))
+    return tuple(batches)
+
+
+def _join(chain: Chain, newcomers: range) -> list[tuple[Call, ...]]:
+    """Return the batches by which nodes become members: proposed by one organisation, approved by the other."""
+    proposer, approver = chain.admins[0], chain.admins[-1]
+    entries = [msgspec.structs.asdict(make_node_entry(index, chain.producers[index])) for index in newcomers]
+    proposals = [_sign(chain, proposer, "membership", "propose", ["add_node", entry]) for entry in entries]
+    approvals = [_sign(chain, approver, "membership", "approve", [proposal.txid]) for proposal in proposals]
+    return [tuple(map(Call, proposals)), tuple(map(Call, approvals))]
 
 
 def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, number: int, index: int) -> Call:

@@ -15,6 +15,7 @@ from network.sim.history import (
     CodeFault,
     CustodyAudit,
     Ended,
+    EpochBegan,
     Healed,
     History,
     NodeRefusedStart,
@@ -62,6 +63,16 @@ CASES = {
         "agreement", (block(1), block(1, node=1)), (block(1), block(1, node=1, name="y"))
     ),
     "a client is told of another block": Case("agreement", (block(1), told(1)), (block(1, name="y"), told(1))),
+    "an epoch has two schedules": Case(
+        "agreement",
+        (EpochBegan(1.0, 0, 1, (b"p",), b"b"), EpochBegan(2.0, 1, 1, (b"p",), b"b")),
+        (EpochBegan(1.0, 0, 1, (b"p",), b"b"), EpochBegan(2.0, 1, 1, (b"p", b"q"), b"b")),
+    ),
+    "an epoch begins at two blocks": Case(
+        "agreement",
+        (EpochBegan(1.0, 0, 1, (b"p",), b"b"), EpochBegan(9.0, 0, 1, (b"p",), b"b")),
+        (EpochBegan(1.0, 0, 1, (b"p",), b"b"), EpochBegan(2.0, 1, 1, (b"p",), b"c")),
+    ),
     "a ledger ends lower after a restart": Case(
         "durability",
         (block(1), block(2), NodeStarted(30.0, 0, 2, b"2", b"root", -1)),

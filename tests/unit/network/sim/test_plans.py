@@ -8,7 +8,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from network.sim.checkers import Violation
-from network.sim.plan import Fault, Plan, load_plan, make_plan, plan_to_toml
+from network.sim.plan import Fault, Plan, load_plan, make_growth_plan, make_plan, plan_to_toml
 from network.sim.run import RunResult
 from network.sim.shrink import shrink_plan
 
@@ -18,6 +18,14 @@ def test_a_printed_plan_is_read_back_as_it_was(seed: int, tmp_path: Path) -> Non
     plan = make_plan(seed, nodes=7, byzantine=seed % 3, behaviours=("equivocate", "garbage"))
     (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
     assert load_plan(tmp_path / "plan.toml") == plan
+
+
+def test_a_plan_of_growth_begins_with_four_of_ten_and_is_read_back_as_it_was(tmp_path: Path) -> None:
+    plan = make_growth_plan(3, rounds=40)
+    (tmp_path / "plan.toml").write_text(plan_to_toml(plan))
+    assert load_plan(tmp_path / "plan.toml") == plan
+    assert plan.size == (10, 4)
+    assert not any(fault.kind == "old-disk" for seed in range(60) for fault in make_growth_plan(seed).faults)
 
 
 def test_a_seed_draws_one_plan_and_another_seed_another() -> None:
