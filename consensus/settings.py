@@ -10,7 +10,15 @@ from consensus.primitives.encoding import Wire, encode
 from consensus.primitives.hashing import tagged_hash
 
 EPOCH_TAG = "blockrobot/schedule"
-INTERVAL_MAX_MS = 3_600_000
+INTERVAL_MAX_MS = 60_000
+"""A transaction lives ten minutes; blocks have to come much more often."""
+BASE_TIMEOUT_MIN_MS = 50
+TIMEOUT_CAP_MIN_MS = 1_000
+TIMEOUT_CAP_MAX_MS = 60_000
+HEARTBEAT_MAX_MS = 3_600_000
+CLOCK_DRIFT_MIN_MS = 500
+CLOCK_DRIFT_MAX_MS = 60_000
+BLOCKS_PER_TURN_MAX_COUNT = 100
 
 
 class ChainSettings(Wire, frozen=True):
@@ -50,7 +58,7 @@ def parse_production(production: str) -> int | None:
     if production == "manual":
         return None
     kind, _, number = production.partition(":")
-    if kind == "interval" and number.isascii() and number.isdigit() and len(number) <= 7:
+    if kind == "interval" and number.isascii() and number.isdigit() and len(number) <= 5:
         interval_ms = int(number)
         if 0 < interval_ms <= INTERVAL_MAX_MS:
             return interval_ms
@@ -58,8 +66,19 @@ def parse_production(production: str) -> int | None:
 
 
 def check_settings(settings: ChainSettings) -> None:
-    """Check the ranges of all settings. Raises GENESIS_INVALID."""
+    """Check the ranges of all settings, the same as the contract `settings` allows. Raises GENESIS_INVALID.
+
+    Outside of them a chain stands still: rounds end before their votes arrive, or transactions expire before a block.
+    """
     parse_production(settings.production)
-    positive = (settings.base_timeout_ms, settings.heartbeat_ms, settings.max_clock_drift_ms, settings.blocks_per_turn)
-    if min(positive) < 1 or settings.min_block_interval_ms < 0 or settings.timeout_cap_ms < settings.base_timeout_ms:
+    base_ms, cap_ms = settings.base_timeout_ms, settings.timeout_cap_ms
+    in_range = (
+        BASE_TIMEOUT_MIN_MS <= base_ms <= cap_ms
+        and TIMEOUT_CAP_MIN_MS <= cap_ms <= TIMEOUT_CAP_MAX_MS
+        and 1 <= settings.heartbeat_ms <= HEARTBEAT_MAX_MS
+        and 0 <= settings.min_block_interval_ms < base_ms
+        and CLOCK_DRIFT_MIN_MS <= settings.max_clock_drift_ms <= CLOCK_DRIFT_MAX_MS
+        and 1 <= settings.blocks_per_turn <= BLOCKS_PER_TURN_MAX_COUNT
+    )
+    if not in_range:
         raise BlockRobotError("GENESIS_INVALID", "A setting of the chain is out of its range.")

@@ -129,7 +129,10 @@ class Accuser:
 
 
 def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
-    """Tell whether the state marks the evidence, or the producer is suspended, removed or reinstated since."""
+    """Tell whether the state marks the evidence, or the producer is suspended or reinstated since.
+
+    One that was merely removed is accused all the same: it might come back.
+    """
     prefix = CONTRACT.encode() + b"\x00"
     if reader.get(prefix + place) is not None:
         return True
@@ -140,6 +143,6 @@ def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
             return False
         entry: dict[str, Any] = decode_stored_value(data)
         if not entry["successor"]:
-            return entry["status"] in ("suspended", "removed") or evidence.epoch < entry["reinstated_epoch"]
+            return entry["suspended_height"] > 0 or evidence.epoch < entry["reinstated_epoch"]
         suspect = entry["successor"]
     return False

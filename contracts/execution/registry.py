@@ -18,7 +18,7 @@ from contracts.vm import LANGUAGE_VERSION, CompiledContract, compile_contract
 
 SOURCE_TAG = "blockrobot/contract-source"
 PRIVACY_CONTRACTS = ("access", "audit", "erasure", "identity", "records")
-SYSTEM_CONTRACTS = ("membership", "producers", "settings")
+SYSTEM_CONTRACTS = ("forms", "membership", "producers", "settings")
 SHIPPED_CONTRACTS = PRIVACY_CONTRACTS + SYSTEM_CONTRACTS
 
 

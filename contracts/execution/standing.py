@@ -8,7 +8,7 @@ good and whose handle is free.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value, u64
@@ -23,9 +23,26 @@ WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
 
 
-def _is_active_member(state: StateReader, sender: bytes) -> bool:
-    data = state.get(b"identity\x00member/" + sender)
-    return data is not None and decode_value(data)["status"] == "active"
+class Reader(Protocol):
+    """Whatever can be asked for the value under a flat key."""
+
+    def get(self, key: bytes, /) -> bytes | None:
+        """Return the encoded value, or None."""
+
+
+def find_role(state: Reader, member: bytes) -> str:
+    """Return the role that a member has now, or an empty text: what the view `identity.role_of` says.
+
+    Only subjects outlast their organisation; who was registered before its removal stays out, should it come back.
+    """
+    data = state.get(b"identity\x00member/" + member)
+    entry = None if data is None else decode_value(data)
+    if entry is None or entry["status"] != "active":
+        return ""
+    removed = state.get(b"identity\x00removed/" + entry["org"].encode())
+    if entry["role"] != "subject" and removed is not None and entry["since"] <= decode_value(removed):
+        return ""
+    return str(entry["role"])
 
 
 def _is_producer(state: StateReader, sender: bytes) -> bool:
@@ -71,7 +88,7 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     (`Transaction.verify_sender`).
     """
     sender, body = transaction.body.sender, transaction.body
-    if _is_active_member(state, sender):
+    if find_role(state, sender):
         return ""
     if body.contract in OWNER_CONTRACTS and state.get(b"records\x00visit/" + sender) is not None:
         return ""

@@ -4,8 +4,8 @@ A handle is a random name that a registrar drew for a card. It is registered onc
 key, under a registrar's voucher.
 
 member/M -> {handle, role, org, spend, view, sealing, purposes, status, since}; handle/H -> M; org/name -> {admins,
-registrars}; admin/M, registrar/M -> org; removed/name -> height, of an organisation that was removed; custodian/M ->
-{name, org}; custodians -> sorted list; purpose/code -> True.
+registrars}; admin/M, registrar/M -> org; removed/name -> when (ms) an organisation was last
+removed; custodian/M -> {name, org}; custodians -> sorted list; purpose/code -> True.
 """
 
 KEY_BYTES = 33
@@ -60,7 +60,6 @@ def put_organisation(name: str, admins: list, registrars: list):
     """Add an organisation, or put new keys in place of its own. Who may call: the contract `membership`."""
     require_membership()
     forget_keys(name)
-    state.delete(b"removed/" + name.encode())
     enter_organisation(name, admins, registrars)
     emit("organisation_changed", {"name": name})
 
@@ -71,7 +70,7 @@ def remove_organisation(name: str):
     require_membership()
     forget_keys(name)
     state.put(b"org/" + name.encode(), {"admins": [], "registrars": []})
-    state.put(b"removed/" + name.encode(), ctx.height)
+    state.put(b"removed/" + name.encode(), ctx.time)
     emit("organisation_removed", {"name": name})
 
 
@@ -247,11 +246,14 @@ def member_of_handle(handle: bytes) -> dict | None:
 
 @view
 def role_of(m: bytes) -> str:
-    """Return the role of an active member, or an empty text. Only subjects outlast their organisation."""
+    """Return the role of an active member, or an empty text. Only subjects outlast their organisation.
+
+    An organisation that is let in again begins anew: who was registered before that stays out.
+    """
     found = state.get(b"member/" + m)
     if found is None or found["status"] != "active":
         return ""
-    if found["role"] != "subject" and state.has(b"removed/" + found["org"].encode()):
+    if found["role"] != "subject" and found["since"] <= state.get(b"removed/" + found["org"].encode(), -1):
         return ""
     return found["role"]
 

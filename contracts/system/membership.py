@@ -2,24 +2,17 @@
 
 org/name -> {name, ca_certificate, status, since_height}; node/name -> {name, organisation, host, p2p_port, api_url,
 producer_key, producer_possession, custodian_key, status, since_height}; revoked/org/serial -> {height}; key/K -> the node
-that holds or held it; organisations, nodes -> sorted names of the active; nodes-of/org -> names of its active; proposal/txid -> {contract, kind, arguments,
-organisation, approvals, time, expires_ms, height, status, closed_height}; open -> [[txid, organisation, expires_ms]];
-closed -> txids of the last 32 that are open no more.
+that holds or held it; organisations, nodes -> sorted names of the active; nodes-of/org -> names of its active;
+keys-number/org -> how often it got keys; proposal/txid -> {contract, kind, arguments, organisation, approvals,
+keys_numbers, time, expires_ms, height, status, closed_height}; open -> [[txid, organisation, expires_ms]]; closed -> txids
+of the last 32 that are open no more.
 
 A proposal takes effect in the block in which a majority of the active organisations stands behind it. Each organisation
-has one voice, whichever of its admins speaks.
+has one voice, whichever of its admins speaks; a voice is good as long as the keys that gave it: who is added anew, or
+gets new keys, has to speak again. What a proposal must look like is the contract `forms`'s to say.
 """
 
-KEY_BYTES = 33
-SERIAL_BYTES = 20
 ID_BYTES = 32
-NAME_MAX_CHARS = 40
-NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-"
-HOST_MAX_CHARS = 253
-URL_MAX_CHARS = 256
-CERTIFICATE_MAX_CHARS = 4096
-CERTIFICATE_BEGIN = "-----BEGIN CERTIFICATE-----"
-KEYS_MAX_COUNT = 16
 ORGANISATIONS_MAX_COUNT = 32
 NODES_MAX_COUNT = 64
 NODES_OF_ONE_MAX_COUNT = 24
@@ -28,26 +21,6 @@ OPEN_OF_ONE_MAX_COUNT = 4
 EXPIRED_AT_ONCE_MAX_COUNT = 2
 CLOSED_KEPT_MAX_COUNT = 32
 PROPOSAL_LIFETIME_MS = 604800000
-POSSESSION_TAG = "blockrobot/producer-possession"
-FIELDS = {
-    "add_org": {"name": "str", "ca_certificate": "str", "admins": "list", "registrars": "list"},
-    "remove_org": {"name": "str"},
-    "replace_ca": {"organisation": "str", "ca_certificate": "str"},
-    "replace_keys": {"organisation": "str", "admins": "list", "registrars": "list"},
-    "add_node": {
-        "name": "str",
-        "organisation": "str",
-        "host": "str",
-        "p2p_port": "int",
-        "api_url": "str",
-        "producer_key": "bytes",
-        "producer_possession": "bytes",
-        "custodian_key": "bytes",
-    },
-    "remove_node": {"name": "str"},
-    "rekey_producer": {"node": "str", "producer_key": "bytes", "producer_possession": "bytes"},
-    "revoke_certificate": {"organisation": "str", "serial": "bytes"},
-}
 
 
 @genesis
@@ -56,6 +29,7 @@ def genesis(organisations: list, nodes: list):
     names = []
     for name, ca_certificate in organisations:
         put_organisation(name, ca_certificate, "active")
+        count_keys(name)
         names.append(name)
     state.put(b"organisations", sorted(names))
     names = []
@@ -77,6 +51,15 @@ def put_organisation(name: str, ca_certificate: str, status: str):
     state.put(b"org/" + name.encode(), entry)
 
 
+def keys_number(name: str) -> int:
+    return state.get(b"keys-number/" + name.encode(), 0)
+
+
+def count_keys(name: str):
+    """The organisation gets keys: what was said with those before counts no more."""
+    state.put(b"keys-number/" + name.encode(), keys_number(name) + 1)
+
+
 def put_node(entry: dict):
     entry["status"] = "active"
     entry["since_height"] = ctx.height
@@ -89,43 +72,20 @@ def put_node(entry: dict):
 # What a proposal may ask for
 
 
-def is_of(value: object, kind: str) -> bool:
-    if kind == "str":
-        return isinstance(value, str)
-    if kind == "int":
-        return isinstance(value, int)
-    if kind == "bytes":
-        return isinstance(value, bytes)
-    return isinstance(value, list)
-
-
 def check(kind: str, arguments: dict):
     """Refuse a proposal that could not take effect now."""
-    require(kind in FIELDS, "KIND_UNKNOWN", "Membership knows no proposal of this kind.")
-    fields = FIELDS[kind]
-    require(len(arguments) == len(fields), "FIELDS_WRONG", "The proposal lacks a field, or has one too many.")
-    for field, wanted in fields.items():
-        known = field in arguments and is_of(arguments[field], wanted)
-        require(known, "FIELDS_WRONG", f"The proposal needs the field {field} of type {wanted}.")
+    call("forms", "check", kind, arguments)
     if kind == "add_org":
-        check_name(arguments["name"])
         names = active_organisations()
         require(arguments["name"] not in names, "ORGANISATION_EXISTS", "There is an organisation of this name.")
         require(len(names) < ORGANISATIONS_MAX_COUNT, "ORGANISATIONS_TOO_MANY", "A network has at most 32 organisations.")
-        check_certificate(arguments["ca_certificate"])
-        check_keys(arguments["admins"], arguments["registrars"])
     elif kind == "remove_org":
         require_organisation(arguments["name"])
         check_others_govern(arguments["name"])
-    elif kind == "replace_ca":
+    elif kind == "replace_ca" or kind == "replace_keys":
         require_organisation(arguments["organisation"])
-        check_certificate(arguments["ca_certificate"])
-    elif kind == "replace_keys":
-        require_organisation(arguments["organisation"])
-        check_keys(arguments["admins"], arguments["registrars"])
     elif kind == "revoke_certificate":
         require_organisation(arguments["organisation"])
-        require(len(arguments["serial"]) == SERIAL_BYTES, "SERIAL_WRONG", "A certificate's serial number has 20 bytes here.")
         revoked = state.has(revocation_key(arguments))
         require(not revoked, "CERTIFICATE_REVOKED", "This certificate is revoked already.")
     elif kind == "add_node":
@@ -135,34 +95,10 @@ def check(kind: str, arguments: dict):
     else:
         require_node(arguments["node"])
         check_new_key(arguments["producer_key"])
-        check_possession(arguments["node"], arguments["producer_key"], arguments["producer_possession"])
 
 
 def revocation_key(arguments: dict) -> bytes:
     return b"revoked/" + arguments["organisation"].encode() + b"/" + arguments["serial"]
-
-
-def check_name(name: str):
-    require(0 < len(name) and len(name) <= NAME_MAX_CHARS, "NAME_WRONG", "A name has 1 to 40 characters.")
-    for character in name:
-        require(character in NAME_CHARS, "NAME_WRONG", "A name is of small letters, digits and hyphens.")
-
-
-def check_certificate(certificate: str):
-    known = certificate.isascii() and certificate.startswith(CERTIFICATE_BEGIN)
-    require(known and len(certificate) <= CERTIFICATE_MAX_CHARS, "CERTIFICATE_WRONG", "That is no certificate in PEM.")
-
-
-def check_keys(admins: list, registrars: list):
-    require(len(admins) > 0, "ADMINS_MISSING", "An organisation needs at least one admin.")
-    for keys in [admins, registrars]:
-        require(len(keys) <= KEYS_MAX_COUNT, "KEYS_TOO_MANY", "An organisation has at most 16 admins and 16 registrars.")
-        seen = {}
-        for key in keys:
-            known = isinstance(key, bytes) and len(key) == KEY_BYTES
-            require(known, "KEY_SIZE_WRONG", "A member's key has 33 bytes.")
-            require(key not in seen, "KEY_TWICE", "A key is named twice.")
-            seen[key] = True
 
 
 def require_organisation(name: str) -> dict:
@@ -185,20 +121,10 @@ def check_others_govern(name: str):
 
 
 def check_new_key(key: bytes):
-    require(len(key) == KEY_BYTES, "KEY_SIZE_WRONG", "A node's key has 33 bytes.")
     require(not state.has(b"key/" + key), "KEY_TAKEN", "A node has or had this key; each needs one of its own.")
 
 
-def check_possession(name: str, key: bytes, proof: bytes):
-    held = False
-    for recovery in [b"\x00", b"\x01"]:
-        if recover(POSSESSION_TAG, proof + recovery, name.encode()) == key:
-            held = True
-    require(held, "POSSESSION_WRONG", "The node does not prove that it holds this producer key.")
-
-
 def check_new_node(node: dict):
-    check_name(node["name"])
     require_organisation(node["organisation"])
     names = state.get(b"nodes")
     used = state.has(b"node/" + node["name"].encode())
@@ -206,20 +132,9 @@ def check_new_node(node: dict):
     require(len(names) < NODES_MAX_COUNT, "NODES_TOO_MANY", "A network has at most 64 nodes.")
     own = state.get(nodes_of(node["organisation"]), [])
     require(len(own) < NODES_OF_ONE_MAX_COUNT, "NODES_TOO_MANY", "An organisation has at most 24 nodes.")
-    host = node["host"]
-    require(0 < len(host) and len(host) <= HOST_MAX_CHARS and host.isascii(), "HOST_WRONG", "That is no host.")
-    require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
-    url = node["api_url"]
-    known = url.startswith("http://") or url.startswith("https://")
-    require(known and len(url) <= URL_MAX_CHARS and url.isascii(), "URL_WRONG", "An API address begins with https://.")
-    if len(node["producer_key"]) > 0:
-        check_new_key(node["producer_key"])
-        check_possession(node["name"], node["producer_key"], node["producer_possession"])
-    else:
-        require(len(node["producer_possession"]) == 0, "POSSESSION_WRONG", "There is no producer key to hold.")
-    if len(node["custodian_key"]) > 0:
-        check_new_key(node["custodian_key"])
-        require(node["custodian_key"] != node["producer_key"], "KEY_TAKEN", "The two roles need a key each.")
+    for key in [node["producer_key"], node["custodian_key"]]:
+        if len(key) > 0:
+            check_new_key(key)
 
 
 # What takes effect
@@ -234,7 +149,9 @@ def take_effect(kind: str, arguments: dict):
         put_organisation(arguments["organisation"], arguments["ca_certificate"], "active")
     elif kind == "replace_keys":
         name = arguments["organisation"]
+        count_keys(name)
         call("identity", "put_organisation", name, arguments["admins"], arguments["registrars"])
+        call("producers", "forget_voice", name)
     elif kind == "revoke_certificate":
         state.put(revocation_key(arguments), {"height": ctx.height})
     elif kind == "add_node":
@@ -246,7 +163,7 @@ def take_effect(kind: str, arguments: dict):
             name = arguments["name"]
             call("identity", "add_custodian", arguments["custodian_key"], name, arguments["organisation"])
     elif kind == "remove_node":
-        remove_nodes([require_node(arguments["name"])])
+        remove_nodes([require_node(arguments["name"])], "")
     else:
         rekey(arguments)
 
@@ -258,6 +175,7 @@ def nodes_of(organisation: str) -> bytes:
 def add_organisation(arguments: dict):
     name = arguments["name"]
     put_organisation(name, arguments["ca_certificate"], "active")
+    count_keys(name)
     state.put(b"organisations", sorted(active_organisations() + [name]))
     call("identity", "put_organisation", name, arguments["admins"], arguments["registrars"])
 
@@ -267,11 +185,11 @@ def remove_organisation(name: str):
     put_organisation(name, require_organisation(name)["ca_certificate"], "removed")
     state.put(b"organisations", [other for other in active_organisations() if other != name])
     call("identity", "remove_organisation", name)
-    remove_nodes([state.get(b"node/" + node_name.encode()) for node_name in state.get(nodes_of(name), [])])
+    remove_nodes([state.get(b"node/" + node_name.encode()) for node_name in state.get(nodes_of(name), [])], name)
 
 
-def remove_nodes(entries: list):
-    """Take the nodes (of one organisation) out, with what they produced and kept."""
+def remove_nodes(entries: list, leaving_organisation: str):
+    """Take nodes of one organisation out, with what they produced and kept, and its votes if it leaves (else empty)."""
     leaving = [entry["name"] for entry in entries]
     custodian_keys = []
     producer_keys = []
@@ -290,7 +208,7 @@ def remove_nodes(entries: list):
         state.put(place, [name for name in state.get(place) if name not in leaving])
     if len(custodian_keys) > 0:
         call("identity", "remove_custodians", custodian_keys)
-    call("producers", "remove_keys", producer_keys, active_organisations())
+    call("producers", "remove_keys", producer_keys, active_organisations(), leaving_organisation)
 
 
 def rekey(arguments: dict):
@@ -358,6 +276,7 @@ def open_proposal(contract: str, kind: str, arguments: dict) -> bool:
         "arguments": arguments,
         "organisation": organisation,
         "approvals": [organisation],
+        "keys_numbers": {organisation: keys_number(organisation)},
         "time": ctx.time,
         "expires_ms": ctx.time + PROPOSAL_LIFETIME_MS,
         "height": ctx.height,
@@ -375,9 +294,10 @@ def add_approval(contract: str, proposal_id: bytes) -> list:
     organisation = require_admin()
     proposal = require_open(proposal_id)
     require(proposal["contract"] == contract, "PROPOSAL_OF_ANOTHER", "The proposal is one of another contract.")
-    again = organisation in proposal["approvals"]
-    require(not again, "APPROVED_ALREADY", "The organisation has approved already; each has one voice.")
-    proposal["approvals"].append(organisation)
+    voices = good_voices(proposal)
+    require(organisation not in voices, "APPROVED_ALREADY", "The organisation has approved already; each has one voice.")
+    proposal["approvals"] = voices + [organisation]
+    proposal["keys_numbers"][organisation] = keys_number(organisation)
     state.put(b"proposal/" + proposal_id, proposal)
     emit("approved", {"proposal_id": proposal_id, "organisation": organisation})
     return [settle(proposal_id, proposal), proposal["kind"], proposal["arguments"]]
@@ -392,14 +312,17 @@ def require_open(proposal_id: bytes) -> dict:
     return proposal
 
 
+def good_voices(proposal: dict) -> list:
+    """Return the active organisations behind a proposal whose keys are still those that they spoke with."""
+    organisations = {name: True for name in active_organisations()}
+    numbers = proposal["keys_numbers"]
+    voices = [name for name in proposal["approvals"] if name in organisations]
+    return [name for name in voices if numbers[name] == keys_number(name)]
+
+
 def settle(proposal_id: bytes, proposal: dict) -> bool:
-    organisations = active_organisations()
-    voices = 0
-    for name in proposal["approvals"]:
-        if name in organisations:
-            voices += 1
     own = proposal["kind"] == "revoke_certificate" and proposal["arguments"]["organisation"] == proposal["organisation"]
-    if voices < len(organisations) // 2 + 1 and not own:
+    if len(good_voices(proposal)) < len(active_organisations()) // 2 + 1 and not own:
         return False
     close(proposal_id, proposal, "executed")
     emit("executed", {"proposal_id": proposal_id, "contract": proposal["contract"], "kind": proposal["kind"]})

@@ -6,7 +6,8 @@ candidates that are not removed; max_producers -> int; accused/key+epoch+round -
 
 A candidate enters the schedule once a majority of the active organisations votes for it and it said not long ago that it
 is ready. It keeps its seat while one organisation at least votes for it, no majority wants it removed, and no more than
-`max_producers` others have more votes. Evidence suspends it; a new majority of votes reinstates it.
+`max_producers` others have more votes. Evidence suspends it; a new majority of votes reinstates it. Who leaves the network
+takes its votes along; who gets new keys keeps only its votes for those that have a seat.
 """
 
 KEY_BYTES = 33
@@ -20,7 +21,6 @@ READY_MAX_LAG_BLOCKS = 1000
 SUCCESSORS_MAX_COUNT = 16
 VOTES_MAX_COUNT = 1000
 NUMBER_MAX = 9007199254740992
-EPOCH_NUMBER_MAX = 4294967296
 EVIDENCE_TAGS = {"vote": "blockrobot/vote", "proposal": "blockrobot/proposal"}
 
 
@@ -59,16 +59,9 @@ def new_candidate(name: str, organisation: str, votes: list) -> dict:
 # The election
 
 
-def voices(names: list, organisations: list) -> int:
-    count = 0
-    for name in names:
-        if name in organisations:
-            count += 1
-    return count
-
-
 def is_majority(names: list, organisations: list) -> bool:
-    return voices(names, organisations) > len(organisations) // 2
+    """Only active organisations are among the names: who leaves takes its votes along."""
+    return len(names) > len(organisations) // 2
 
 
 def is_ready(entry: dict) -> bool:
@@ -78,7 +71,7 @@ def is_ready(entry: dict) -> bool:
 
 def is_electable(entry: dict, organisations: list) -> bool:
     if entry["status"] == "producing":
-        return voices(entry["votes"], organisations) > 0
+        return len(entry["votes"]) > 0
     return entry["status"] == "candidate" and is_majority(entry["votes"], organisations) and is_ready(entry)
 
 
@@ -96,7 +89,7 @@ def elect(organisations: list, by_decision: bool):
         entry = state.get(b"candidate/" + key)
         entries[key] = entry
         if is_electable(entry, organisations):
-            votes = min(VOTES_MAX_COUNT, voices(entry["votes"], organisations))
+            votes = min(VOTES_MAX_COUNT, len(entry["votes"]))
             ranked.append(u32(VOTES_MAX_COUNT - votes) + u64(entry["since_ms"]) + key)
     chosen = [rank[12:] for rank in sorted(ranked)[:maximum]]
     require(len(chosen) > 0 or not by_decision, "LAST_PRODUCER", "One producer that is not suspended must remain.")
@@ -306,7 +299,7 @@ def accuse(
 ):
     """Show that a producer signed two blocks in one round (`vote` or `proposal`), the smaller id first; suspends it.
 
-    Who may call: a producer or candidate.
+    One that was removed meanwhile is marked, and suspended if it ever comes back. Who may call: a producer or candidate.
     """
     require_candidate(ctx.caller)
     require(kind in EVIDENCE_TAGS, "EVIDENCE_KIND_UNKNOWN", "Evidence is of two votes or of two proposals.")
@@ -321,8 +314,7 @@ def accuse(
     require(not state.has(place), "EVIDENCE_KNOWN", "The producer is accused of this round already.")
     suspect = find_successor(producer)
     entry = state.get(b"candidate/" + suspect)
-    require(entry["status"] != "removed", "PRODUCER_REMOVED", "The producer is removed already.")
-    require(entry["status"] != "suspended", "SUSPENDED_ALREADY", "The producer is suspended already.")
+    require(entry["suspended_height"] == 0, "SUSPENDED_ALREADY", "The producer is suspended already.")
     require(epoch >= entry["reinstated_epoch"], "EVIDENCE_OLD", "The producer was reinstated since.")
     tag = EVIDENCE_TAGS[kind]
     before = ctx.chain + u32(epoch) + u64(round)
@@ -330,7 +322,9 @@ def accuse(
     second = is_signed(tag, producer, before + second_id, second_signature)
     require(first and second, "EVIDENCE_FORGED", "The producer did not sign both.")
     state.put(place, True)
-    entry["status"] = "suspended"
+    has_left = entry["status"] == "removed"
+    if not has_left:
+        entry["status"] = "suspended"
     entry["votes"] = []
     entry["ready_ms"] = 0
     entry["suspended_height"] = ctx.height
@@ -348,7 +342,8 @@ def accuse(
     }
     state.put(b"candidate/" + suspect, entry)
     emit("suspended", {"key": suspect, "name": entry["name"], "kind": kind, "epoch": epoch, "round": round})
-    elect(call("membership", "active_organisations"), False)
+    if not has_left:
+        elect(call("membership", "active_organisations"), False)
 
 
 # What the other system contracts decide
@@ -359,7 +354,7 @@ def rekey(old: bytes, new: bytes):
     """Put a producer's new key in place of the old one. Who may call: the contract `membership`."""
     require(ctx.calling_contract == "membership", "NOT_THE_MEMBERSHIP_CONTRACT", "Only the organisations may, together.")
     entry = state.get(b"candidate/" + old)
-    if entry is None or entry["status"] == "removed":
+    if entry is None:
         return
     state.put(b"candidate/" + new, entry)
     replaced = state.get(b"candidate/" + old)
@@ -367,6 +362,8 @@ def rekey(old: bytes, new: bytes):
     replaced["votes"] = []
     replaced["successor"] = new
     state.put(b"candidate/" + old, replaced)
+    if entry["status"] == "removed":
+        return
     state.put(b"keys", put_in_place(state.get(b"keys"), old, new))
     epoch = state.get(b"epoch")
     put_epoch(epoch, put_in_place(epoch["producers"], old, new), epoch["leaderless"], epoch["settings"])
@@ -378,14 +375,38 @@ def put_in_place(keys: list, old: bytes, new: bytes) -> list:
 
 
 @export
-def remove_keys(keys: list, organisations: list):
-    """Remove the producers of nodes that left. Who may call: the contract `membership`."""
+def remove_keys(keys: list, organisations: list, leaving_organisation: str):
+    """Remove the producers of nodes that left, and the votes of their organisation if it left with them.
+
+    Who may call: the contract `membership`.
+    """
     require(ctx.calling_contract == "membership", "NOT_THE_MEMBERSHIP_CONTRACT", "Only the organisations may, together.")
-    for key in keys:
-        entry = state.get(b"candidate/" + key)
-        if entry is not None and entry["status"] != "removed":
-            drop([key])
+    known = state.get(b"keys")
+    drop([key for key in keys if key in known])
+    if leaving_organisation != "":
+        strip(leaving_organisation, True)
     elect(organisations, True)
+
+
+@export
+def forget_voice(organisation: str):
+    """Count no more what an organisation said with keys that were replaced, but for its votes for those with a seat.
+
+    Those would fall with a vote that was never taken back. Who may call: the contract `membership`.
+    """
+    require(ctx.calling_contract == "membership", "NOT_THE_MEMBERSHIP_CONTRACT", "Only the organisations may, together.")
+    strip(organisation, False)
+
+
+def strip(organisation: str, with_seats: bool):
+    for key in state.get(b"keys"):
+        entry = state.get(b"candidate/" + key)
+        counted = organisation in entry["votes"] and (with_seats or entry["status"] != "producing")
+        if counted:
+            entry["votes"] = [name for name in entry["votes"] if name != organisation]
+        if counted or organisation in entry["removals"]:
+            entry["removals"] = [name for name in entry["removals"] if name != organisation]
+            state.put(b"candidate/" + key, entry)
 
 
 @export

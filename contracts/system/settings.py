@@ -3,12 +3,19 @@
 The values in force are in the contract `producers`, as part of the epoch; the proposals in `membership`.
 """
 
-POSITIVE = ("base_timeout_ms", "timeout_cap_ms", "heartbeat_ms", "max_clock_drift_ms")
-DURATION_MAX_MS = 3600000
-BLOCKS_PER_TURN_MAX_COUNT = 1000
-PRODUCERS_MAX_COUNT = 21
+RANGES = {
+    "base_timeout_ms": [50, 60000],
+    "timeout_cap_ms": [1000, 60000],
+    "heartbeat_ms": [1, 3600000],
+    "min_block_interval_ms": [0, 59999],
+    "max_clock_drift_ms": [500, 60000],
+    "blocks_per_turn": [1, 100],
+    "max_producers": [1, 21],
+}
+INTERVAL_MAX_MS = 60000
 INTERVAL = "interval:"
-INTERVAL_MAX_DIGITS = 7
+INTERVAL_MAX_DIGITS = 5
+TIMEOUTS = ("base_timeout_ms", "timeout_cap_ms", "min_block_interval_ms")
 NAMES = (
     "base_timeout_ms",
     "timeout_cap_ms",
@@ -30,7 +37,7 @@ def check_production(value: int | str):
     known = value.startswith(INTERVAL) and digits.isdigit() and len(digits) <= INTERVAL_MAX_DIGITS
     require(known, "VALUE_WRONG", "The production is on-demand or interval:MS.")
     interval_ms = int(digits)
-    require(0 < interval_ms and interval_ms <= DURATION_MAX_MS, "VALUE_WRONG", "An interval is 1 to 3600000 ms.")
+    require(0 < interval_ms and interval_ms <= INTERVAL_MAX_MS, "VALUE_WRONG", "An interval is 1 to 60000 ms.")
 
 
 def check(name: str, value: int | str):
@@ -40,23 +47,16 @@ def check(name: str, value: int | str):
         check_production(value)
         return
     require(isinstance(value, int), "VALUE_WRONG", "The setting is a whole number.")
-    if name == "max_producers":
-        known = 1 <= value and value <= PRODUCERS_MAX_COUNT
-        require(known, "VALUE_WRONG", "A schedule has 1 to 21 producers.")
+    least, most = RANGES[name]
+    require(least <= value and value <= most, "VALUE_WRONG", f"The setting is {least} to {most}.")
+    if name not in TIMEOUTS:
         return
-    if name == "blocks_per_turn":
-        known = 1 <= value and value <= BLOCKS_PER_TURN_MAX_COUNT
-        require(known, "VALUE_WRONG", "A turn has 1 to 1000 blocks.")
-        return
-    least = 0
-    if name in POSITIVE:
-        least = 1
-    known = least <= value and value <= DURATION_MAX_MS
-    require(known, "VALUE_WRONG", f"The setting is {least} to 3600000 ms.")
     in_force = call("producers", "settings_in_force")
     in_force[name] = value
     fits = in_force["timeout_cap_ms"] >= in_force["base_timeout_ms"]
     require(fits, "VALUE_WRONG", "timeout_cap_ms must not be below base_timeout_ms; change the other one first.")
+    fits = in_force["min_block_interval_ms"] < in_force["base_timeout_ms"]
+    require(fits, "VALUE_WRONG", "min_block_interval_ms must be below base_timeout_ms, or every round would be given up.")
 
 
 @export

@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
+from contracts.execution.standing import find_role
 from node.api.services import LedgerSnapshot
 
 SessionKind = Literal["member", "owner"]
-ACTIVE = "active"
 ROLE_ADMIN = "admin"
 ROLE_REGISTRAR = "registrar"
 ROLE_CUSTODIAN = "custodian"
@@ -49,9 +49,9 @@ def find_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
     if len(key) != PUBLIC_KEY_SIZE_BYTES:
         return None
     roles: set[str] = set()
-    member = read_value(snapshot, "identity", b"member/" + key)
-    if member is not None and member.get("status") == ACTIVE:
-        roles.add(str(member.get("role")))
+    role = find_role(snapshot, key)
+    if role:
+        roles.add(role)
     if read_value(snapshot, "identity", b"registrar/" + key) is not None:
         roles.add(ROLE_REGISTRAR)
     if read_value(snapshot, "identity", b"custodian/" + key) is not None:

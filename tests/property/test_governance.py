@@ -69,7 +69,8 @@ class Story:
             contract, proposal_id = self.proposals[number % len(self.proposals)]
             return sign(admin, contract, "approve", proposal_id)
         if verb in {"base_timeout_ms", "max_producers"}:
-            return sign(admin, "settings", "propose", verb, number)
+            value = number if verb == "max_producers" else 20 * number
+            return sign(admin, "settings", "propose", verb, value)
         return sign(admin, "membership", "propose", *self._change(verb, organisation, node, number))
 
     def _change(self, verb: str, organisation: str, node: str, number: int) -> list[Any]:
@@ -123,6 +124,7 @@ def test_the_schedule_is_always_one_to_live_on(blocks: list[list[Action]]) -> No
         for key in after.producers:
             entry = story.chain.candidate(key)
             assert entry["status"] in {"producing", "suspended"}
+            assert set(entry["votes"]) | set(entry["removals"]) <= set(story.chain.active())
             node = story.chain.value("membership", b"node/" + entry["name"].encode())
             assert (node["status"], node["producer_key"]) == ("active", key)
         assert story.chain.active()

@@ -50,7 +50,8 @@ class Stage:
     def mark_candidate(
         self, status: str, *, key: bytes = CANDIDATE, successor: bytes = b"", reinstated: int = 0
     ) -> None:
-        entry = {"status": status, "successor": successor, "reinstated_epoch": reinstated}
+        height = 7 if status == "suspended" else 0
+        entry = {"status": status, "successor": successor, "reinstated_epoch": reinstated, "suspended_height": height}
         self.state[key] = encode_value(entry)
 
 
@@ -84,10 +85,17 @@ async def test_who_sees_it_known_before_his_turn_says_nothing():
     assert stage.accuser.pending == []
 
 
-@pytest.mark.parametrize("status", ["suspended", "removed"])
-async def test_a_producer_that_is_out_already_is_not_accused(status):
+async def test_a_removed_producer_is_accused_for_it_might_come_back():
     stage = Stage()
-    stage.mark_candidate(status)
+    stage.mark_candidate("removed")
+    stage.accuser.note(EVIDENCE)
+    stage.now += TURN_MS
+    assert await stage.accuser.speak_if_due() == 1
+
+
+async def test_a_producer_that_is_suspended_already_is_not_accused():
+    stage = Stage()
+    stage.mark_candidate("suspended")
     stage.accuser.note(EVIDENCE)
     stage.now += TURN_MS
     assert await stage.accuser.speak_if_due() == 0

@@ -8,6 +8,7 @@ import pytest
 
 from consensus.possession import prove_possession
 from consensus.primitives.encoding import u32, u64
+from consensus.primitives.keys import PrivateKey
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of, producer_of
 
 ACCUSER = producer_of("node-01")
@@ -148,6 +149,42 @@ def test_neither_a_new_key_nor_a_removal_washes_an_offender_clean(chain: Consort
     assert "node-02" not in chain.seats
 
 
-def test_a_removed_producer_is_accused_no_more(chain: Consortium) -> None:
+def _rekey(chain: Consortium, node: str, key: PrivateKey) -> None:
+    proof = prove_possession(key, node)
+    chain.agree("rekey_producer", {"node": node, "producer_key": key.public_key, "producer_possession": proof})
+
+
+def test_a_removed_producer_may_be_accused_and_comes_back_suspended(chain: Consortium) -> None:
     chain.must(admin_of("org-02"), "producers", "remove", OFFENDER.public_key)
-    chain.refused("PRODUCER_REMOVED", ACCUSER, "producers", "accuse", *chain.evidence(OFFENDER))
+    boundaries = len(chain.boundaries)
+    _accuse(chain, chain.evidence(OFFENDER, epoch=0))
+    entry = chain.candidate(OFFENDER.public_key)
+    assert (entry["status"], entry["suspended_height"]) == ("removed", chain.height)
+    assert len(chain.boundaries) == boundaries, "who has no seat loses none"
+    again = chain.evidence(OFFENDER, round_number=8, epoch=0)
+    chain.refused("SUSPENDED_ALREADY", ACCUSER, "producers", "accuse", *again)
+    chain.must(admin_of("org-01"), "producers", "propose", OFFENDER.public_key)
+    chain.ready("node-02")
+    assert chain.candidate(OFFENDER.public_key)["status"] == "suspended"
+    assert "node-02" not in chain.seats
+
+
+@pytest.mark.parametrize("accused_when", ["before the new key", "after it", "with a seat again"])
+def test_a_removal_with_a_new_key_after_it_washes_nobody_clean(chain: Consortium, accused_when: str) -> None:
+    """Its own organisation removes the liar, a majority that suspects nothing gives it a new key and votes for that."""
+    arguments, new = chain.evidence(OFFENDER, epoch=0), key_of("new")
+    chain.must(admin_of("org-02"), "producers", "remove", OFFENDER.public_key)
+    if accused_when == "before the new key":
+        _accuse(chain, arguments)
+    _rekey(chain, "node-02", new)
+    if accused_when == "after it":
+        _accuse(chain, arguments)
+    chain.must(admin_of("org-01"), "producers", "propose", new.public_key)
+    chain.ready("node-02", new)
+    if accused_when == "with a seat again":
+        chain.must(admin_of("org-02"), "producers", "approve", new.public_key)
+        assert "node-02" in chain.seats
+        _accuse(chain, arguments)
+    entry = chain.candidate(new.public_key)
+    assert (entry["status"], entry["evidence"]["producer"]) == ("suspended", OFFENDER.public_key)
+    assert "node-02" not in chain.seats

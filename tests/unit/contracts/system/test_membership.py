@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from consensus.possession import prove_possession
+from consensus.primitives.keys import PrivateKey, is_public_key
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,
     DAY_MS,
@@ -116,6 +118,89 @@ def test_an_approval_of_a_removed_organisation_counts_no_more() -> None:
     assert chain.epoch.settings.heartbeat_ms == 7000
 
 
+def _let_go_and_in_again(chain: Consortium, name: str) -> PrivateKey:
+    """Remove an organisation, and add it with a fresh key; return that."""
+    fresh = key_of(name + "/fresh-admin")
+    chain.agree("remove_org", {"name": name})
+    chain.agree("add_org", {**organisation_fields(name), "admins": [fresh.public_key]})
+    return fresh
+
+
+def _replace_key(chain: Consortium, name: str) -> PrivateKey:
+    fresh = key_of(name + "/fresh-admin")
+    chain.agree("replace_keys", {"organisation": name, "admins": [fresh.public_key], "registrars": []})
+    return fresh
+
+
+RENEWALS = [_let_go_and_in_again, _replace_key]
+
+
+@pytest.mark.parametrize("renew", RENEWALS)
+def test_a_voice_ends_with_the_keys_that_gave_it(renew: Callable[[Consortium, str], PrivateKey]) -> None:
+    """A thief approved with a stolen key; the organisation got new ones, and has not approved."""
+    chain = Consortium(organisations=5, nodes=5)
+    proposed = chain.must(admin_of("org-04"), "settings", "propose", "heartbeat_ms", 7000)
+    chain.must(admin_of("org-05"), "settings", "approve", proposed.txid)
+    fresh = renew(chain, "org-05")
+    chain.must(admin_of("org-01"), "settings", "approve", proposed.txid)
+    assert chain.epoch.settings.heartbeat_ms == 30_000
+    proposal = chain.view("membership", "proposal", proposed.txid)
+    assert (proposal["status"], proposal["approvals"]) == ("open", ["org-04", "org-01"])
+    chain.must(fresh, "settings", "approve", proposed.txid)
+    assert chain.epoch.settings.heartbeat_ms == 7000
+
+
+@pytest.mark.parametrize("renew", RENEWALS)
+def test_votes_for_newcomers_and_removals_end_with_the_keys_that_gave_them(
+    renew: Callable[[Consortium, str], PrivateKey],
+) -> None:
+    chain = Consortium(organisations=5, nodes=5)
+    chain.agree("add_node", node_fields("node-06", "org-04"))
+    newcomer, other = producer_of("node-06").public_key, producer_of("node-01").public_key
+    chain.must(admin_of("org-04"), "producers", "propose", newcomer)
+    for name in ("org-03", "org-05"):
+        chain.must(admin_of(name), "producers", "approve", newcomer)
+    chain.must(admin_of("org-05"), "producers", "remove", other)
+    fresh = renew(chain, "org-05")
+    chain.ready("node-06")
+    assert chain.candidate(newcomer)["votes"] == ["org-04", "org-03"]
+    assert chain.candidate(other)["removals"] == []
+    assert "node-06" not in chain.seats
+    chain.must(fresh, "producers", "approve", newcomer)
+    assert "node-06" in chain.seats
+
+
+def test_new_keys_of_an_organisation_cost_no_producer_its_seat(consortium: Consortium) -> None:
+    kept = producer_of("node-02").public_key
+    for name in ("org-01", "org-03"):
+        consortium.must(admin_of(name), "producers", "withdraw", kept)
+    fresh = _replace_key(consortium, "org-02")
+    assert consortium.candidate(kept)["votes"] == ["org-02"]
+    assert "node-02" in consortium.seats
+    consortium.must(fresh, "producers", "withdraw", kept)
+    assert "node-02" not in consortium.seats
+
+
+@pytest.mark.parametrize(
+    "key",
+    [
+        bytes(33),
+        b"\x02" + bytes(32),
+        b"\x04" + key_of("x").public_key[1:],
+        b"\x02" + b"\xff" * 32,
+        b"\x02" + bytes(31) + b"\x05",
+    ],
+)
+def test_a_key_that_nobody_can_have_is_refused(consortium: Consortium, key: bytes) -> None:
+    """An organisation with such a key would have a voice, count for the majority, and never speak."""
+    assert not is_public_key(key)
+    newcomer = {**organisation_fields("org-04"), "admins": [key]}
+    consortium.refused("KEY_WRONG", admin_of("org-01"), "membership", "propose", "add_org", newcomer)
+    for admins, registrars in (([key], []), ([key_of("new").public_key], [key])):
+        fields = {"organisation": "org-02", "admins": admins, "registrars": registrars}
+        consortium.refused("KEY_WRONG", admin_of("org-01"), "membership", "propose", "replace_keys", fields)
+
+
 def test_the_last_organisation_with_an_admin_stays() -> None:
     chain = Consortium(organisations=1, nodes=1)
     chain.refused("LAST_ADMINS", admin_of("org-01"), "membership", "propose", "remove_org", {"name": "org-01"})
@@ -143,15 +228,18 @@ def test_a_node_joins_as_custodian_and_leaves_by_its_own_name_for_ever(consortiu
 
 def test_a_node_must_prove_its_producer_key_and_share_none(consortium: Consortium) -> None:
     good = node_fields("node-05", "org-02")
+    other = producer_of("node-01")
+    taken = {"producer_key": other.public_key, "producer_possession": prove_possession(other, "node-05")}
     wrong = [
         ("POSSESSION_WRONG", {"producer_possession": prove_possession(producer_of("node-05"), "node-06")}),
         ("POSSESSION_WRONG", {"producer_possession": prove_possession(key_of("thief"), "node-05")}),
         ("POSSESSION_WRONG", {"producer_possession": b""}),
         ("POSSESSION_WRONG", {"producer_key": b""}),
-        ("KEY_TAKEN", {"producer_key": producer_of("node-01").public_key}),
+        ("KEY_TAKEN", taken),
         ("KEY_TAKEN", {"custodian_key": key_of("node-01/custodian").public_key}),
         ("KEY_TAKEN", {"custodian_key": good["producer_key"]}),
         ("KEY_SIZE_WRONG", {"custodian_key": bytes(32)}),
+        ("KEY_WRONG", {"custodian_key": bytes(33)}),
         ("ORGANISATION_UNKNOWN", {"organisation": "org-09"}),
         ("NAME_WRONG", {"name": "Node 5"}),
         ("NAME_WRONG", {"name": "n" * 41}),
@@ -183,7 +271,8 @@ def test_a_rekeyed_producer_keeps_its_place_and_the_old_key_counts_no_more(conso
     height, root = consortium.height, consortium.state.state_root
     consortium.refused("CANDIDATE_UNKNOWN", producer_of("node-02"), "producers", "ready", height, root)
     consortium.refused("NODE_UNKNOWN", admin_of("org-01"), "producers", "propose", old)
-    back = {"node": "node-02", "producer_key": old, "producer_possession": fields["producer_possession"]}
+    proof = prove_possession(producer_of("node-02"), "node-02")
+    back = {"node": "node-02", "producer_key": old, "producer_possession": proof}
     consortium.refused("KEY_TAKEN", admin_of("org-01"), "membership", "propose", "rekey_producer", back)
 
 

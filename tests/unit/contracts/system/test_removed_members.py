@@ -6,7 +6,8 @@ import pytest
 
 from consensus.primitives.hashing import sha256
 from consensus.records.vouchers import issue_card, sign_card
-from contracts.execution.standing import has_standing
+from contracts.execution.standing import find_role, has_standing
+from node.api.standing import find_standing
 from tests.unit.contracts.system.consortium import (
     DAY_MS,
     Consortium,
@@ -52,7 +53,28 @@ def test_only_subjects_outlast_their_organisation(consortium: Consortium) -> Non
     consortium.must(key_of("subject/member"), "identity", "authenticate", sha256(b"subject"))
     again = {**organisation_fields("org-02"), "admins": [key_of("new").public_key]}
     consortium.agree("add_org", again)
-    assert consortium.view("identity", "role_of", members["robot"]) == "robot"
+    assert consortium.view("identity", "role_of", members["robot"]) == "", "a name that comes back revives nobody"
+    newcomer = _register(consortium, "newcomer", "robot", "org-02")
+    assert consortium.view("identity", "role_of", newcomer) == "robot"
+
+
+@pytest.mark.parametrize("role", ["robot", "staff", "officer", "auditor", "subject"])
+def test_the_pool_and_the_api_know_the_same_roles_as_the_contracts(consortium: Consortium, role: str) -> None:
+    member = _register(consortium, role, role, "org-02")
+    transaction = consortium.sign(key_of(f"{role}/member"), "records", "open_visit")
+
+    def agree_on(expected: str) -> None:
+        assert consortium.view("identity", "role_of", member) == expected
+        assert find_role(consortium.state, member) == expected
+        standing = find_standing(consortium.state, member)
+        assert (set() if standing is None else standing.roles) == ({expected} if expected else set())
+        assert has_standing(consortium.state, transaction, consortium.time_ms) == bool(expected)
+
+    agree_on(role)
+    consortium.agree("remove_org", {"name": "org-02"})
+    agree_on("subject" if role == "subject" else "")
+    consortium.agree("add_org", organisation_fields("org-02"))
+    agree_on("subject" if role == "subject" else "")
 
 
 def test_admins_and_registrars_of_a_removed_organisation_stand_no_more(consortium: Consortium) -> None:

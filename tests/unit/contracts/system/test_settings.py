@@ -7,6 +7,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from consensus.errors import BlockRobotError
 from consensus.settings import ChainSettings, check_settings
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
@@ -39,17 +40,23 @@ def test_every_setting_of_a_chain_may_be_changed(consortium: Consortium) -> None
 
 WRONG: list[tuple[str, Any]] = [
     ("base_timeout_ms", 0),
+    ("base_timeout_ms", 49),
+    ("base_timeout_ms", 5),
     ("base_timeout_ms", 8001),
     ("base_timeout_ms", -1),
     ("base_timeout_ms", "500"),
     ("timeout_cap_ms", 499),
-    ("timeout_cap_ms", 3_600_001),
+    ("timeout_cap_ms", 999),
+    ("timeout_cap_ms", 60_001),
     ("heartbeat_ms", 0),
     ("heartbeat_ms", 1 << 200),
     ("min_block_interval_ms", -1),
+    ("min_block_interval_ms", 500),
     ("max_clock_drift_ms", 0),
+    ("max_clock_drift_ms", 499),
+    ("max_clock_drift_ms", 60_001),
     ("blocks_per_turn", 0),
-    ("blocks_per_turn", 1001),
+    ("blocks_per_turn", 101),
     ("max_producers", 0),
     ("max_producers", 22),
     ("max_producers", "4"),
@@ -60,7 +67,8 @@ WRONG: list[tuple[str, Any]] = [
     ("production", "interval:"),
     ("production", "interval:0"),
     ("production", "interval:-5"),
-    ("production", "interval:3600001"),
+    ("production", "interval:60001"),
+    ("production", "interval:3600000"),
     ("production", "interval:00000001"),
     ("production", "on-demand "),
 ]
@@ -76,8 +84,37 @@ def test_an_unknown_setting_is_refused(consortium: Consortium) -> None:
 
 
 def test_two_proposals_that_together_contradict_each_other_do_not_both_take_effect(consortium: Consortium) -> None:
-    low = consortium.must(admin_of("org-01"), "settings", "propose", "timeout_cap_ms", 600).txid
-    high = consortium.must(admin_of("org-01"), "settings", "propose", "base_timeout_ms", 700).txid
+    low = consortium.must(admin_of("org-01"), "settings", "propose", "timeout_cap_ms", 1000).txid
+    high = consortium.must(admin_of("org-01"), "settings", "propose", "base_timeout_ms", 1200).txid
     consortium.must(admin_of("org-02"), "settings", "approve", low)
     consortium.refused("VALUE_WRONG", admin_of("org-02"), "settings", "approve", high)
     check_settings(consortium.epoch.settings)
+
+
+def test_no_agreement_of_all_makes_every_round_end_before_its_votes_arrive(consortium: Consortium) -> None:
+    """One millisecond for a round, and as much after a hundred lost ones: nothing would ever be final again."""
+    for name in ("base_timeout_ms", "timeout_cap_ms"):
+        consortium.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", name, 1)
+    consortium.agree_setting("base_timeout_ms", 50)
+    consortium.agree_setting("timeout_cap_ms", 1000)
+    consortium.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", "min_block_interval_ms", 50)
+    check_settings(consortium.epoch.settings)
+
+
+def test_a_round_is_not_made_shorter_than_the_pause_between_two_blocks(consortium: Consortium) -> None:
+    consortium.agree_setting("min_block_interval_ms", 200)
+    consortium.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", "base_timeout_ms", 200)
+    consortium.agree_setting("base_timeout_ms", 201)
+
+
+WRONG_IN_A_FILE_TOO = [
+    (name, value)
+    for name, value in WRONG
+    if name != "max_producers" and value != "manual" and isinstance(value, str) == (name == "production")
+]
+
+
+@pytest.mark.parametrize(("name", "value"), WRONG_IN_A_FILE_TOO)
+def test_a_genesis_file_may_say_nothing_that_the_contract_refuses(name: str, value: Any) -> None:
+    with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
+        check_settings(msgspec.structs.replace(ChainSettings(), **{name: value}))

@@ -86,7 +86,10 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     (
         "membership",
         "propose",
-        lambda _: ["replace_keys", {"organisation": "org-02", "admins": [bytes(33)], "registrars": []}],
+        lambda _: [
+            "replace_keys",
+            {"organisation": "org-02", "admins": [key_of("newcomer").public_key], "registrars": []},
+        ],
         ADMINS,
     ),
     ("membership", "propose", lambda _: ["add_node", node_fields("node-09", "org-02")], ADMINS),
@@ -110,7 +113,8 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("producers", "ready", lambda s: [s.chain.height, bytes(32)], {"candidate", "suspended"}),
     ("producers", "accuse", _evidence, SIGNERS - {"accused"}),
     ("producers", "rekey", lambda _: [_key("node-03"), bytes(33)], set()),
-    ("producers", "remove_keys", lambda _: [[_key("node-03")], ["org-01"]], set()),
+    ("producers", "remove_keys", lambda _: [[_key("node-03")], ["org-01"], "org-03"], set()),
+    ("producers", "forget_voice", lambda _: ["org-03"], set()),
     ("producers", "change_setting", lambda _: ["heartbeat_ms", 1], set()),
     ("settings", "propose", lambda _: ["blocks_per_turn", 2], ADMINS),
     ("settings", "approve", lambda s: [s.setting], ADMINS - {"admin-1"}),

@@ -63,7 +63,7 @@ def first_state() -> dict[bytes, bytes]:
     """A subject, a robot, one who left, officials, two visits with a record, three announcements."""
 
     def member(role: str, status: str) -> dict[str, Any]:
-        return {"role": role, "status": status, "handle": bytes(32)}
+        return {"role": role, "org": "ward", "since": 1, "status": status, "handle": bytes(32)}
 
     values: dict[bytes, Any] = {
         flat("identity", b"member/" + SUBJECT.public_key): member("subject", "active"),
