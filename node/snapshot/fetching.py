@@ -1,19 +1,21 @@
 """Fetches a snapshot from peers, chunk by chunk, from several at once. Must never keep a byte that does not have its hash.
 
 A manifest counts only if its block is proven final from genesis on; a chunk only if it has the hash that the manifest
-names. Whether the manifest told the truth about the state is found by the restore, and then its content is not fetched
-again. What was fetched stays on the disk, so that a fetch that was cut off goes on where it was.
+names. Whether the manifest told the truth about the state is found by the restore, and then the peer that gave it is
+believed no more: what others offer is not touched by that. Nothing is fetched beyond the size that was offered and that
+the disk has room for. What was fetched stays on the disk, so that a fetch that was cut off goes on where it was.
 """
 
 from __future__ import annotations
 
 import asyncio
 import shutil
-from collections import deque
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import structlog
 
@@ -23,12 +25,24 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from node.p2p.wire import RequestKind, SnapshotRequest
 from node.snapshot.checking import verify_head
-from node.snapshot.form import MANIFEST_NAME, Manifest, SnapshotFolder, chunk_name, compute_content_id, read_manifest
+from node.snapshot.form import (
+    CHUNK_SIZE_MAX_BYTES,
+    MANIFEST_NAME,
+    Manifest,
+    SnapshotFolder,
+    chunk_name,
+    compute_content_id,
+    read_manifest,
+)
 from node.snapshot.shelf import MANIFEST_INDEX
 
 CHUNKS_AT_ONCE_COUNT = 4
 OFFER_TRIES_COUNT = 20
 OFFER_RETRY_MS = 500
+VERDICTS_MAX_COUNT = 16
+SPACE_KEPT_FREE_BYTES = 64 * 1024 * 1024
+SPACE_PER_SNAPSHOT_COUNT = 4
+"""A snapshot takes at most this many times its size on the disk: its chunks, and the ledger that is built of them."""
 
 log = structlog.get_logger(__name__)
 
@@ -41,62 +55,145 @@ class Requester(Protocol):
         ...
 
 
+T = TypeVar("T")
+
+
+async def _aside(work: Callable[[], T]) -> T:
+    return await asyncio.get_running_loop().run_in_executor(None, work)
+
+
+def space_needed_bytes(manifest: Manifest) -> int:
+    """Return how much room a disk must have before a snapshot is fetched."""
+    return SPACE_PER_SNAPSHOT_COUNT * manifest.size_bytes + SPACE_KEPT_FREE_BYTES
+
+
+def free_space_bytes(folder: Path) -> int:
+    """Return how much room there is where a folder is or will be. Raises OSError."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return shutil.disk_usage(folder).free
+
+
 @dataclass(slots=True)
 class _Offer:
-    """A snapshot that some peers offer: they may send its chunks."""
+    """A snapshot that some peers offer: they may send its chunks. The manifest is that of `origin`."""
 
+    origin: str
     manifest: Manifest
+    content_id: bytes
     data: bytes
     peers: list[str]
+    fetched_bytes: int = 0
+
+    def take(self, size_bytes: int) -> None:
+        """Count a chunk. Raises SNAPSHOT_DAMAGED if the manifest told another size."""
+        self.fetched_bytes += size_bytes
+        if size_bytes > CHUNK_SIZE_MAX_BYTES or self.fetched_bytes > self.manifest.size_bytes:
+            raise BlockRobotError("SNAPSHOT_DAMAGED", "The chunks have more bytes than the manifest says.")
 
 
 class SnapshotFetcher:
-    """Fetches snapshots into a folder; remembers contents that turned out to be lies."""
+    """Fetches snapshots into a folder; remembers the peers whose manifests turned out to be lies."""
 
     def __init__(self, genesis: Genesis, requester: Requester, folder: Path) -> None:
         self._genesis = genesis
         self._requester = requester
         self._folder = folder
-        self._lies: set[bytes] = set()
+        self._liars: set[str] = set()
+        self._failures: Counter[str] = Counter()
+        self._origins: dict[Path, str] = {}
+        self._verdicts: dict[bytes, tuple[Manifest, bytes] | BlockRobotError] = {}
 
     def forget(self, source: SnapshotFolder) -> None:
-        """A fetched snapshot was refused: never fetch its content again, and drop it."""
-        self._lies.add(bytes.fromhex(source.path.name))
+        """A fetched snapshot was refused: take no manifest from the peer that gave it any more, and drop it."""
+        self._blame(self._origins[source.path])
         self.drop(source)
+
+    def _blame(self, peer: str) -> None:
+        log.warning("snapshot_peer_lied", peer=peer)
+        self._liars.add(peer)
 
     def drop(self, source: SnapshotFolder) -> None:
         """Remove a fetched snapshot."""
         shutil.rmtree(source.path, ignore_errors=True)
 
     async def fetch(self, peers: Sequence[str], above_height: int) -> SnapshotFolder:
-        """Fetch the newest snapshot that peers offer above a height. Raises PEER_UNAVAILABLE if none comes to be."""
+        """Fetch the snapshot above a height that most peers offer; what earlier fetches left of others is removed.
+
+        Raises PEER_UNAVAILABLE if none comes to be, STORAGE_FULL if the disk has no room for any, SNAPSHOT_DAMAGED if
+        it is not what was offered, OSError; after the last two nothing of it stays.
+        """
         offer = await self._choose(peers, above_height)
-        content_id = compute_content_id(offer.manifest)
-        place = self._folder / content_id.hex()
-        place.mkdir(parents=True, mode=0o700, exist_ok=True)
+        place = self._folder / offer.content_id.hex()
+        self._origins = {place: offer.origin}
         log.info(
             "snapshot_fetching", height=offer.manifest.height, chunks=len(offer.manifest.chunks), peers=offer.peers
         )
-        waiting = deque(range(len(offer.manifest.chunks)))
-        workers = [self._work(offer, content_id, place, waiting) for _ in range(CHUNKS_AT_ONCE_COUNT)]
-        await asyncio.gather(*workers)
-        (place / MANIFEST_NAME).write_bytes(offer.data)
+        try:
+            await _aside(partial(self._prepare, place))
+            await self._fetch_chunks(offer, place)
+            await _aside(partial((place / MANIFEST_NAME).write_bytes, offer.data))
+        except BlockRobotError as error:
+            self._failures[offer.origin] += 1
+            if error.code == "SNAPSHOT_DAMAGED":
+                self._blame(offer.origin)
+                await _aside(partial(shutil.rmtree, place, ignore_errors=True))
+            raise
+        except OSError:
+            await _aside(partial(shutil.rmtree, place, ignore_errors=True))
+            raise
         return SnapshotFolder(place)
 
+    def _prepare(self, place: Path) -> None:
+        place.mkdir(parents=True, mode=0o700, exist_ok=True)
+        for other in self._folder.iterdir():
+            if other != place:
+                shutil.rmtree(other, ignore_errors=True)
+
+    async def _fetch_chunks(self, offer: _Offer, place: Path) -> None:
+        """Fetch all chunks, several at once; if one cannot be had, those that are under way are still kept."""
+        waiting = deque(range(len(offer.manifest.chunks)))
+        workers = [self._work(offer, place, waiting) for _ in range(CHUNKS_AT_ONCE_COUNT)]
+        for failure in await asyncio.gather(*workers, return_exceptions=True):
+            if failure is not None:
+                raise failure
+        if offer.fetched_bytes != offer.manifest.size_bytes:
+            raise BlockRobotError("SNAPSHOT_DAMAGED", "The chunks have fewer bytes than the manifest says.")
+
     async def _choose(self, peers: Sequence[str], above_height: int) -> _Offer:
-        """Return the best offer: the highest, then the one with most peers. They may still have to make it."""
+        """Return the best offer; peers may still have to make it.
+
+        Those of peers whose offers came to nothing before are the last; then more peers count, then the height.
+        """
+        asked = [peer for peer in peers if peer not in self._liars]
         for _ in range(OFFER_TRIES_COUNT):
-            answers = await asyncio.gather(*(self._ask_offer(peer, above_height) for peer in peers))
+            answers = await asyncio.gather(*(self._ask_offer(peer, above_height) for peer in asked))
             offers: dict[bytes, _Offer] = {}
-            for peer, data in zip(peers, answers, strict=True):
-                manifest = self._verified(peer, data, above_height)
-                if manifest is not None:
-                    offer = offers.setdefault(compute_content_id(manifest), _Offer(manifest, data, []))
-                    offer.peers.append(peer)
+            for peer, data in sorted(zip(asked, answers, strict=True), key=lambda item: self._failures[item[0]]):
+                found = await self._verified(peer, data) if data else None
+                if found is None:
+                    asked = [other for other in asked if other != peer or not data]
+                elif found[0].height > above_height:
+                    manifest, content_id = found
+                    offers.setdefault(content_id, _Offer(peer, manifest, content_id, data, [])).peers.append(peer)
             if offers:
-                return max(offers.values(), key=lambda offer: (offer.manifest.height, len(offer.peers), offer.data))
+                return max(await self._fitting(list(offers.values())), key=self._rank)
             await asyncio.sleep(OFFER_RETRY_MS / 1000)
         raise BlockRobotError("PEER_UNAVAILABLE", "No peer offers a snapshot.")
+
+    def _rank(self, offer: _Offer) -> tuple[int, int, int, bytes]:
+        return -self._failures[offer.origin], len(offer.peers), offer.manifest.height, offer.content_id
+
+    async def _fitting(self, offers: list[_Offer]) -> list[_Offer]:
+        """Return the offers that the disk has room for. Raises STORAGE_FULL if it has for none."""
+        free_bytes = await _aside(partial(free_space_bytes, self._folder))
+        fitting = [offer for offer in offers if space_needed_bytes(offer.manifest) <= free_bytes]
+        if not fitting:
+            needed_bytes = min(space_needed_bytes(offer.manifest) for offer in offers)
+            raise BlockRobotError(
+                "STORAGE_FULL", f"The disk has {free_bytes} bytes; the snapshot needs {needed_bytes}."
+            )
+        return fitting
 
     async def _ask_offer(self, peer: str, above_height: int) -> bytes:
         request = SnapshotRequest(content_id=b"", index=MANIFEST_INDEX, above_height=above_height)
@@ -105,31 +202,48 @@ class SnapshotFetcher:
         except BlockRobotError:
             return b""
 
-    def _verified(self, peer: str, data: bytes, above_height: int) -> Manifest | None:
-        if not data:
+    async def _verified(self, peer: str, data: bytes) -> tuple[Manifest, bytes] | None:
+        """Return a manifest whose head is proven, and its content's id; None if it is none."""
+        verdict = await _aside(partial(self._verdict, data))
+        if isinstance(verdict, BlockRobotError):
+            log.warning("snapshot_offer_refused", peer=peer, code=verdict.code, detail=verdict.detail)
             return None
+        return verdict
+
+    def _verdict(self, data: bytes) -> tuple[Manifest, bytes] | BlockRobotError:
+        """Verify a manifest, or remember what came of it; for one thread at a time."""
+        digest = sha256(data)
+        if digest not in self._verdicts:
+            try:
+                manifest = read_manifest(data)
+                verify_head(manifest, self._genesis)
+                self._verdicts[digest] = (manifest, compute_content_id(manifest))
+            except BlockRobotError as error:
+                self._verdicts[digest] = error.with_traceback(None)
+            if len(self._verdicts) > VERDICTS_MAX_COUNT:
+                del self._verdicts[next(iter(self._verdicts))]
+        return self._verdicts[digest]
+
+    async def _work(self, offer: _Offer, place: Path, waiting: deque[int]) -> None:
         try:
-            manifest = read_manifest(data)
-            verify_head(manifest, self._genesis)
-        except BlockRobotError as error:
-            log.warning("snapshot_offer_refused", peer=peer, code=error.code, detail=error.detail)
-            return None
-        if manifest.height <= above_height or compute_content_id(manifest) in self._lies:
-            return None
-        return manifest
+            while waiting:
+                await self._take_chunk(offer, place, waiting.popleft())
+        finally:
+            waiting.clear()
 
-    async def _work(self, offer: _Offer, content_id: bytes, place: Path, waiting: deque[int]) -> None:
-        while waiting:
-            index = waiting.popleft()
-            path = place / chunk_name(index)
-            expected = offer.manifest.chunks[index]
-            if path.exists() and sha256(path.read_bytes()) == expected:
-                continue
-            path.write_bytes(await self._fetch_chunk(offer, content_id, index, expected))
+    async def _take_chunk(self, offer: _Offer, place: Path, index: int) -> None:
+        data = await _aside(partial(_read_kept, place, index, offer.manifest.chunks[index]))
+        if data is not None:
+            offer.take(len(data))
+            return
+        data = await self._fetch_chunk(offer, index)
+        offer.take(len(data))
+        await _aside(partial((place / chunk_name(index)).write_bytes, data))
 
-    async def _fetch_chunk(self, offer: _Offer, content_id: bytes, index: int, expected: bytes) -> bytes:
+    async def _fetch_chunk(self, offer: _Offer, index: int) -> bytes:
         """Return a chunk from one of the peers, each chunk beginning with another one; who fails is not asked again."""
-        request = encode(SnapshotRequest(content_id=content_id, index=index, above_height=0))
+        request = encode(SnapshotRequest(content_id=offer.content_id, index=index, above_height=0))
+        expected = offer.manifest.chunks[index]
         while offer.peers:
             peer = offer.peers[index % len(offer.peers)]
             try:
@@ -143,3 +257,12 @@ class SnapshotFetcher:
             if peer in offer.peers:
                 offer.peers.remove(peer)
         raise BlockRobotError("PEER_UNAVAILABLE", "No peer sends what is missing of the snapshot.")
+
+
+def _read_kept(place: Path, index: int, expected: bytes) -> bytes | None:
+    """Return a chunk that an earlier fetch left, if it is there and whole."""
+    try:
+        data = SnapshotFolder(place).chunk(index)
+    except BlockRobotError:
+        return None
+    return data if sha256(data) == expected else None

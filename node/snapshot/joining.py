@@ -7,6 +7,7 @@ and its next start puts the new ledger in the place of the old.
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -16,13 +17,21 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from node.snapshot.checking import ProvenHead
 from node.snapshot.fetching import Requester, SnapshotFetcher
-from node.snapshot.restoring import build_aside
+from node.snapshot.form import SnapshotFolder
+from node.snapshot.restoring import build_aside, discard_restored
 from node.storage.ledger_store import Position
 
 RETRY_MS = 5_000
+LIES = frozenset({"SNAPSHOT_DAMAGED", "SNAPSHOT_UNPROVEN", "SNAPSHOT_OTHER_CHAIN", "SNAPSHOT_VERSION"})
+"""Why a fetched snapshot is refused by its maker's fault, and not because of this node's disk or progress."""
 
 log = structlog.get_logger(__name__)
+
+
+class _StoppedError(Exception):
+    """The node stops while a ledger is being built."""
 
 
 class Gap(Protocol):
@@ -63,6 +72,8 @@ class Joiner:
         self._restart = restart
         self._fetcher = SnapshotFetcher(genesis, requester, folder)
         self._task: asyncio.Task[None] | None = None
+        self._building: asyncio.Future[ProvenHead] | None = None
+        self._stopping = threading.Event()
         self._is_done = False
 
     def look(self) -> None:
@@ -74,10 +85,21 @@ class Joiner:
             self._task = asyncio.get_running_loop().create_task(self._join(peers, above_height), name="join")
 
     async def stop(self) -> None:
-        """Stop; what was fetched so far stays for the next time."""
-        if self._task is not None and not self._is_done:
+        """Stop; what was fetched so far stays for the next time, a ledger that is being built does not.
+
+        Returns once the building has ended: the next start would else clear away what is still written.
+        """
+        self._stopping.set()
+        if self._task is not None:
             self._task.cancel()
             await asyncio.gather(self._task, return_exceptions=True)
+        if self._building is not None:
+            await asyncio.gather(self._building, return_exceptions=True)
+
+    def _go_on(self, _chunks: int, _size_bytes: int) -> None:
+        """Called between chunks, in the thread that builds."""
+        if self._stopping.is_set():
+            raise _StoppedError
 
     async def _join(self, peers: list[str], above_height: int) -> None:
         try:
@@ -86,16 +108,32 @@ class Joiner:
             log.warning("snapshot_not_fetched", detail=str(error))
             await asyncio.sleep(RETRY_MS / 1000)
             return
-        try:
-            stored, place = self._gap.position, self._ledger_dir
-            work = partial(build_aside, source, self._genesis, place, stored=stored)
-            build = asyncio.get_running_loop().run_in_executor(None, work)
-            head = await asyncio.shield(build)
-        except BlockRobotError as error:
-            log.error("snapshot_refused", code=error.code, detail=error.detail)
-            self._fetcher.forget(source)
+        head = await self._build(source)
+        if head is None:
+            await asyncio.sleep(RETRY_MS / 1000)
             return
         self._fetcher.drop(source)
+        if self._gap.position.height >= head.header.height:
+            log.info("snapshot_outgrown", height=head.header.height)
+            await asyncio.get_running_loop().run_in_executor(None, discard_restored, self._ledger_dir)
+            return
         self._is_done = True
         log.warning("snapshot_ready", height=head.header.height)
         self._restart()
+
+    async def _build(self, source: SnapshotFolder) -> ProvenHead | None:
+        """Build a ledger of what was fetched. Only a snapshot that lies is held against the peer that gave it."""
+        stored, place = self._gap.position, self._ledger_dir
+        work = partial(build_aside, source, self._genesis, place, self._go_on, stored=stored)
+        self._building = asyncio.get_running_loop().run_in_executor(None, work)
+        try:
+            return await asyncio.shield(self._building)
+        except BlockRobotError as error:
+            log.error("snapshot_refused", code=error.code, detail=error.detail)
+            if error.code in LIES:
+                self._fetcher.forget(source)
+                return None
+        except OSError as error:
+            log.error("snapshot_not_built", detail=str(error))
+        self._fetcher.drop(source)
+        return None

@@ -1,13 +1,16 @@
 """The snapshots that a node keeps for others, and hands out chunk by chunk. Must never hold the event loop up for a disk.
 
 A node that prunes makes one at every milestone (a height that all nodes of the same setting share, so that a newcomer
-can fetch its chunks from several of them); any node makes one when it is asked and has none that helps.
+can fetch its chunks from several of them); any node makes one when it is asked and has none that helps, but not often:
+nobody may keep its disk busy by asking.
 """
 
 from __future__ import annotations
 
 import asyncio
 import shutil
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -21,14 +24,25 @@ from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
 SNAPSHOTS_KEPT_COUNT = 2
 MANIFEST_INDEX = -1
+REQUESTED_INTERVAL_MIN_MS = 60_000
+"""From the end of a snapshot that a peer asked for to the beginning of the next such one."""
+REQUESTED_REST_COUNT = 10
+"""That interval is at least this many times as long as the last snapshot took."""
 
 log = structlog.get_logger(__name__)
+
+
+def _monotonic_ms() -> int:
+    return time.monotonic_ns() // 1_000_000
 
 
 class SnapshotShelf:
     """The newest snapshots of a ledger, each in a folder named by its height."""
 
-    def __init__(self, ledger: LedgerStore, folder: Path) -> None:
+    def __init__(self, ledger: LedgerStore, folder: Path, now_ms: Callable[[], int] = _monotonic_ms) -> None:
+        """`now_ms` is a clock that only goes forward."""
+        self._now_ms = now_ms
+        self._requests_from_ms = 0
         self._ledger = ledger
         self._folder = folder
         self._known: dict[int, tuple[bytes, Manifest]] = {}
@@ -44,10 +58,9 @@ class SnapshotShelf:
         for place in sorted(self._folder.iterdir()):
             try:
                 manifest = read_manifest(SnapshotFolder(place).manifest())
+                self._known[manifest.height] = (compute_content_id(manifest), manifest)
             except BlockRobotError:
                 shutil.rmtree(place, ignore_errors=True)
-                continue
-            self._known[manifest.height] = (compute_content_id(manifest), manifest)
 
     async def stop(self) -> None:
         """Wait for a snapshot that is being made."""
@@ -56,19 +69,28 @@ class SnapshotShelf:
 
     def begin(self, snapshot: LedgerSnapshot) -> None:
         """Make a snapshot of this version of the ledger in a thread; one at a time. Takes the version over."""
+        self._begin(snapshot, is_requested=False)
+
+    def _begin(self, snapshot: LedgerSnapshot, *, is_requested: bool) -> None:
         if self._making is not None and not self._making.done():
             snapshot.close()
             return
-        self._making = asyncio.get_running_loop().create_task(self._make(snapshot), name="snapshot")
+        making = self._make(snapshot, is_requested=is_requested)
+        self._making = asyncio.get_running_loop().create_task(making, name="snapshot")
 
-    async def _make(self, snapshot: LedgerSnapshot) -> None:
+    async def _make(self, snapshot: LedgerSnapshot, *, is_requested: bool) -> None:
+        begun_ms = self._now_ms()
         try:
             made = await asyncio.get_running_loop().run_in_executor(None, self._write, snapshot)
-        except BlockRobotError as error:
-            log.warning("snapshot_failed", code=error.code, detail=error.detail)
+        except (BlockRobotError, OSError) as error:
+            log.warning("snapshot_failed", detail=str(error))
             return
         finally:
             snapshot.close()
+            if is_requested:
+                ended_ms = self._now_ms()
+                rest_ms = max(REQUESTED_INTERVAL_MIN_MS, REQUESTED_REST_COUNT * (ended_ms - begun_ms))
+                self._requests_from_ms = ended_ms + rest_ms
         if made is not None:
             self._known[made.height] = (compute_content_id(made), made)
             log.info("snapshot_made", height=made.height, size_bytes=made.size_bytes)
@@ -98,15 +120,18 @@ class SnapshotShelf:
         return b""
 
     async def _offer(self, above_height: int) -> bytes:
-        """Return the newest manifest that helps; begin to make one if there is none."""
+        """Return the newest manifest that helps; begin to make one if there is none, unless one was made just now."""
         newest = max(self._known, default=-1)
         with self._ledger.snapshot() as snapshot:
             position, earliest = snapshot.position, snapshot.earliest_height
         if newest > above_height and newest + 1 >= earliest:
             return await self._read(newest, MANIFEST_INDEX)
-        if position is not None and position.height > max(above_height, newest):
-            self.begin(self._ledger.snapshot())
+        if position is not None and position.height > max(above_height, newest) and self._may_make():
+            self._begin(self._ledger.snapshot(), is_requested=True)
         return b""
+
+    def _may_make(self) -> bool:
+        return self._requests_from_ms == 0 or self._now_ms() >= self._requests_from_ms
 
     async def _read(self, height: int, index: int) -> bytes:
         source = SnapshotFolder(self._place(height))

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -19,7 +21,7 @@ from node.snapshot.form import StateChunk, read_manifest, write_manifest
 from node.snapshot.joining import Joiner
 from node.snapshot.making import header_of_block
 from node.snapshot.restoring import adopt_restored
-from node.snapshot.shelf import MANIFEST_INDEX, SnapshotShelf
+from node.snapshot.shelf import MANIFEST_INDEX, REQUESTED_INTERVAL_MIN_MS, SnapshotShelf
 from node.storage.ledger_store import Position
 from node.storage.lmdb_reader import LedgerFile
 from node.storage.memory_store import MemoryStore
@@ -254,3 +256,267 @@ async def test_a_snapshot_whose_next_block_was_pruned_is_made_anew(peers: Peers)
     await shelf.stop()
     data = await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 0)))
     assert read_manifest(data).height == 30
+
+
+# What a liar can cost
+
+
+async def make_shelves(peers: Peers) -> None:
+    for name, shelf in peers.shelves.items():
+        shelf.begin(peers.stores[name].snapshot())
+        await shelf.stop()
+
+
+def lying_about(peers: Peers, **changes: object) -> Answer:
+    """A peer that changes its manifest, and sends the true chunks for it."""
+
+    async def lie(request: SnapshotRequest, answer: bytes) -> bytes:
+        if request.index == MANIFEST_INDEX:
+            return write_manifest(msgspec.structs.replace(read_manifest(answer), **changes)) if answer else b""
+        shelf = peers.shelves["a-liar"]
+        own = read_manifest(await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 0))))
+        return await shelf.serve(encode(SnapshotRequest(fetching.compute_content_id(own), request.index, 0)))
+
+    return lie
+
+
+@pytest.mark.parametrize("difference_bytes", [-700, -1, 1])
+async def test_a_size_that_is_a_lie_is_held_against_the_liar_alone(
+    peers: Peers, tmp_path: Path, difference_bytes: int
+) -> None:
+    await peers.start("a-liar", "b")
+    await make_shelves(peers)
+    true = next(iter(peers.shelves["b"]._known.values()))[1]
+    peers.twisted["a-liar"] = lying_about(peers, size_bytes=true.size_bytes + difference_bytes)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(BlockRobotError) as refused:
+        await fetcher.fetch(["a-liar"], 0)
+    assert refused.value.code == "SNAPSHOT_DAMAGED"
+    assert list((tmp_path / "fetched").iterdir()) == []
+    peers.asked.clear()
+    source = await fetcher.fetch(["a-liar", "b"], 0)
+    assert read_manifest(source.manifest()) == true
+    assert {peer for peer, index in peers.asked if index != MANIFEST_INDEX} == {"b"}
+
+
+async def test_a_fetch_stops_once_the_chunks_are_more_than_was_offered(peers: Peers, tmp_path: Path) -> None:
+    await peers.start("a-liar")
+    await make_shelves(peers)
+    peers.twisted["a-liar"] = lying_about(peers, size_bytes=1_000)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(BlockRobotError):
+        await fetcher.fetch(["a-liar"], 0)
+    assert sum(index != MANIFEST_INDEX for _, index in peers.asked) <= 2 * fetching.CHUNKS_AT_ONCE_COUNT
+
+
+async def test_a_chunk_larger_than_any_is_refused_whatever_its_hash(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("a-liar")
+    await make_shelves(peers)
+    monkeypatch.setattr(fetching, "CHUNK_SIZE_MAX_BYTES", 300)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(BlockRobotError) as refused:
+        await fetcher.fetch(["a-liar"], 0)
+    assert refused.value.code == "SNAPSHOT_DAMAGED"
+    assert list((tmp_path / "fetched").iterdir()) == []
+
+
+async def test_a_snapshot_that_the_disk_has_no_room_for_is_not_begun(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("a-liar", "b")
+    await make_shelves(peers)
+    true = next(iter(peers.shelves["b"]._known.values()))[1]
+    monkeypatch.setattr(fetching, "free_space_bytes", lambda _folder: fetching.space_needed_bytes(true))
+    peers.twisted["a-liar"] = lying_about(peers, size_bytes=true.size_bytes + 1)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(BlockRobotError) as refused:
+        await fetcher.fetch(["a-liar"], 0)
+    assert refused.value.code == "STORAGE_FULL"
+    assert {index for _, index in peers.asked} == {MANIFEST_INDEX}
+    source = await fetcher.fetch(["a-liar", "b"], 0)
+    assert read_manifest(source.manifest()) == true
+
+
+async def test_what_a_full_disk_cut_off_does_not_stay_on_it(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("b")
+    await make_shelves(peers)
+    write = Path.write_bytes
+
+    def full(path: Path, data: bytes) -> int:
+        if path.name == "chunk-000003":
+            raise OSError(28, "No space left on device")
+        return write(path, data)
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(OSError, match="No space"):
+        await fetcher.fetch(["b"], 0)
+    assert list((tmp_path / "fetched").iterdir()) == []
+
+
+async def test_a_new_fetch_clears_away_what_others_left_half_done(peers: Peers, tmp_path: Path) -> None:
+    await peers.start("b")
+    await make_shelves(peers)
+    (tmp_path / "fetched" / bytes(32).hex()).mkdir(parents=True)
+    (tmp_path / "fetched" / bytes(32).hex() / "chunk-000000").write_bytes(b"half")
+    source = await SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched").fetch(["b"], 0)
+    assert list((tmp_path / "fetched").iterdir()) == [source.path]
+
+
+async def test_what_more_peers_offer_is_preferred_to_what_is_newer(peers: Peers, tmp_path: Path) -> None:
+    """A snapshot that several hold is made of more people's words, and comes from several disks at once."""
+    await peers.start("b", "c", "d", blocks=10)
+    for name in ("b", "c"):
+        peers.shelves[name].begin(peers.stores[name].snapshot())
+        await peers.shelves[name].stop()
+    for _ in range(5):
+        peers.chain.extend()
+    await peers.chain.fill(peers.stores["d"])
+    peers.shelves["d"].begin(peers.stores["d"].snapshot())
+    await peers.shelves["d"].stop()
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    assert read_manifest((await fetcher.fetch(["b", "c", "d"], 0)).manifest()).height == 10
+    assert read_manifest((await fetcher.fetch(["b", "c", "d"], 10)).manifest()).height == 15
+
+
+async def test_a_peer_whose_offer_comes_to_nothing_stands_behind_the_others(peers: Peers, tmp_path: Path) -> None:
+    await peers.start("b", "z-liar")
+    await make_shelves(peers)
+
+    async def lie(request: SnapshotRequest, answer: bytes) -> bytes:
+        if request.index != MANIFEST_INDEX:
+            return b"nothing of the kind"
+        manifest = read_manifest(answer)
+        return write_manifest(msgspec.structs.replace(manifest, chunks=(*manifest.chunks[:-1], b"\xff" * 32)))
+
+    peers.twisted["z-liar"] = lie
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    with pytest.raises(BlockRobotError):
+        await fetcher.fetch(["z-liar"], 0)
+    for _ in range(3):
+        source = await fetcher.fetch(["z-liar", "b"], 0)
+        assert read_manifest(source.manifest()).chunks[-1] != b"\xff" * 32
+
+
+async def test_a_manifest_is_verified_once_and_not_on_the_event_loop(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("b", "c", "d")
+    await make_shelves(peers)
+    threads: list[int] = []
+    verify = fetching.verify_head
+
+    def watched(*arguments: Any) -> Any:
+        threads.append(threading.get_ident())
+        return verify(*arguments)
+
+    monkeypatch.setattr(fetching, "verify_head", watched)
+    fetcher = SnapshotFetcher(peers.chain.genesis, peers, tmp_path / "fetched")
+    for _ in range(3):
+        await fetcher.fetch(["b", "c", "d"], 0)
+    assert len(threads) == 1
+    assert threads[0] != threading.get_ident()
+
+
+async def test_peers_cannot_keep_a_node_busy_making_snapshots(peers: Peers) -> None:
+    """Each asks for one above the block before the newest, again and again, while the chain goes on."""
+    await peers.start("b", blocks=10)
+    now_ms = 0
+    store = peers.stores["b"]
+    shelf = SnapshotShelf(store, peers.folder / "limited", now_ms=lambda: now_ms)
+    made: list[int] = []
+    for _ in range(20):
+        peers.chain.extend()
+        await peers.chain.fill(store)
+        above = store.position.height - 1  # type: ignore[union-attr]
+        await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, above)))
+        await shelf.stop()
+        made += [height for height in shelf._known if height not in made]
+        now_ms += REQUESTED_INTERVAL_MIN_MS // 10
+    assert made == [11, 21]
+
+
+async def test_the_longer_a_snapshot_takes_the_longer_the_next_one_has_to_wait(peers: Peers) -> None:
+    await peers.start("b", blocks=10)
+    now_ms = 0
+    store = peers.stores["b"]
+
+    def slow() -> int:
+        nonlocal now_ms
+        now_ms += REQUESTED_INTERVAL_MIN_MS
+        return now_ms
+
+    shelf = SnapshotShelf(store, peers.folder / "limited", now_ms=slow)
+    await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 0)))
+    await shelf.stop()
+    peers.chain.extend()
+    await peers.chain.fill(store)
+    await shelf.serve(encode(SnapshotRequest(b"", MANIFEST_INDEX, 10)))
+    await shelf.stop()
+    assert list(shelf._known) == [10]
+
+
+async def test_a_node_that_got_there_by_blocks_does_not_begin_anew(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("b")
+    await make_shelves(peers)
+    joiner, restart = joiner_of(peers, tmp_path, "b")
+    positions = iter([joiner._gap.position, peers.chain.stored[-1].position])
+    monkeypatch.setattr(type(joiner._gap), "position", property(lambda _gap: next(positions)))
+    await join(joiner, restart, looks=1)
+    assert not restart.is_set()
+    assert not (tmp_path / "ledger.incoming").exists()
+    assert list((tmp_path / "fetched").iterdir()) == []
+
+
+async def test_a_disk_that_fails_while_the_ledger_is_built_is_not_held_against_the_peer(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await peers.start("b")
+    await make_shelves(peers)
+    build, refusals = joining.build_aside, [BlockRobotError("STORAGE_FULL"), OSError(5, "Input/output error")]
+
+    def failing(*arguments: Any, **options: Any) -> Any:
+        if refusals:
+            raise refusals.pop()
+        return build(*arguments, **options)
+
+    monkeypatch.setattr(joining, "build_aside", failing)
+    joiner, restart = joiner_of(peers, tmp_path, "b")
+    await join(joiner, restart, looks=3)
+    assert restart.is_set()
+
+
+async def test_stopping_waits_for_the_ledger_that_is_being_built(
+    peers: Peers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else it would be written to while the next start clears it away."""
+    await peers.start("b")
+    await make_shelves(peers)
+    begun, go_on, ended = threading.Event(), threading.Event(), threading.Event()
+    build = joining.build_aside
+
+    def slow(source: Any, genesis: Any, ledger_dir: Path, progress: Any, **options: Any) -> Any:
+        begun.set()
+        go_on.wait(10)
+        try:
+            return build(source, genesis, ledger_dir, progress, **options)
+        finally:
+            ended.set()
+
+    monkeypatch.setattr(joining, "build_aside", slow)
+    joiner, restart = joiner_of(peers, tmp_path, "b")
+    joiner.look()
+    await asyncio.to_thread(begun.wait, 10)
+    stopping = asyncio.create_task(joiner.stop())
+    await asyncio.sleep(0)
+    go_on.set()
+    await stopping
+    assert ended.is_set()
+    assert not restart.is_set()
+    assert not (tmp_path / "ledger.incoming").exists()
