@@ -50,7 +50,10 @@ def card() -> None:
 @json_option
 @plain_errors
 def issue(desk: Path | None, genesis: Path | None, role: str, uid_file: Path | None, as_json: bool) -> None:
-    """Issue a card for a tag and print its enrolment code once."""
+    """Issue a card for a tag and print its enrolment code once.
+
+    Example: blockrobot card issue --role subject --uid-file tag.uid
+    """
     if uid_file:
         uid = uid_file.read_text(encoding="utf-8")
     elif sys.stdin.isatty():
@@ -79,7 +82,10 @@ def roster() -> None:
 @json_option
 @plain_errors
 def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json: bool) -> None:
-    """Seal today's roster to one robot. It is good for a day."""
+    """Seal today's roster to one robot. It is good for a day.
+
+    Example: blockrobot roster make --robot 02ab... --out roster.sealed
+    """
     try:
         member = bytes.fromhex(robot)
     except ValueError:

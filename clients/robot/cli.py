@@ -42,7 +42,10 @@ def robot(ctx: click.Context, name: str, robot_dir: Path | None, genesis: Path |
 @click.pass_context
 @plain_errors
 def new(ctx: click.Context, as_json: bool) -> None:
-    """Draw a robot's keys."""
+    """Draw a robot's keys.
+
+    Example: blockrobot robot new --json
+    """
     folder, _ = ctx.obj
     identity = create_identity(folder)
     answer = {"ok": True, "folder": str(folder), "member": identity.identity.public_key.hex()}
@@ -58,7 +61,10 @@ def new(ctx: click.Context, as_json: bool) -> None:
 @click.pass_context
 @plain_errors
 def register(ctx: click.Context, code: str, as_json: bool) -> None:
-    """Register the robot with the CODE that the registrar issued."""
+    """Register the robot with the CODE that the registrar issued.
+
+    Example: blockrobot robot register BR1-...
+    """
     folder, genesis_path = ctx.obj
     identity = load_identity(folder)
     done = asyncio.run(register_robot(folder, identity, code, load_genesis(genesis_path)))
@@ -135,7 +141,10 @@ def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[st
 @click.pass_context
 @plain_errors
 def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
-    """Record from a ROS bag (rosbag2 folder, .mcap or .db3), in real time unless --fast is given."""
+    """Record from a ROS bag (rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
+
+    Example: blockrobot robot replay recording.mcap --fast
+    """
     _replay(ctx, recording, as_json, options)
 
 
@@ -145,5 +154,8 @@ def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any
 @click.pass_context
 @plain_errors
 def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
-    """Record from the synthetic corridor (rendered once and kept), until its end."""
+    """Record from the synthetic corridor (rendered once and kept), until its end.
+
+    Example: blockrobot robot run --purpose demo
+    """
     _replay(ctx, default_recording(home_folder()), as_json, options)

@@ -91,7 +91,10 @@ def _moment(time_ms: int) -> str:
 @click.pass_context
 @plain_errors
 def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
-    """Make a new wallet and show its 24 words once. Write them down: they are the wallet."""
+    """Make a new wallet and show its 24 words once. Write them down: they are the wallet.
+
+    Example: blockrobot wallet new
+    """
     path, _ = ctx.obj
     if words_file is None and not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
@@ -129,7 +132,10 @@ def _write_secret(path: Path, text: str) -> None:
 @click.pass_context
 @plain_errors
 def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
-    """Make the wallet again from its 24 words. Your visits are found again on the chain."""
+    """Make the wallet again from its 24 words. Your visits are found again on the chain.
+
+    Example: blockrobot wallet restore --words-file words.txt
+    """
     path, _ = ctx.obj
     if words_file:
         words = words_file.read_text(encoding="utf-8")
@@ -152,7 +158,10 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
 @click.pass_context
 @plain_errors
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
-    """Register with the CODE on your card, and consent to the purposes named."""
+    """Register with the CODE on your card, and consent to the purposes named.
+
+    Example: blockrobot wallet register BR1-... --purpose demo
+    """
     done = _run(ctx, lambda opened: opened.register(code, list(purposes)))
     if as_json:
         print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)})
@@ -199,7 +208,10 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
 @click.pass_context
 @plain_errors
 def records(ctx: click.Context, as_json: bool) -> None:
-    """List what was recorded of you, proven against the chain."""
+    """List what was recorded of you, proven against the chain.
+
+    Example: blockrobot wallet records --json
+    """
     reports = _run(ctx, lambda opened: opened.records())
     if as_json:
         print_json({"ok": True, "visits": [_report_json(report) for report in reports]})
@@ -290,7 +302,10 @@ def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) ->
 @click.pass_context
 @plain_errors
 def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: str, as_json: bool) -> None:
-    """Fetch, check and decrypt records (all if none is named) and write them as PNG pictures."""
+    """Fetch, check and decrypt records (all if none is named) and write them as PNG pictures.
+
+    Example: blockrobot wallet view 3fa2c19b07de --out pictures
+    """
 
     async def action(opened: Wallet) -> list[RecordView]:
         entries = await _chosen(opened, record_ids)
@@ -306,7 +321,10 @@ def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: st
 @click.pass_context
 @plain_errors
 def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
-    """Check records against the chain on this machine, trusting no node, and put the verdict on the chain."""
+    """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.
+
+    Example: blockrobot wallet verify
+    """
 
     async def action(opened: Wallet) -> list[RecordView]:
         return await _view_all(opened, await _chosen(opened, record_ids), purpose, verdict=True, out=None)
@@ -319,7 +337,10 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
 @click.pass_context
 @plain_errors
 def audit(ctx: click.Context, as_json: bool) -> None:
-    """Show everything that happened to your records, in order."""
+    """Show everything that happened to your records, in order.
+
+    Example: blockrobot wallet audit
+    """
     entries = _run(ctx, audit_all)
     if as_json:
         rows = [
@@ -354,7 +375,10 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 def erase(
     ctx: click.Context, record_ids: tuple[str, ...], everything: bool, frames: str, wait: bool, yes: bool, as_json: bool
 ) -> None:
-    """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone."""
+    """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.
+
+    Example: blockrobot wallet erase 3fa2c19b07de --frames 0,3 --wait
+    """
     if not record_ids and not everything:
         raise click.UsageError("Name the records to erase, or say --all.")
     try:
@@ -410,7 +434,10 @@ def erase(
 @click.pass_context
 @plain_errors
 def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
-    """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations)."""
+    """Ask every custodian for a record that is not this wallet's, and say how each refuses (for demonstrations).
+
+    Example: blockrobot wallet probe 3fa2c19b07de5a41b6f0c2d4e8a19377
+    """
 
     async def action(opened: Wallet) -> dict[str, str]:
         refusals = {}
