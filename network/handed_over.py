@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives.serialization import Encoding
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import NodeEntry, Organisation
+from consensus.primitives.keys import is_public_key
 from node.p2p.identity import load_authorities
 
 ORGANISATION_ENTRY_FILE = "organisation-entry.json"
@@ -74,6 +75,12 @@ def organisation_entry_to_json(entry: Organisation) -> str:
     return json.dumps(document, indent=2) + "\n"
 
 
+def _require_public_keys(keys: list[bytes], path: Path) -> None:
+    """Refuse keys that nobody can have the secret half of: they would count, and never speak. Raises FILE_UNUSABLE."""
+    if not all(is_public_key(key) for key in keys):
+        raise BlockRobotError("FILE_UNUSABLE", f"A key in {path} is no public key.")
+
+
 def read_organisation_entry(path: Path) -> dict[str, Any]:
     """Read an organisation's entry; return the arguments of a proposal to add it.
 
@@ -86,6 +93,7 @@ def read_organisation_entry(path: Path) -> dict[str, Any]:
         keys = {kind: [bytes.fromhex(key) for key in document[kind]] for kind in ("admins", "registrars")}
     except (ValueError, TypeError, KeyError):
         raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold an organisation's entry.") from None
+    _require_public_keys([key for kind in keys.values() for key in kind], path)
     if not isinstance(name, str) or not isinstance(certificate, str):
         raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold an organisation's entry.")
     return {"name": name, "ca_certificate": public_certificates(certificate, path), **keys}
@@ -104,4 +112,5 @@ def read_node_entry(path: Path) -> dict[str, Any]:
             fields[name] = bytes.fromhex(fields[name])
     except (ValueError, TypeError, KeyError):
         raise BlockRobotError("FILE_UNUSABLE", f"{path} does not hold a node's entry.") from None
+    _require_public_keys([key for key in (fields["producer_key"], fields["custodian_key"]) if key], path)
     return fields

@@ -143,6 +143,6 @@ def _is_known(reader: LedgerSnapshot, place: bytes, evidence: Evidence) -> bool:
             return False
         entry: dict[str, Any] = decode_stored_value(data)
         if not entry["successor"]:
-            return entry["suspended_height"] > 0 or evidence.epoch < entry["reinstated_epoch"]
+            return bool(entry["suspended_height"] > 0 or evidence.epoch < entry["reinstated_epoch"])
         suspect = entry["successor"]
     return False

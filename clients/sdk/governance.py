@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -17,6 +18,7 @@ from consensus.settings import ChainSettings, Epoch
 MEMBERSHIP = b"membership\x00"
 PRODUCERS = b"producers\x00"
 ID_PREFIX_MIN_CHARS = 6
+_CONTRACT_NAMED = re.compile(r"^(In contract [a-z]+: )+")
 _ERROR_OF = {
     "NOT_AN_ADMIN": "GOVERNANCE_NOT_ADMIN",
     "NOT_THE_PROPOSER": "GOVERNANCE_NOT_ADMIN",
@@ -151,8 +153,11 @@ def _chosen(kind: type[Any], value: Mapping[str, Any], **more: Any) -> Any:
     return kind(**{name: tuple(item) if isinstance(item, list) else item for name, item in fields.items()})
 
 
-def _proposal(proposal_id: bytes, value: Mapping[str, Any]) -> ProposalRow:
-    row: ProposalRow = _chosen(ProposalRow, value, id=proposal_id)
+def _proposal(proposal_id: bytes, value: Mapping[str, Any], keys_numbers: Mapping[str, int]) -> ProposalRow:
+    """Make a row; of the approvals only those count whose organisation still has the keys that gave them."""
+    said = value["keys_numbers"]
+    good = [name for name in value["approvals"] if name in keys_numbers and said[name] == keys_numbers[name]]
+    row: ProposalRow = _chosen(ProposalRow, {**value, "approvals": good}, id=proposal_id)
     return row
 
 
@@ -165,14 +170,16 @@ async def read_membership(client: NetworkClient, reader: PrivateKey) -> Membersh
     org_keys = [MEMBERSHIP + b"org/" + name.encode() for name in organisations]
     node_keys = [MEMBERSHIP + b"node/" + name.encode() for name in nodes]
     proposals = {MEMBERSHIP + b"proposal/" + entry[0]: entry[0] for entry in opened}
-    values, height, timestamp_ms = await _proved(client, [*org_keys, *node_keys, *proposals], reader)
+    number_keys = {MEMBERSHIP + b"keys-number/" + name.encode(): name for name in organisations}
+    values, height, timestamp_ms = await _proved(client, [*org_keys, *number_keys, *node_keys, *proposals], reader)
+    numbers = {name: values[key] for key, name in number_keys.items()}
     return MembershipView(
         height=height,
         timestamp_ms=timestamp_ms,
         organisations=tuple(_chosen(OrganisationRow, values[key]) for key in org_keys if values[key]),
         nodes=tuple(_chosen(NodeRow, values[key]) for key in node_keys if values[key]),
         proposals=tuple(
-            _proposal(proposal_id, values[key])
+            _proposal(proposal_id, values[key], numbers)
             for key, proposal_id in proposals.items()
             if values[key] and values[key]["status"] == "open" and values[key]["expires_ms"] > timestamp_ms
         ),
@@ -274,7 +281,7 @@ class Governor:
                 raise BlockRobotError("GOVERNANCE_NOT_ADMIN") from None
             raise
         if not receipt.ok:
-            sentence = receipt.message.removeprefix("In contract membership: ").removeprefix("In contract producers: ")
+            sentence = _CONTRACT_NAMED.sub("", receipt.message)
             code = _ERROR_OF.get(receipt.code, "GOVERNANCE_REFUSED")
             raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)
         return _decision_of(receipt)

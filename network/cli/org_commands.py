@@ -13,6 +13,7 @@ from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.possession import prove_possession
+from consensus.primitives.keys import is_public_key
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import (
     decide,
@@ -144,7 +145,8 @@ def approve(
 ) -> None:
     """Stand behind a proposed change (named by the first digits of its id).
 
-    To take nodes out is refused while too few of the producers left over are well, unless you say --anyway.
+    To take nodes out, or to replace a producer's key, is refused while too few of the others are well, unless you say
+    --anyway.
 
     Example: blockrobot org approve 3fa2c19b07de --as university
     """
@@ -302,8 +304,8 @@ def replace_keys(
     """
     arguments = {
         "organisation": name,
-        "admins": [_read_hex(key, "--admin") for key in admins],
-        "registrars": [_read_hex(key, "--registrar") for key in registrars],
+        "admins": [_read_public_key(key, "--admin") for key in admins],
+        "registrars": [_read_public_key(key, "--registrar") for key in registrars],
     }
     _propose("replace_keys", arguments, folder, organisation, key_file, as_json=as_json)
 
@@ -342,20 +344,30 @@ def remove_node(
 @propose.command("rekey-producer")
 @click.argument("node")
 @click.option("--producer-key", "secret", required=True, type=_file, help="The new producer key's file; stays here.")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
 def rekey_producer(
-    node: str, secret: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+    node: str,
+    secret: Path,
+    anyway: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
 ) -> None:
     """Propose a new producer key for a node, with proof that it is held. The old one counts no more.
+
+    The node is silent until it has the new key; that is refused while the others cannot do without it, unless you say
+    --anyway.
 
     Example: blockrobot org propose rekey-producer node-2 --producer-key new-producer.key --as university
     """
     key = read_private_key(secret)
     proof = prove_possession(key, node)
     arguments = {"node": node, "producer_key": key.public_key, "producer_possession": proof}
-    _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json)
+    _propose("rekey_producer", arguments, folder, organisation, key_file, as_json=as_json, anyway=anyway)
 
 
 def _read_hex(text: str, option: str) -> bytes:
@@ -363,3 +375,10 @@ def _read_hex(text: str, option: str) -> bytes:
         return bytes.fromhex(text)
     except ValueError:
         raise click.UsageError(f"{option} takes hexadecimal digits.") from None
+
+
+def _read_public_key(text: str, option: str) -> bytes:
+    key = _read_hex(text, option)
+    if not is_public_key(key):
+        raise click.UsageError(f"{option} takes a public key: 33 bytes that somebody can have the secret half of.")
+    return key

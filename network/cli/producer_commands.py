@@ -32,9 +32,7 @@ from network.cli.governing import (
     to_json,
     with_client,
 )
-from network.cli.live_quorum import anyway_option, require_live_quorum
-
-TOLERANT_MIN_COUNT = 4
+from network.cli.live_quorum import TOLERANT_MIN_COUNT, anyway_option, require_live_quorum, seats_after
 
 
 @click.group()
@@ -161,22 +159,22 @@ def _vote(
     work: Callable[[Governor, bytes], Awaitable[Decision]],
     *,
     as_json: bool,
-    may_leave: Callable[[CandidateRow], bool] = lambda row: False,  # noqa: ARG005 - most votes take nobody out
+    after: Callable[[ProducersView, bytes], list[CandidateRow]] | None = None,
 ) -> None:
     """Call for a candidate, wait until it is final, and tell how it stands now.
 
-    Where the candidate `may_leave`, it is looked first whether those left over can go on. Raises
-    GOVERNANCE_QUORUM_UNWELL.
+    If the call may cost a seat, `after` tells who would have one then, and it is looked first whether they can go on.
+    Raises GOVERNANCE_QUORUM_UNWELL.
     """
 
     async def run(client: NetworkClient) -> tuple[Decision, ProducersView, MembershipView, bytes]:
         view, membership = await _read(client, seat.key)
         key = _find_key(node, view, membership)
-        if any(may_leave(row) for row in view.candidates if row.key == key):
-            await require_live_quorum(client, seat.folder, view, {key})
+        if after is not None:
+            await require_live_quorum(client, seat.folder, view, after(view, key))
         decision = await work(Governor(client, seat.key), key)
-        after, membership = await _read(client, seat.key)
-        return decision, after, membership, key
+        now, membership = await _read(client, seat.key)
+        return decision, now, membership, key
 
     decision, view, membership, key = with_client(seat, run)
     row = next((row for row in view.candidates if row.key == key), None)
@@ -267,7 +265,7 @@ def withdraw(
         "Vote withdrawn from",
         lambda governor, key: governor.withdraw_producer(key),
         as_json=as_json,
-        may_leave=lambda row: not anyway and len(row.votes) <= 1,
+        after=None if anyway else lambda view, key: seats_after(view, withdrawn=(key, seat.organisation)),
     )
 
 
@@ -293,5 +291,5 @@ def remove(
         "Removal of",
         lambda governor, key: governor.remove_producer(key),
         as_json=as_json,
-        may_leave=lambda _: not anyway,
+        after=None if anyway else lambda view, key: seats_after(view, leaving={key}),
     )

@@ -11,7 +11,14 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.governance import MembershipView, ProducersView, read_membership, read_producers, settings_in_force
+from clients.sdk.governance import (
+    MembershipView,
+    ProducersView,
+    ProposalRow,
+    read_membership,
+    read_producers,
+    settings_in_force,
+)
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.primitives.keys import PrivateKey
@@ -27,14 +34,15 @@ from network.cli.governing import (
     summary_of,
     take_seat,
 )
+from network.cli.live_quorum import anyway_option, check_setting
 
 _MEANINGS = {
-    "base_timeout_ms": ("1 to the cap", "when a round is given up"),
-    "timeout_cap_ms": ("base to 3600000", "that, after many lost rounds"),
+    "base_timeout_ms": ("50 to the cap", "when a round is given up"),
+    "timeout_cap_ms": ("1000 to 60000", "that, after many lost rounds"),
     "heartbeat_ms": ("1 to 3600000", "an idle chain's empty block"),
-    "min_block_interval_ms": ("0 to 3600000", "the pause between two blocks"),
-    "max_clock_drift_ms": ("1 to 3600000", "how far ahead a block may be"),
-    "blocks_per_turn": ("1 to 1000", "blocks before the next turn"),
+    "min_block_interval_ms": ("below the base", "the pause between two blocks"),
+    "max_clock_drift_ms": ("500 to 60000", "how far ahead a block may be"),
+    "blocks_per_turn": ("1 to 100", "blocks before the next turn"),
     "production": ("or interval:MS", "when blocks are made"),
     "max_producers": ("1 to 21", "candidates with a seat"),
 }
@@ -86,35 +94,59 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
 @settings.command()
 @click.argument("name")
 @click.argument("value")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
 def propose(
-    name: str, value: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+    name: str,
+    value: str,
+    anyway: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
 ) -> None:
     """Propose a value for a setting; a majority of the organisations puts it into force.
+
+    Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings propose base_timeout_ms 800 --as hospital
     """
     seat = take_seat(folder, organisation, key_file)
     digits = value.strip()
     wanted: int | str = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 15 else digits
-    told = decide(seat, lambda governor: governor.propose_setting(name, wanted))
+
+    async def look(client: NetworkClient) -> None:
+        if not anyway:
+            await check_setting(client, seat.folder, seat.key, name, wanted)
+
+    told = decide(seat, lambda governor: governor.propose_setting(name, wanted), look)
     report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
 
 
 @settings.command()
 @click.argument("proposal")
+@anyway_option
 @governing_options
 @json_option
 @plain_errors
-def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def approve(
+    proposal: str, anyway: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Stand behind a proposed setting (named by the first digits of its id).
+
+    Fewer seats are refused while too few of the producers left over are well, unless you say --anyway.
 
     Example: blockrobot settings approve 3fa2c19b07de --as university
     """
     seat = take_seat(folder, organisation, key_file)
-    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.approve(found))
+
+    async def look(client: NetworkClient, _: MembershipView, found: ProposalRow) -> None:
+        if not anyway:
+            await check_setting(client, seat.folder, seat.key, found.arguments["name"], found.arguments["value"])
+
+    told, row = decide_on_proposal(seat, "settings", proposal, lambda governor, found: governor.approve(found), look)
     report_decision(told, summary_of(row), "settings", as_json=as_json)
 
 

@@ -290,3 +290,68 @@ def test_an_entry_is_that_of_whom_one_names(chain: Consortium) -> None:
     assert refusal(org, "propose", "add-org", "other", "--from", entry, "--as", "org-01") == "FILE_UNUSABLE"
     assert run(org, "propose", "add-org", "--as", "org-01").exit_code == 2
     assert refusal(org, "propose", "add-org", "nowhere", "--as", "org-01") == "FILE_UNUSABLE"
+
+
+def test_fewer_seats_are_not_decided_while_too_few_of_those_left_are_well(chain: Consortium, silent: set[str]) -> None:
+    """Of four producers the youngest key goes; of the three left, all are needed."""
+    lowest = sorted(chain.epoch.producers)
+    silent.add(chain.candidate(lowest[0])["name"])
+    assert refusal(settings, "propose", "max_producers", "3", "--as", "org-01") == "GOVERNANCE_QUORUM_UNWELL"
+    opened = answer(settings, "propose", "max_producers", "3", "--as", "org-01", "--anyway")["proposal"]["id"]
+    assert refusal(settings, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
+    silent.clear()
+    assert answer(settings, "approve", opened, "--as", "org-02")["executed"]
+    assert sorted(chain.epoch.producers) == lowest[:3]
+
+
+def test_who_is_cut_off_by_fewer_seats_may_be_unwell(chain: Consortium, silent: set[str]) -> None:
+    silent.add(chain.candidate(max(chain.epoch.producers))["name"])
+    answer(settings, "propose", "max_producers", "3", "--as", "org-01")
+    assert answer(settings, "propose", "max_producers", "21", "--as", "org-01")["ok"]
+
+
+def test_a_producer_key_is_not_replaced_while_the_others_cannot_do_without_the_node(
+    chain: Consortium, silent: set[str], tmp_path: Path
+) -> None:
+    (tmp_path / "new.key").write_bytes(key_of("new").secret)
+    change = ("propose", "rekey-producer", "node-02", "--producer-key", str(tmp_path / "new.key"), "--as", "org-01")
+    silent.add("node-03")
+    said = run(org, *change).stderr
+    assert "4 producers would be left, and 3 of them are needed" in said
+    assert "node-02 (until it has its new key), node-03." in said
+    opened = answer(org, *change, "--anyway")["proposal"]["id"]
+    assert refusal(org, "approve", opened, "--as", "org-02") == "GOVERNANCE_QUORUM_UNWELL"
+    silent.clear()
+    assert answer(org, "approve", opened, "--as", "org-02")["executed"]
+
+
+def test_an_organisation_that_holds_the_last_vote_for_others_is_not_let_go_unlooked(
+    chain: Consortium, silent: set[str]
+) -> None:
+    """With org-03 its own node goes, and so does the one that nobody else votes for."""
+    for name in ("org-01", "org-02"):
+        chain.must(admin_of(name), "producers", "withdraw", producer_of("node-02").public_key)
+    silent.add("node-04")
+    said = run(org, "propose", "remove-org", "org-03", "--as", "org-01").stderr
+    assert "2 producers would be left, and 2 of them are needed; not well now: node-04." in said
+
+
+def test_keys_that_nobody_can_have_are_refused_before_they_are_sent(chain: Consortium, tmp_path: Path) -> None:
+    for option in ("--admin", "--registrar"):
+        keys = ["--admin", key_of("new").public_key.hex(), option, "02" + "ff" * 32]
+        result = run(org, "propose", "replace-keys", "org-03", *keys, "--as", "org-01")
+        assert result.exit_code == 2
+        assert f"{option} takes a public key" in result.stderr
+    fields = {**node_fields("node-05", "org-02"), "custodian_key": bytes(33)}
+    entry = tmp_path / "node-entry.json"
+    entry.write_text(json.dumps({k: v.hex() if isinstance(v, bytes) else v for k, v in fields.items()}), "utf-8")
+    assert refusal(org, "propose", "add-node", "--from", str(entry), "--as", "org-01") == "FILE_UNUSABLE"
+    assert chain.height == 0
+
+
+def test_a_list_shows_only_the_approvals_that_still_count(chain: Consortium) -> None:
+    answer(settings, "propose", "heartbeat_ms", "9000", "--as", "org-03")
+    fresh = {"organisation": "org-03", "admins": [key_of("fresh").public_key], "registrars": []}
+    chain.agree("replace_keys", fresh)
+    (proposal,) = answer(settings, "list", "--as", "org-01")["proposals"]
+    assert proposal["approvals"] == []
