@@ -7,9 +7,13 @@ from network.sim.history import Acknowledged, BlockFinalized, Ended, History, No
 
 
 def check_durability(history: History) -> list[Violation]:
-    """Check each node's ledger over its lives, each acknowledgement against it, and the end against both."""
+    """Check each node's ledger over its lives, each acknowledgement against it, and the end against both.
+
+    What a node told a client may arrive when an old disk was put back meanwhile: it counts what was safe when it spoke.
+    """
     found: list[Violation] = []
     stored: dict[int, int] = {}
+    put_back: dict[int, tuple[float, int]] = {}
     highest_told = 0
     for item in history.observations:
         if item.node in history.byzantine:
@@ -17,6 +21,7 @@ def check_durability(history: History) -> list[Violation]:
         if isinstance(item, BlockFinalized) and item.stored:
             stored[item.node] = max(stored.get(item.node, 0), item.height)
         elif isinstance(item, NodeRestored):
+            put_back[item.node] = (item.at_ms, stored.get(item.node, 0))
             stored[item.node] = min(stored.get(item.node, 0), item.height)
         elif isinstance(item, NodeStarted):
             before = stored.get(item.node, 0)
@@ -26,7 +31,8 @@ def check_durability(history: History) -> list[Violation]:
                 stored[item.node] = item.height
         elif isinstance(item, Acknowledged):
             highest_told = max(highest_told, item.height)
-            if item.height > stored.get(item.node, 0):
+            at_ms, before = put_back.get(item.node, (-1.0, 0))
+            if item.height > (before if item.at_ms < at_ms else stored.get(item.node, 0)):
                 text = f"a client was told of block {item.height} before it was safe"
                 found.append(Violation("durability", item.at_ms, item.node, text))
     for ended in history.of(Ended):
