@@ -42,8 +42,8 @@ class Core(Hearing):
 
     def _dispatch(self, event: Event) -> None:  # noqa: PLR0912 - one line for each event
         match event:
-            case events.VoteReceived(vote=vote):
-                self._on_vote(vote)
+            case events.VoteReceived(vote=vote, sender=sender):
+                self._on_vote(vote, sender)
             case events.ProposalReceived(proposal=proposal, sender=sender):
                 self._on_proposal(proposal, sender)
             case events.BlockExecuted():
@@ -98,6 +98,8 @@ class Core(Hearing):
         """R13: say again what was said, byte for byte, and execute the journal's blocks."""
         self._effects += self._pacemaker.heartbeat()
         self._effects += self._voter.returning.begin(self._now_ms)
+        if self._voter.has_left and self.silence is not None:
+            self._effects.append(effects.SilenceChanged(*self.silence))
         self._doubt_own_memory()
         self._effects += [effects.Broadcast(message) for message in self._last_words()]
         last_vote, last_timeout = self._voter.last_vote, self._voter.last_timeout
@@ -189,7 +191,7 @@ class Core(Hearing):
     # Proposals and blocks
 
     def _on_proposal(self, proposal: Proposal, sender: int | None) -> None:
-        node = self._add_block(proposal.block)
+        node = self._add_block(proposal.block, sender)
         if node is not None:
             self._pacemaker.note_word_of(node.header.producer)
             self._confront(node.header.round)
@@ -201,18 +203,18 @@ class Core(Hearing):
         for block in reversed(blocks):
             self._add_block(block)
 
-    def _add_block(self, block: Block) -> BlockNode | None:
+    def _add_block(self, block: Block, sender: int | None = None) -> BlockNode | None:
         """Check a block and put it into the tree if it has room there; return it if it is genuine and not known."""
         try:
             node = make_node(block, self._now_ms)
         except BlockRobotError:
             return None
-        self._hear_proposal(block, node.header, node.block_id)
+        self._hear_proposal(block, node.header, node.block_id, sender)
         self._check_fork(node)
         is_old = node.header.round < self._tree.root_round
         if not is_old and not self._tree.may_add(node.block_id, node.header):
             return None
-        if not self._genuine.of_block(block, node.header):
+        if not self._is_genuine_block(block, node.header, node.block_id):
             return None
         self._use_qc(node.header.qc)
         self._accept_tc(node.header.tc)
@@ -301,17 +303,19 @@ class Core(Hearing):
         self._effects += words
         self._count_vote(vote)
 
-    def _on_vote(self, vote: Vote) -> None:
+    def _on_vote(self, vote: Vote, sender: int | None) -> None:
         if vote.epoch != self.epoch or not self._genuine.has_producer(vote.index):
             return
-        self._hear_vote(vote)
+        self._hear_vote(vote, sender)
+        is_late = vote.round <= self.high_qc.round
+        is_stale = is_late and 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS
+        is_near = not is_late and vote.round <= self.round + VOTE_ROUNDS_AHEAD_MAX_COUNT
+        counts = is_near and not self._votes.has(vote)
+        is_genuine = (is_stale or counts) and self._is_genuine_vote(vote)
         self._confront(vote.round)
-        if vote.round <= self.high_qc.round:
-            if 0 <= vote.round < self.round - _LATE_VOTE_ROUNDS and self._genuine.of_vote(vote):
-                self._answer_stale(vote.index, always=False)
-            return
-        is_near = vote.round <= self.round + VOTE_ROUNDS_AHEAD_MAX_COUNT
-        if is_near and not self._votes.has(vote) and self._genuine.of_vote(vote):
+        if is_genuine and is_stale:
+            self._answer_stale(vote.index, always=False)
+        elif is_genuine:
             self._pacemaker.note_word_of(vote.index)
             self._count_vote(vote)
 

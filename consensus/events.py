@@ -26,10 +26,11 @@ class ProposalReceived:
 
 @dataclass(frozen=True, slots=True)
 class VoteReceived:
-    """A peer's vote."""
+    """A peer's vote. `sender` is the producer index behind the authenticated connection, or None."""
 
     vote: Vote
     now_ms: int
+    sender: int | None = None
 
 
 @dataclass(frozen=True, slots=True)

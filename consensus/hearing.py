@@ -8,8 +8,8 @@ from __future__ import annotations
 from consensus.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.effects import Effect, EvidenceFound, Persist, SendTo
 from consensus.evidence import Evidence
-from consensus.journal_records import SilenceMark, encode_silence_record
-from consensus.messages import Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
+from consensus.journal_records import SILENCE_OUTDATED, SilenceMark, encode_silence_record
+from consensus.messages import SILENT, Proposal, Timeout, Vote, Word, WordsAnswer, WordsRequest
 from consensus.returning import SilenceReport
 from consensus.standing import Standing
 
@@ -20,15 +20,32 @@ class Hearing(Standing):
     @property
     def silence(self) -> SilenceReport | None:
         """Why this producer signs nothing, and until when; None if it may sign."""
+        if self._voter.has_left:
+            until = f"its ledger reaches epoch {self._voter.newest_epoch}, of which its journal speaks"
+            return SilenceReport(SILENCE_OUTDATED, until)
         return self._voter.returning.report
 
     # Words of all
 
-    def _hear_vote(self, vote: Vote) -> None:
-        self._note_evidence(self._witness.hear_vote(vote))
+    def _hear_vote(self, vote: Vote, sender: int | None) -> None:
+        self._note_evidence(self._witness.hear_vote(vote, sender))
 
-    def _hear_proposal(self, block: Block, header: Header, block_id: bytes) -> None:
-        self._note_evidence(self._witness.hear_proposal(block, header, block_id))
+    def _hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> None:
+        self._note_evidence(self._witness.hear_proposal(block, header, block_id, sender))
+
+    def _is_genuine_vote(self, vote: Vote) -> bool:
+        """Check a vote whatever the watch may look at; a genuine one is heard in any case (R31)."""
+        is_genuine = self._genuine.of_vote(vote)
+        if is_genuine:
+            self._note_evidence(self._witness.note_vote(vote))
+        return is_genuine
+
+    def _is_genuine_block(self, block: Block, header: Header, block_id: bytes) -> bool:
+        """Check a block whatever the watch may look at; a genuine one is heard in any case (R31)."""
+        is_genuine = self._genuine.of_block(block, header)
+        if is_genuine:
+            self._note_evidence(self._witness.note_proposal(block, header, block_id))
+        return is_genuine
 
     def _confront(self, round_number: int) -> None:
         """R39: whoever voted for another block of a round than the one held here is shown this one."""
@@ -56,10 +73,10 @@ class Hearing(Standing):
     # Words of this node's own
 
     def _doubt_own_memory(self) -> None:
-        """R34: a word of one's own that is newer than the journal comes from a life that was forgotten."""
-        word = self._witness.newest(self.index)
-        if word is not None and word.round > self._voter.last_voted_round:
-            self._doubt(word.round)
+        """R34: a word of one's own that the journal does not know comes from a life that was forgotten."""
+        for word in self._witness.take_own_words():
+            if not self._voter.remembers(word):
+                self._doubt(word.round)
 
     def _doubt(self, forgotten_round: int) -> None:
         returning = self._voter.returning
@@ -89,7 +106,7 @@ class Hearing(Standing):
         answer = WordsAnswer(
             epoch=self.epoch,
             asked_at_ms=request.asked_at_ms,
-            speech=self._voter.returning.speech,
+            speech=SILENT if self._voter.has_left else self._voter.returning.speech,
             signed_round=self._voter.last_voted_round,
             word=self._witness.newest(sender),
             qc=self.high_qc,

@@ -59,6 +59,9 @@ class JournalState:
     proposed_id: bytes | None = None
     silence: SilenceMark | None = None
     blocks: dict[bytes, Block] = field(default_factory=dict)
+    later: list[bytes] = field(default_factory=list)
+    """The records of later epochs, as they stand: the store is behind what this producer has said (R37)."""
+    newest_epoch: int = 0
 
 
 def encode_block_record(epoch: int, block: Block) -> bytes:
@@ -101,12 +104,18 @@ def encode_restored_record() -> bytes:
 
 
 def read_journal(records: Iterable[bytes], epoch: int) -> JournalState:
-    """Merge the records of `epoch`, in order; a silence lasts over epochs. Raises ENCODING_* for what is no record."""
-    state = JournalState()
+    """Merge the records of `epoch`, in order; a silence lasts over epochs. Raises ENCODING_* for what is no record.
+
+    Records of earlier epochs limit nothing (R24). Those of later ones are handed on for the core that they are meant for.
+    """
+    state = JournalState(newest_epoch=epoch)
     for data in records:
         record = decode(data, JournalRecord)
         if record.kind in (KIND_SILENCE, KIND_STATE):
             state.silence = record.silence
+        if record.epoch > epoch:
+            state.later.append(data)
+            state.newest_epoch = max(state.newest_epoch, record.epoch)
         if record.epoch != epoch:
             continue
         _merge(state, record)

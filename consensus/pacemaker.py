@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.effects import (
+    TIMER_ASK,
     TIMER_FETCH,
     TIMER_HEARTBEAT,
     TIMER_PROPOSE,
@@ -80,7 +81,7 @@ class Pacemaker:
         if self._is_stopped:
             return []
         self._is_stopped = True
-        kinds = (TIMER_ROUND, TIMER_RESEND, TIMER_HEARTBEAT, TIMER_PROPOSE, TIMER_FETCH)
+        kinds = (TIMER_ROUND, TIMER_RESEND, TIMER_HEARTBEAT, TIMER_PROPOSE, TIMER_FETCH, TIMER_ASK)
         return [CancelTimer(kind=kind) for kind in kinds]
 
     def fired(self, kind: str) -> None:

@@ -39,6 +39,7 @@ class Returning:
     ) -> None:
         """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36)."""
         self._epoch, self._retry_ms = schedule.epoch, base_timeout_ms
+        self._producers = frozenset(schedule.producers)
         self._tolerated = schedule.faults_tolerated
         self._is_alone = index is not None and len(schedule.producers) == 1
         self._has_others = index is not None and not self._is_alone
@@ -49,7 +50,7 @@ class Returning:
         self._willing: set[int] = set()
         self._silent: set[int] = set()
         self._signed_rounds: dict[int, int] = {}
-        self.mark = _carried(mark, schedule.epoch)
+        self.mark = _carried(mark, schedule.epoch, same_producers=False)
 
     @property
     def speech(self) -> str:
@@ -175,12 +176,19 @@ class Returning:
     def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int) -> Returning:
         """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again."""
         spoke = self._has_others and not self._is_asking
-        return Returning(schedule, index, base_timeout_ms, self.mark, asks=not spoke)
+        is_following = schedule.epoch == self._epoch + 1
+        same_producers = is_following and self._producers == frozenset(schedule.producers)
+        mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
+        return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke)
 
 
-def _carried(mark: SilenceMark | None, epoch: int) -> SilenceMark | None:
-    """R36: a silence that began in an earlier epoch lasts until a block above the first round of this one is final."""
+def _carried(mark: SilenceMark | None, epoch: int, *, same_producers: bool) -> SilenceMark | None:
+    """R36: a silence that began in an earlier epoch goes on in this one.
+
+    With the last rounds known it lasts until a block above the first round of this epoch is final, if those who told them
+    are the producers of both epochs; others might have led this producer farther than anybody told, so it asks again.
+    """
     if mark is None or mark.epoch >= epoch:
         return mark
-    above_round = None if mark.above_round is None else _FIRST_ROUND
-    return SilenceMark(reason=mark.reason, epoch=epoch, above_round=above_round)
+    is_bounded = same_producers and mark.above_round is not None
+    return SilenceMark(reason=mark.reason, epoch=epoch, above_round=_FIRST_ROUND if is_bounded else None)

@@ -23,8 +23,6 @@ from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.voter import Voter
 from consensus.witness import Witness
 
-_LATE_VOTE_ROUNDS = 2
-
 
 class Standing:
     """The state of one core, restored from the store's head and the journal."""
@@ -47,7 +45,8 @@ class Standing:
 
         `round_zero_id` is the block that round 0 of the epoch certifies: genesis, or the boundary before (R23).
         `journal` holds the records read back, in order. `before` is this process's core of the epoch before, if there
-        is one: who speaks in it need not ask (R36). Raises ENCODING_* for a record that is none.
+        is one: who speaks in it need not ask (R36), and what its journal knew of this epoch is said (R37). Raises
+        ENCODING_* for a record that is none.
         """
         if finalized_qc.epoch != schedule.epoch:
             raise AssertionError("the certificate of the finalized head is of another epoch")
@@ -59,7 +58,9 @@ class Standing:
         self._timeouts = TimeoutCollector(schedule.quorum)
         self._pacemaker = Pacemaker(settings, schedule)
         self._leading = Leading(settings, self._pacemaker)
-        restored = read_journal(journal, schedule.epoch)
+        kept = [] if before is None else before._later_records
+        restored = read_journal([*kept, *journal], schedule.epoch)
+        self._later_records: list[bytes] = restored.later
         self._voter = Voter(settings, chain_id, schedule, key, restored)
         if before is not None:
             returning = before._voter.returning
@@ -198,7 +199,9 @@ class Standing:
 
     def journal_snapshot(self) -> tuple[bytes, ...]:
         """Return the fewest records that say what the journal must say now; they replace it whole."""
-        return self._voter.snapshot(list(self._tree.nodes.values()), self.high_qc, self.entered_by)
+        blocks = [*self._tree.nodes.values(), *self._tree.orphans.values()]
+        own = self._voter.snapshot(blocks, self.high_qc, self.entered_by)
+        return (*self._later_records, *own)  # the own ones last: the last word about a silence is theirs
 
     def _certified_branch(self) -> list[BlockNode] | None:
         """Return the certified blocks above the finalized head, oldest first; None while some are missing."""

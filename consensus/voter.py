@@ -39,6 +39,7 @@ class Voter:
         self.last_vote = restored.vote
         self.last_timeout = restored.timeout
         self.proposed_id = restored.proposed_id
+        self.newest_epoch = restored.newest_epoch
         self.returning = Returning(schedule, self.index, settings.base_timeout_ms, restored.silence)
         self.has_ended = False
 
@@ -49,16 +50,27 @@ class Voter:
     @property
     def _is_barred(self) -> bool:
         """True if this producer may sign nothing: its epoch is over (R22), its disk is behind (R12), it forgot (R33)."""
-        return self.has_ended or self.journalist.is_behind or self.returning.bars
+        return self.has_ended or self.has_left or self.journalist.is_behind or self.returning.bars
+
+    @property
+    def has_left(self) -> bool:
+        """R22, R37: true if the journal speaks of a later epoch: this one is over for the producer, whatever it stored."""
+        return self.index is not None and self.newest_epoch > self._epoch
 
     def remembers(self, word: Word) -> bool:
-        """R34: tell whether this producer knows that it said this, or said something in a later round."""
+        """R34: tell whether this producer knows that it said this, or said something in a later round.
+
+        If it said nothing in the last voted round, that is where its last silence ended: whatever it said there lies
+        below the block that ended it (R35).
+        """
         if word.round != self.last_voted_round:
             return word.round < self.last_voted_round
-        if word.kind == WORD_TIMEOUT:
-            return self.has_timed_out(word.round)
-        vote = self.last_vote
-        return vote is not None and (vote.round, vote.block_id) == (word.round, word.block_id)
+        vote, timeout = self.last_vote, self.last_timeout
+        voted_id = vote.block_id if vote is not None and vote.round == word.round else None
+        given_up = timeout.qc.round if timeout is not None and timeout.round == word.round else None
+        if voted_id is None and given_up is None:
+            return True
+        return given_up == word.qc_round if word.kind == WORD_TIMEOUT else voted_id == word.block_id
 
     def has_timed_out(self, round_number: int) -> bool:
         """Tell whether this producer gave the round up."""

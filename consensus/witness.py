@@ -8,7 +8,7 @@ when it comes back without its memory (R33).
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from consensus.block import Block, Header, QuorumCertificate, TimeoutCertificate
 from consensus.evidence import Evidence, is_genuine_word, make_evidence
@@ -28,7 +28,8 @@ class _Heard:
     signature: bytes = b""
     is_accused: bool = False
     is_confronted: bool = False
-    checks_count: int = 0
+    failed_counts: dict[int | None, int] = field(default_factory=dict)
+    """How many forgeries each sender (an index, None for all that are no producers) sent under this name."""
 
 
 class Witness:
@@ -39,6 +40,7 @@ class Witness:
         self._round = 1
         self._rounds: dict[int, dict[tuple[str, int], _Heard]] = {}
         self._newest: dict[int, Word] = {}
+        self._own_words: list[Word] = []
 
     def enter(self, round_number: int) -> None:
         """The node is in this round: forget what is far below it."""
@@ -51,25 +53,35 @@ class Witness:
         """Return the newest genuine word heard of a producer in this epoch."""
         return None if index is None else self._newest.get(index)
 
+    def take_own_words(self) -> list[Word]:
+        """Return the node's own words that were heard since this was last asked (R34)."""
+        words, self._own_words = self._own_words, []
+        return words
+
     # Words that might not be genuine
 
-    def hear_vote(self, vote: Vote) -> list[Evidence]:
-        """Take a vote with an index of the schedule; its signature is looked at only if it says something new."""
-        return self._hear(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
+    def hear_vote(self, vote: Vote, sender: int | None) -> list[Evidence]:
+        """Take a vote with an index of the schedule; its signature is looked at only if it says something new.
 
-    def hear_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
+        `sender` is the producer behind the authenticated connection: nobody's forgeries count against another (R31).
+        """
+        return self._hear(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature, sender)
+
+    def hear_proposal(self, block: Block, header: Header, block_id: bytes, sender: int | None) -> list[Evidence]:
         """Take a block of this chain as its leader's word; the body and the certificates do not matter here."""
         if header.epoch != self._schedule.epoch or not 0 <= header.producer < len(self._schedule.producers):
             return []
-        return self._hear(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
+        return self._hear(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature, sender)
 
-    def _hear(self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes) -> list[Evidence]:
+    def _hear(
+        self, kind: str, round_number: int, index: int, block_id: bytes, signature: bytes, sender: int | None
+    ) -> list[Evidence]:
         if abs(round_number - self._round) > EVIDENCE_ROUNDS_KEPT_COUNT:
             return []
         heard = self._heard(kind, round_number, index)
-        if heard.block_id == block_id or heard.is_accused or heard.checks_count >= WORD_CHECKS_MAX_COUNT:
+        failed_count = heard.failed_counts.get(sender, 0)
+        if heard.block_id == block_id or heard.is_accused or failed_count >= WORD_CHECKS_MAX_COUNT:
             return []
-        heard.checks_count += 1
         is_genuine = is_genuine_word(
             kind,
             self._chain_id,
@@ -80,7 +92,10 @@ class Witness:
             signature=signature,
             check=self._check,
         )
-        return self._note(kind, round_number, index, block_id, signature) if is_genuine else []
+        if is_genuine:
+            return self._note(kind, round_number, index, block_id, signature)
+        heard.failed_counts[sender] = failed_count + 1
+        return []
 
     def _heard(self, kind: str, round_number: int, index: int) -> _Heard:
         """Return what was heard of a kind, round and producer, an empty note if nothing was."""
@@ -107,6 +122,14 @@ class Witness:
         return held.block_id, named
 
     # Genuine words
+
+    def note_vote(self, vote: Vote) -> list[Evidence]:
+        """A vote that was found genuine elsewhere: it costs no check."""
+        return self._note(WORD_VOTE, vote.round, vote.index, vote.block_id, vote.signature)
+
+    def note_proposal(self, block: Block, header: Header, block_id: bytes) -> list[Evidence]:
+        """A block that was found genuine elsewhere: it costs no check."""
+        return self._note(WORD_PROPOSAL, header.round, header.producer, block_id, block.signature)
 
     def note_timeout(self, timeout: Timeout) -> None:
         """A genuine timeout."""
@@ -155,12 +178,18 @@ class Witness:
         self, kind: str, round_number: int, index: int, block_id: bytes, qc_round: int, signature: bytes
     ) -> None:
         known = self._newest.get(index)
-        if known is None or (round_number, _RANK[kind]) > (known.round, _RANK[known.kind]):
-            self._newest[index] = Word(
-                kind=kind,
-                epoch=self._schedule.epoch,
-                round=round_number,
-                block_id=block_id,
-                qc_round=qc_round,
-                signature=signature,
-            )
+        is_newer = known is None or (round_number, _RANK[kind]) > (known.round, _RANK[known.kind])
+        if not is_newer and index != self._own_index:
+            return
+        word = Word(
+            kind=kind,
+            epoch=self._schedule.epoch,
+            round=round_number,
+            block_id=block_id,
+            qc_round=qc_round,
+            signature=signature,
+        )
+        if is_newer:
+            self._newest[index] = word
+        if index == self._own_index:
+            self._own_words.append(word)

@@ -221,6 +221,7 @@ def test_at_the_end_all_timers_stop():
         "heartbeat",
         "propose",
         "fetch",
+        "ask",
     }
 
 

@@ -20,14 +20,14 @@ PEERS = Peers()
 ONE, OTHER = PEERS.block(1), PEERS.block(1, transactions=(TRANSACTION,))
 
 
-def hear(node, *words):
-    """Give the node votes and blocks; return the evidence that it finds."""
+def hear(node, *words, sender=None):
+    """Give the node votes and blocks, all from one sender; return the evidence that it finds."""
     found = []
     for word in words:
         if hasattr(word, "index"):
-            event = VoteReceived(vote=word, now_ms=NOW_MS)
+            event = VoteReceived(vote=word, now_ms=NOW_MS, sender=sender)
         else:
-            event = ProposalReceived(proposal=Proposal(block=word), sender=None, now_ms=NOW_MS)
+            event = ProposalReceived(proposal=Proposal(block=word), sender=sender, now_ms=NOW_MS)
         found += [effect.evidence for effect in of_type(node.handle(event), EvidenceFound)]
     return found
 
@@ -138,6 +138,46 @@ def test_an_extra_signature_is_looked_at_no_more_than_so_often():
     for number in range(10 * WORD_CHECKS_MAX_COUNT):
         hear(node, msgspec.structs.replace(PEERS.vote(0, OTHER), signature=bytes([number]) * 64))
     assert 0 < len(checks) <= WORD_CHECKS_MAX_COUNT
+
+
+def forged(word, count=10 * WORD_CHECKS_MAX_COUNT):
+    """Words of which no signature is genuine, each about another block."""
+    if isinstance(word, Vote):
+        return [msgspec.structs.replace(word, block_id=bytes([n]) * 32, signature=bytes(64)) for n in range(count)]
+    blocks = [PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(count)]
+    return [msgspec.structs.replace(block, signature=bytes(64)) for block in blocks]
+
+
+@pytest.mark.parametrize("word", [PEERS.vote(0, ONE), ONE])
+def test_forgeries_of_one_sender_hide_nothing_that_others_send(word):
+    """R31: who sends rubbish, in his own name or another's, uses up what is looked at of himself only."""
+    node = OneCore()
+    other = PEERS.vote(0, OTHER) if isinstance(word, Vote) else OTHER
+    for sender in (0, None):
+        assert hear(node, *forged(word), sender=sender) == []
+    found = hear(node, word, sender=1) + hear(node, other, sender=2)
+    assert found == [evidence_of_votes() if isinstance(word, Vote) else evidence_of_proposals()]
+
+
+def test_a_liar_that_hides_its_vote_behind_rubbish_is_found_out_by_the_certificate_of_the_other_one():
+    """R30, R31: its vote counts here, so it was checked in any case: then it is remembered too."""
+    node = OneCore()
+    hear(node, *forged(PEERS.vote(0, ONE)), PEERS.vote(0, OTHER), sender=0)
+    found = [effect.evidence for effect in of_type(node.notice(PEERS.qc(ONE)), EvidenceFound)]
+    assert found == [evidence_of_votes()]
+
+
+def test_a_leader_that_hides_its_twin_behind_rubbish_is_found_out_by_the_other_one():
+    node = OneCore()
+    hear(node, *forged(ONE), ONE, sender=1)
+    assert hear(node, OTHER, sender=2) == [evidence_of_proposals()]
+
+
+def test_words_that_are_genuine_use_nothing_up():
+    node = OneCore()
+    for block in (ONE, *[PEERS.block(1, timestamp_ms=NOW_MS + 1 + n) for n in range(WORD_CHECKS_MAX_COUNT)]):
+        hear(node, PEERS.vote(0, block), sender=0)
+    assert node.core._witness._rounds[1]["vote", 0].failed_counts == {}
 
 
 def test_words_far_from_the_round_are_not_remembered():

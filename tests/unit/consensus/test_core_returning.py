@@ -7,7 +7,13 @@ import pytest
 from consensus.core import Core
 from consensus.effects import TIMER_ASK, Broadcast, CancelTimer, Persist, SendTo, SetTimer, SilenceChanged
 from consensus.events import PeerConnected, Started, WordsAnswered, WordsAsked
-from consensus.journal_records import SilenceMark, encode_restored_record, read_journal
+from consensus.journal_records import (
+    JournalRecord,
+    SilenceMark,
+    encode_restored_record,
+    encode_silence_record,
+    read_journal,
+)
 from consensus.messages import (
     ASKING,
     SILENT,
@@ -19,6 +25,7 @@ from consensus.messages import (
     WordsAnswer,
     WordsRequest,
 )
+from consensus.primitives.encoding import decode
 from consensus.schedule import Schedule
 from tests.sim.named_chain import CHAIN_ID
 from tests.unit.consensus.one_core import CHECK, GENESIS_QC, NOW_MS, TRANSACTION, OneCore, Peers, of_type, said, told
@@ -218,6 +225,48 @@ def test_ones_own_word_in_a_certificate_or_block_is_as_good_as_told():
     assert node.core.silence.reason == "outdated"
 
 
+def test_another_word_of_the_journals_last_round_silences_its_producer_wherever_it_is_found():
+    """R34: told in an answer, alone, or in a certificate: with any other id of that round something was forgotten."""
+    three = OneCore()
+    three.receive(ONE)
+    other = OneCore(journal=three.journal)
+    other.vote_from(3, OTHER)
+    assert other.core.silence.reason == "outdated"
+    certified = OneCore(journal=three.journal)
+    certified.notice(PEERS.qc(OTHER, (0, 1, 3)))
+    assert certified.core.silence.reason == "outdated"
+    given_up = OneCore(journal=three.journal)
+    given_up.notice(GENESIS_QC, PEERS.tc(1, 0, signers=(0, 1, 3)))
+    assert given_up.core.silence.reason == "outdated"
+    known = OneCore(journal=three.journal)
+    known.vote_from(3, ONE)
+    known.notice(PEERS.qc(ONE, (0, 1, 3)))
+    assert known.core.silence is None
+
+
+def test_a_forgotten_timeout_with_another_qc_is_another_word():
+    node = OneCore()
+    node.work()
+    (timeout,) = said(node.fire("round"), Timeout)
+    again = OneCore(journal=node.journal)
+    qc = PEERS.qc(ONE)
+    two = Word("timeout", 0, timeout.round, b"", 0, timeout.signature)
+    assert again.core._voter.remembers(two)
+    assert not again.core._voter.remembers(Word("timeout", 0, timeout.round, b"", qc.round, bytes(64)))
+
+
+def test_what_was_said_where_a_silence_ended_does_not_begin_another_one():
+    """R35: it may have signed in round 3, the last of those that it waited out; a word from there is no news."""
+    node = OneCore(6, count=7, journal=[RESTORED], answered=False)
+    for peer in range(5):
+        node.answer_from(peer, signed_round=1, qc=node.qc(node.block(1)))
+    finalize(node, 1, 4)
+    assert node.core.silence is None
+    assert node.core.last_voted_round == 2
+    node.vote_from(6, node.chain(1, 2)[1])
+    assert node.core.silence is None
+
+
 def test_a_restored_producer_is_silent_until_a_block_above_all_that_it_can_have_signed_is_final():
     """R35: the others signed in round 2 at most, so it signed in round 3 at most: it waits for a block above that."""
     node = OneCore(6, count=7, journal=[RESTORED], answered=False)
@@ -301,8 +350,8 @@ def test_a_lone_producer_that_was_restored_goes_on_above_what_its_ledger_proves(
 # From epoch to epoch
 
 
-def core_of_next_epoch(node, before):
-    schedule = Schedule(1, node.schedule.producers)
+def core_of_next_epoch(node, before, producers=None):
+    schedule = Schedule(1, producers or node.schedule.producers)
     return Core(
         node.settings,
         CHAIN_ID,
@@ -335,6 +384,68 @@ def test_a_silence_lasts_into_the_next_epoch():
     assert read_journal(known.journal_snapshot(), 1).silence == SilenceMark("restored", 1, 1)
     known.handle(Started(now_ms=NOW_MS))
     assert known.silence.reason == "restored"
+
+
+def test_other_producers_are_asked_anew_how_far_they_are():
+    """R36: those who told R need not be in the quorum that led this producer on, and know nothing of it then."""
+    node = OneCore(journal=[RESTORED], answered=False)
+    for peer in range(3):
+        node.answer_from(peer)
+    keys = Peers(8).schedule.producers
+    for producers in (keys[3:7], keys[1:5], keys[:7]):
+        other = core_of_next_epoch(node, node.core, producers)
+        assert read_journal(other.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+        assert said(other.handle(Started(now_ms=NOW_MS)), WordsRequest)
+    again = core_of_next_epoch(node, node.core, tuple(reversed(keys[:4])))
+    assert read_journal(again.journal_snapshot(), 1).silence == SilenceMark("restored", 1, 1)
+
+
+def test_after_a_restart_nobody_knows_who_the_producers_of_the_mark_were():
+    mark = encode_silence_record(0, 0, SilenceMark("restored", 0, 7))
+    node = OneCore(journal=[mark], epoch=1, root=ONE)
+    assert read_journal(node.core.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
+
+
+# A ledger that is behind the journal
+
+
+def words_of_epoch_one():
+    """The journal of a producer that voted in round 1 of epoch 1, and that vote."""
+    node = OneCore(epoch=1, root=ONE)
+    block = node.block(1)
+    return node.journal, said(node.receive(block), Vote)[0]
+
+
+def test_a_ledger_that_was_put_back_does_not_make_the_journal_forget_a_later_epoch():
+    """R37: the records of epoch 1 are kept while the store is in epoch 0, over every rewrite, and then stand again."""
+    journal, vote = words_of_epoch_one()
+    node = OneCore(journal=journal)
+    for before in (node, OneCore(journal=list(node.core.journal_snapshot()))):
+        after = core_of_next_epoch(before, before.core)
+        assert after.last_voted_round == 1
+        assert read_journal(after.journal_snapshot(), 1).vote == vote
+        assert all(decode(record, JournalRecord).epoch == 1 for record in after.journal_snapshot())
+
+
+def test_in_an_epoch_that_its_journal_has_left_a_producer_signs_nothing():
+    """R22: it went on only because the boundary was final; what it said before that is gone with the old journal."""
+    node = OneCore(journal=words_of_epoch_one()[0])
+    assert said(node.receive(ONE), Vote) == []
+    node.work()
+    assert said(node.fire("round"), Timeout) == []
+    assert "epoch 1" in node.core.silence.until
+    assert SilenceChanged(*node.core.silence) in node.started
+    request = WordsRequest(epoch=0, asked_at_ms=5)
+    (answer,) = told(node.handle(WordsAsked(request=request, sender=1, now_ms=NOW_MS)), 1, WordsAnswer)
+    assert answer.speech == SILENT
+
+
+def test_a_silence_begun_while_the_ledger_is_behind_outlasts_what_the_later_records_say_of_it():
+    journal, _ = words_of_epoch_one()
+    node = OneCore(journal=[*journal, RESTORED], answered=False)
+    assert read_journal(node.core.journal_snapshot(), 0).silence == SilenceMark("restored", 0, None)
+    after = core_of_next_epoch(node, node.core)
+    assert read_journal(after.journal_snapshot(), 1).silence == SilenceMark("restored", 1, None)
 
 
 def test_the_mark_in_an_old_journal_is_read_in_every_later_epoch():
