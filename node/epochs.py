@@ -28,8 +28,8 @@ from node.storage.ledger_store import LedgerSnapshot, LedgerStore
 
 HANDOVER_TRIES_MAX_COUNT = 120
 ANSWER_INTERVAL_MS = 100
-KEPT_WORDS_MAX_COUNT = 256
-KEPT_WORDS_MAX_BYTES = 8 * 1024 * 1024
+KEPT_WORDS_OF_PEER_MAX_COUNT = 64
+KEPT_WORDS_OF_PEER_MAX_BYTES = 2 * 1024 * 1024
 
 log = structlog.get_logger(__name__)
 
@@ -124,18 +124,19 @@ class Handover:
         self._tries_left = 0
         self._timer: asyncio.TimerHandle | None = None
         self._answered: dict[str, float] = {}
-        self._kept: deque[tuple[str, FrameKind, bytes]] = deque()
-        self._kept_bytes = 0
+        self._heard: set[str] = set()
+        self._kept: dict[str, deque[tuple[FrameKind, bytes]]] = {}
 
     def begin(self, start: EpochStart, producers: Iterable[str]) -> list[tuple[str, FrameKind, bytes]]:
         """A new epoch began here: tell its producers until each has spoken in it; return the words kept for it."""
         self.start = start
         self._answered.clear()
+        self._heard.clear()
         self._silent = set(producers)
         self._tries_left = HANDOVER_TRIES_MAX_COUNT
         self._tell()
-        kept, self._kept, self._kept_bytes = list(self._kept), deque(), 0
-        return kept
+        kept, self._kept = self._kept, {}
+        return [(peer, kind, payload) for peer, words in kept.items() for kind, payload in words]
 
     def stop(self) -> None:
         """Stop telling."""
@@ -143,9 +144,16 @@ class Handover:
             self._timer.cancel()
             self._timer = None
 
-    def note_word(self, peer: str) -> None:
-        """A peer spoke in this epoch, or says that it has reached it."""
+    def note_word(self, peer: str) -> bool:
+        """A peer spoke in this epoch, or says that it has reached it; tell whether it is the first time (R25)."""
         self._silent.discard(peer)
+        is_first = peer not in self._heard
+        self._heard.add(peer)
+        return is_first
+
+    def forget(self, peer: str) -> None:
+        """A peer is gone; who comes back, comes back from anywhere. What it said of the next epoch still counts."""
+        self._heard.discard(peer)
 
     @property
     def silent(self) -> frozenset[str]:
@@ -174,8 +182,9 @@ class Handover:
         return self._send(peer, FrameKind.EPOCH, proof)
 
     def keep(self, peer: str, kind: FrameKind, payload: bytes) -> None:
-        """Keep a word of the next epoch until it begins here; the oldest make room."""
-        self._kept.append((peer, kind, payload))
-        self._kept_bytes += len(payload)
-        while len(self._kept) > KEPT_WORDS_MAX_COUNT or self._kept_bytes > KEPT_WORDS_MAX_BYTES:
-            self._kept_bytes -= len(self._kept.popleft()[2])
+        """Keep a word of the next epoch until it begins here; the oldest ones of the same peer make room."""
+        words = self._kept.setdefault(peer, deque())
+        words.append((kind, payload))
+        size_bytes = sum(len(word) for _, word in words)
+        while len(words) > KEPT_WORDS_OF_PEER_MAX_COUNT or size_bytes > KEPT_WORDS_OF_PEER_MAX_BYTES:
+            size_bytes -= len(words.popleft()[1])

@@ -102,6 +102,7 @@ class LedgerWriter:
         self._idle = asyncio.Event()
         self._idle.set()
         self._failed = False
+        self._is_broken = False
         self._task: asyncio.Task[None] | None = None
         self._milestone = 0
         self._on_milestone: Callable[[LedgerSnapshot], None] | None = None
@@ -125,16 +126,18 @@ class LedgerWriter:
     ) -> None:
         """Begin to write. `between_events` runs an action when nothing is being executed: there listeners are called.
 
-        `on_failure` hears of the first refusal, `on_recovery` of the end of it.
+        `on_failure` hears of the first refusal, `on_recovery` of the end of it. After an error that nobody foresaw there
+        is no recovery: what is stored and what is known may differ then, and a restart begins from what is stored.
         """
         self._on_failure, self._on_recovery, self._between_events = on_failure, on_recovery, between_events
         self._task = asyncio.get_running_loop().create_task(self._run(), name="ledger-writer")
+        self._task.add_done_callback(self._end)
 
     async def stop(self) -> None:
         """Write what waits (unless the store refuses it), then stop."""
         if self._task is None:
             return
-        if not self._failed:
+        if not self._failed and not self._task.done():
             await self._idle.wait()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
@@ -160,11 +163,32 @@ class LedgerWriter:
                 blocks = [block for block, _ in batch]
                 position = await self._commit(batch)
                 del self._waiting[: len(batch)]
-                if self._on_milestone is not None and position.height % self._milestone == 0:
-                    self._on_milestone(self._ledger.snapshot())
+                self._pass_milestone(position.height)
                 if not self._waiting:
                     self._idle.set()
                 self._between_events(partial(self._publish, blocks, batch[-1][1], position))
+
+    def _pass_milestone(self, height: int) -> None:
+        """What is done at a milestone is for others: blocks are stored whether it can be done or not."""
+        if self._on_milestone is None or height % self._milestone != 0:
+            return
+        try:
+            self._on_milestone(self._ledger.snapshot())
+        except BlockRobotError as error:
+            log.error("milestone_failed", height=height, code=error.code, detail=error.detail)
+
+    def _end(self, task: asyncio.Task[None]) -> None:
+        """The writer ended by itself: nothing is stored any more, so nothing may be signed any more."""
+        error = None if task.cancelled() else task.exception()
+        if error is not None:
+            self._idle.set()
+            self._break(error)
+
+    def _break(self, error: BaseException) -> None:
+        log.critical("ledger_writer_broken", exc_info=error)
+        if not self._is_broken:
+            self._is_broken = True
+            self._on_failure(f"What was finalized cannot be stored or told: {type(error).__name__}. Restart the node.")
 
     async def _commit(self, batch: list[tuple[ExecutedBlock, FinalityProof]]) -> Position:
         """Store a batch, as soon as the store takes it."""
@@ -184,12 +208,17 @@ class LedgerWriter:
             if self._failed:
                 self._failed = False
                 log.warning("ledger_recovered", height=position.height)
-                self._on_recovery()
+                if not self._is_broken:
+                    self._on_recovery()
             return position
 
     def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
-        for listener in self._listeners:
-            listener(blocks, proof, position)
+        """Tell everybody; may be called from anywhere in the node, so nothing is thrown there."""
+        try:
+            for listener in self._listeners:
+                listener(blocks, proof, position)
+        except Exception as error:  # noqa: BLE001 - whatever it is: some have heard of the blocks and some have not
+            self._break(error)
 
     def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
         """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs).

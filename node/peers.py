@@ -166,7 +166,7 @@ class Peers:
         """Pass a word of this epoch on to the core; answer a word of another one. Raises BlockRobotError."""
         event, epoch = self._event_of(peer, kind, payload)
         if epoch == self._epoch.number:
-            self._handover.note_word(peer)
+            self._note_word(peer)
             self._engine.submit(event)
         elif epoch < self._epoch.number:
             self._handover.answer(peer, epoch)
@@ -175,12 +175,18 @@ class Peers:
                 self._handover.keep(peer, kind, payload)
             self._follow_later(peer, epoch)
 
+    def _note_word(self, peer: str) -> None:
+        """R25: a producer that is first heard in this epoch may have missed what was said in it so far."""
+        index = self._indexes.get(peer)
+        if self._handover.note_word(peer) and index is not None:
+            self._engine.submit(PeerConnected(index=index, now_ms=self._clock()))
+
     def _event_of(self, peer: str, kind: FrameKind, payload: bytes) -> tuple[Event, int]:
         """Return the event that a word is, and its epoch. Raises ENCODING_*."""
         now_ms, sender = self._clock(), self._indexes.get(peer)
         if kind is FrameKind.VOTE:
             vote = decode(payload, Vote)
-            return VoteReceived(vote=vote, now_ms=now_ms), vote.epoch
+            return VoteReceived(vote=vote, now_ms=now_ms, sender=sender), vote.epoch
         if kind is FrameKind.PROPOSAL:
             proposal = decode(payload, Proposal)
             return ProposalReceived(proposal=proposal, sender=sender, now_ms=now_ms), proposal.block.header.epoch
@@ -221,7 +227,7 @@ class Peers:
         if notice.epoch < self._epoch.number:
             self._handover.answer(peer, notice.epoch)
         else:
-            self._handover.note_word(peer)
+            self._note_word(peer)
         if notice.epoch > self._epoch.number:
             self._follow_later(peer, notice.epoch)
         self._sync.note_height(peer, notice.finalized_height)
@@ -304,6 +310,7 @@ class Peers:
     def peer_disconnected(self, peer: str) -> None:
         """A peer is gone."""
         self._sync.forget(peer)
+        self._handover.forget(peer)
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery."""

@@ -222,6 +222,7 @@ class Synchroniser:
             except BlockRobotError as error:
                 log.warning("sync_failed", code=error.code, detail=error.detail)
             if self._writer.queued_height == reached:
+                self._has_proof = False  # what was proved is here; of what is still claimed nothing is
                 await asyncio.sleep(RETRY_MS / 1000)
         log.info("sync_finished", height=self._feed.height, blocks=self.blocks_installed_count)
 

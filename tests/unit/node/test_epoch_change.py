@@ -9,7 +9,8 @@ from consensus.block import EpochProof
 from consensus.journal_records import JournalRecord
 from consensus.primitives.encoding import decode, encode
 from contracts.execution.epochs import read_epoch
-from node.p2p.wire import FrameKind
+from node.p2p.wire import FrameKind, HeightNotice
+from node.storage.memory_store import MemoryStore
 from tests.unit.node.small_nodes import SmallNodes, make_genesis, producer_key
 from tests.virtual_time import run_virtual, virtual_now_ms
 
@@ -164,6 +165,62 @@ def test_the_chain_goes_on_under_load_with_a_short_gap_at_the_boundary() -> None
         await crowd.wait_epoch(3)
         times.sort()
         assert max(later - earlier for earlier, later in itertools.pairwise(times)) < 1_000
+        assert len(crowd.newest_common()) == 1
+        await crowd.stop()
+
+    run_virtual(story())
+
+
+def test_whoever_is_first_heard_in_an_epoch_is_greeted_with_the_last_words() -> None:
+    """R25: a proposal that came before its addressee had begun the epoch is lost; so it is said again."""
+
+    async def story() -> None:
+        crowd = SmallNodes(make_genesis(NAMES))
+        await crowd.start()
+        await _change(crowd)
+        await crowd.wait_epoch(1)
+        await asyncio.sleep(1)
+        node, links = crowd.nodes["a"], crowd.links["a"]
+        words = [encode(word) for word in node.core._last_words()]
+        node.peers._handover._heard.discard("d")
+        links.sent.clear()
+        for _ in range(2):
+            height = HeightNotice(finalized_height=node.feed.height, epoch=1)
+            links.handler.peer_frame("d", FrameKind.HEIGHT, encode(height))
+        greeting = [payload for peer, _, payload in links.sent if peer == "d"]
+        assert words
+        assert greeting == words
+        await crowd.stop()
+
+    run_virtual(story())
+
+
+def test_a_ledger_that_was_lost_comes_back_and_the_journal_has_forgotten_nothing() -> None:
+    """R37: the store begins at genesis again, the journal speaks of epoch 1: kept until epoch 1 is reached again."""
+
+    async def story() -> None:
+        crowd = SmallNodes(make_genesis(NAMES))
+        await crowd.start()
+        await _change(crowd)
+        await crowd.wait_epoch(1)
+        await _go_on(crowd, *NAMES)
+        said_round = crowd.nodes["d"].core.last_voted_round
+        assert said_round > 0
+        await crowd.stop()
+        journal = crowd.journals["d"]
+        crowd.ledgers["d"] = MemoryStore()
+        await crowd.start("d")
+        await asyncio.sleep(1)
+        lost = crowd.nodes["d"]
+        assert lost.core.epoch == 0
+        assert lost.core.silence is not None
+        assert "epoch 1" in lost.core.silence.until
+        lost.engine._recorder.rewrite()
+        assert max(decode(record, JournalRecord).epoch for _, record in journal.records) == 1
+        await crowd.start("a", "b", "c")
+        await crowd.wait_epoch(1, "d")
+        assert lost.core.last_voted_round >= said_round
+        await _go_on(crowd, "a", "d")
         assert len(crowd.newest_common()) == 1
         await crowd.stop()
 

@@ -1,4 +1,4 @@
-"""Where an epoch begins is read from the ledger, which must not tell of another epoch than the one asked for."""
+"""Where an epoch begins is read from the ledger, and no other's proof lets anybody in; who begins it helps the others."""
 
 from __future__ import annotations
 
@@ -6,7 +6,14 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.settings import ChainSettings, Epoch
-from node.epochs import read_start
+from node.epochs import (
+    KEPT_WORDS_OF_PEER_MAX_BYTES,
+    KEPT_WORDS_OF_PEER_MAX_COUNT,
+    Handover,
+    read_start,
+    start_of_genesis,
+)
+from node.p2p.wire import FrameKind
 from node.storage.memory_store import MemoryStore
 from tests.unit.node.hand_made_chain import KEYS
 from tests.unit.node.written_chain import WrittenChain
@@ -26,3 +33,39 @@ async def test_a_proof_of_another_epoch_in_the_place_of_the_one_asked_for_is_dam
     with store.snapshot() as snapshot, pytest.raises(BlockRobotError) as refused:
         read_start(snapshot, chain.genesis, 2)
     assert refused.value.code == "STORAGE_DAMAGED"
+
+
+def _handover() -> Handover:
+    start = start_of_genesis(WrittenChain().genesis)
+    return Handover(start=start, ledger=MemoryStore(), send=lambda *_: True)
+
+
+async def test_a_peer_is_heard_for_the_first_time_once_an_epoch_and_again_after_it_was_gone() -> None:
+    """R25."""
+    handover = _handover()
+    assert [handover.note_word("b"), handover.note_word("b"), handover.note_word("c")] == [True, False, True]
+    handover.forget("b")
+    assert [handover.note_word("b"), handover.note_word("c")] == [True, False]
+    handover.begin(handover.start, ["b", "c"])
+    assert handover.silent == {"b", "c"}
+    assert [handover.note_word("c"), handover.note_word("c")] == [True, False]
+    assert handover.silent == {"b"}
+    handover.stop()
+
+
+async def test_words_for_the_next_epoch_of_one_peer_take_no_room_of_another_one() -> None:
+    handover = _handover()
+    handover.keep("b", FrameKind.PROPOSAL, b"a proposal")
+    for number in range(2 * KEPT_WORDS_OF_PEER_MAX_COUNT):
+        handover.keep("liar", FrameKind.VOTE, number.to_bytes(2))
+    handover.keep("huge", FrameKind.PROPOSAL, bytes(KEPT_WORDS_OF_PEER_MAX_BYTES))
+    handover.keep("huge", FrameKind.PROPOSAL, b"small")
+    kept = handover.begin(handover.start, [])
+    assert kept[0] == ("b", FrameKind.PROPOSAL, b"a proposal")
+    newest = [payload for peer, _, payload in kept if peer == "liar"]
+    assert newest == [
+        number.to_bytes(2) for number in range(KEPT_WORDS_OF_PEER_MAX_COUNT, 2 * KEPT_WORDS_OF_PEER_MAX_COUNT)
+    ]
+    assert [payload for peer, _, payload in kept if peer == "huge"] == [b"small"]
+    assert handover.begin(handover.start, []) == []
+    handover.stop()

@@ -46,6 +46,9 @@ class SlowLedger:
             raise BlockRobotError("STORAGE_UNWRITABLE")
         return _position(blocks[-1].height)
 
+    def snapshot(self) -> str:
+        return "snapshot"
+
 
 def _start(ledger: SlowLedger) -> tuple[LedgerWriter, list[tuple[list[int], int]], list[str]]:
     writer = LedgerWriter(ledger)  # type: ignore[arg-type]
@@ -113,6 +116,65 @@ async def test_a_store_that_takes_no_more_stops_the_node_from_signing_and_tells_
     await writer.stop()
     assert told == []
     assert len(failures) == 1
+
+
+async def test_blocks_are_stored_and_told_though_nothing_can_be_made_of_a_milestone() -> None:
+    ledger = SlowLedger()
+    writer, told, failures = _start(ledger)
+    passed: list[object] = []
+
+    def refuse(snapshot: object) -> None:
+        passed.append(snapshot)
+        raise BlockRobotError("FILE_UNUSABLE")
+
+    writer.set_milestones(1, refuse)
+    ledger.may_commit.set()
+    for height in (1, 2):
+        writer.store([_block(height)], PROOF)
+        await _let_run()
+    await writer.stop()
+    assert passed == ["snapshot", "snapshot"]
+    assert (told, failures) == ([([1], 1), ([2], 2)], [])
+
+
+async def test_a_writer_that_ends_by_an_error_that_nobody_foresaw_stops_the_node_from_signing() -> None:
+    ledger = SlowLedger()
+    writer, told, failures = _start(ledger)
+
+    def fail(_snapshot: object) -> None:
+        raise RuntimeError("no more threads")
+
+    writer.set_milestones(1, fail)
+    ledger.may_commit.set()
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    assert len(failures) == 1
+    assert "RuntimeError" in failures[0]
+    async with asyncio.timeout(1):
+        await writer.stop()
+    assert told == []
+
+
+async def test_a_listener_that_fails_stops_the_node_from_signing_for_good() -> None:
+    """Some have heard of the blocks and some have not: a store that takes writes again does not make that good."""
+    ledger = SlowLedger()
+    writer, told, failures = _start(ledger)
+
+    def fail(*_: object) -> None:
+        raise AssertionError("not to be")
+
+    writer.add_listener(fail)
+    ledger.may_commit.set()
+    for height in (1, 2):
+        writer.store([_block(height)], PROOF)
+        await _let_run()
+    assert ["AssertionError" in reason for reason in failures] == [True]
+    assert told == [([1], 1), ([2], 2)]
+    writer._failed = True
+    writer.store([_block(3)], PROOF)
+    await _let_run()
+    assert "recovered" not in failures
+    await writer.stop()
 
 
 async def test_a_waiter_for_a_transaction_hears_of_it_and_one_that_expired_hears_so() -> None:

@@ -171,6 +171,29 @@ def test_a_peer_that_boasts_of_a_block_is_not_asked_for_it_again_and_again() -> 
     story(5, tell)
 
 
+def test_a_proved_gap_ends_with_its_last_block_whatever_a_peer_goes_on_to_claim() -> None:
+    """While a proved gap is being closed a node is not ready and leaves the newest blocks to sync: no claim keeps it so."""
+
+    async def tell(behind: Behind) -> None:
+        async def slow(request: FinalizedRequest) -> BlockBatch:
+            await asyncio.sleep(0.1)
+            return await behind.honest(request)
+
+        behind.peers = {"b": slow, "c": slow}
+        closing = []
+        for _ in range(100):
+            for peer in behind.peers:
+                behind.sync.note_height(peer, 1_000)
+            assert behind.sync.is_running
+            closing.append(behind.sync.closes_gap)
+            await asyncio.sleep(0.02)
+        behind.assert_equal_to(40)
+        assert any(closing)
+        assert not any(closing[-50:])
+
+    story(40, tell)
+
+
 def test_a_peer_that_changes_a_transaction_is_found_out_and_asked_no_more() -> None:
     async def tell(behind: Behind) -> None:
         async def lie(request: FinalizedRequest) -> BlockBatch:
