@@ -30,7 +30,7 @@ from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore,
 CLOCK_SLACK_MS = 60_000
 LAPSED_AT_ONCE_COUNT = 64
 FETCH_AT_ONCE_COUNT = 32
-SETTLED_AT_START_COUNT = 10_000
+MISSING_READ_COUNT = 10_000
 
 log = structlog.get_logger(__name__)
 
@@ -72,6 +72,7 @@ class Custodian:
         self._member = member
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
+        self._asked_for: set[bytes] = set()
 
     async def start(self) -> None:
         """Finish what a crash cut off: erasures first, then keys to which nothing refers. Call once, before serving."""
@@ -81,7 +82,7 @@ class Custodian:
         if orphans:
             log.info("custody_orphan_keys_destroyed", count=orphans)
         async with self._writing:
-            for facts in await self._store.missing(SETTLED_AT_START_COUNT):
+            for facts in await self._store.missing(MISSING_READ_COUNT):
                 await self._settle_missing(facts)
 
     # Uploads
@@ -340,9 +341,12 @@ class Custodian:
         return await self._keep(clip, [(frame.index, frame.ciphertext, frame.sealed_key) for frame in present])
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
-        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now."""
+        """Ask other custodians for missing clips, up to 32 of them; return how many are installed now.
+
+        Clips take turns, the newest first: those that nobody has keep no other from being asked for.
+        """
         installed = 0
-        for facts in await self._store.missing(FETCH_AT_ONCE_COUNT):
+        for facts in await self._choose_missing():
             for peer in peers:
                 try:
                     fetched = await peer.fetch(facts.record_id)
@@ -355,3 +359,13 @@ class Custodian:
                         raise
                     log.info("custody_fetch_refused", peer=peer.name, code=error.code)
         return installed
+
+    async def _choose_missing(self) -> list[RecordFacts]:
+        missing = await self._store.missing(MISSING_READ_COUNT)
+        due = [facts for facts in missing if facts.record_id not in self._asked_for]
+        if not due:
+            self._asked_for.clear()
+            due = missing
+        chosen = due[:FETCH_AT_ONCE_COUNT]
+        self._asked_for.update(facts.record_id for facts in chosen)
+        return chosen

@@ -6,6 +6,7 @@ import msgspec
 
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipDownload, FrameDownload
+from node.offchain.custodian import FETCH_AT_ONCE_COUNT
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -52,6 +53,22 @@ async def test_a_missed_upload_is_fetched_from_another_custodian(opened: House) 
     assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 0
     assert await opened.owed() == [("access.released", [ACCESS_ID, [clip.record_id]])]
     assert read_all(clip, await opened.custodian.export(clip.record_id)) == list(clip.plaintexts)
+
+
+async def test_clips_that_nobody_has_do_not_keep_older_ones_from_being_fetched(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    for _ in range(FETCH_AT_ONCE_COUNT + 1):
+        await opened.follow(recorded(record_clip()))
+    peer = Peer(held_by_peer(clip))
+    assert [await opened.custodian.fetch_missing([peer]) for _ in range(2)] == [0, 1]
+
+
+async def test_a_clip_that_nobody_had_is_asked_for_again(opened: House) -> None:
+    clip = record_clip()
+    await opened.follow(recorded(clip))
+    assert await opened.custodian.fetch_missing([Peer()]) == 0
+    assert await opened.custodian.fetch_missing([Peer(held_by_peer(clip))]) == 1
 
 
 async def test_a_false_clip_from_a_peer_is_not_installed(opened: House) -> None:
