@@ -14,7 +14,7 @@ from consensus.block import Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
-from network.sim.history import Acknowledged, CodeFault, Submitted, ValueRead
+from network.sim.history import Acknowledged, ClipTaken, CodeFault, Submitted, ValueRead
 from network.sim.plan import NetworkSize
 from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
 
@@ -122,6 +122,7 @@ class SimClient:
                 await custody.stage(upload, sender)
             except BlockRobotError:
                 return
+            self.cluster.history.add(ClipTaken(self.cluster.now, node.index, upload.record_id))
 
         self.cluster.run_on(node, stage)
 
@@ -159,7 +160,16 @@ class SimClient:
                 raise AssertionError("the ledger locates a transaction in a block that it does not hold")
             receipt = decode(receipts, Receipts).receipts[place.index]
             block_id = cluster.id_of(block)
-            told = Acknowledged(cluster.now, node.index, transaction.txid, place.height, block_id, receipt.ok)
+            told = Acknowledged(
+                at_ms=cluster.now,
+                node=node.index,
+                txid=transaction.txid,
+                height=place.height,
+                block_id=block_id,
+                ok=receipt.ok,
+                code=receipt.code,
+                excused=call.excused,
+            )
             self._travel(lambda: self._hear(node, told))
 
         cluster.run_on(node, submit)

@@ -125,7 +125,9 @@ class SimCluster:
         self.heal()
         goal = max(node.ledger_height for node in self.honest) + 2
         loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
-        loop.run_until(lambda: max(self.round, self._lowest()) >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
+        reached = loop.run_until(
+            lambda: max(self.round, self._lowest()) >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S
+        )
         for client in self.clients:
             client.is_stopping = True
         settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)
@@ -137,7 +139,7 @@ class SimCluster:
         loop.end(self.owners)
         for text in loop.faults:
             self.history.add(CodeFault(self.now, -1, text))
-        self.history.add(Ended(self.now, -1, heights, rounds, settled))
+        self.history.add(Ended(self.now, -1, heights, rounds, settled, reached))
 
     def _at(self, at_ms: float, action: Callable[[], None]) -> None:
         self.loop.call_for(self.loop.stage, at_ms / 1000, action)
@@ -154,16 +156,26 @@ class SimCluster:
         return min(node.ledger_height for node in self.honest)
 
     def _is_settled(self) -> bool:
-        """Tell whether nothing is left to do: all asked for is answered, all nodes and custodians have all blocks."""
+        """Tell whether nothing is left to do: all is answered, all nodes have all blocks, all custodians all clips."""
         if not all(client.is_idle for client in self.clients):
             return False
         heights = {node.ledger_height for node in self.honest}
-        return len(heights) == 1 and all(
-            node.parts is not None
-            and not len(node.parts.mempool)
-            and (node.parts.custody is None or node.parts.custody.checkpoint_height == node.ledger_height)
-            for node in self.honest
+        return (
+            len(heights) == 1
+            and all(
+                node.parts is not None
+                and not len(node.parts.mempool)
+                and (node.parts.custody is None or node.parts.custody.checkpoint_height == node.ledger_height)
+                for node in self.honest
+            )
+            and not self._clips_to_fetch()
         )
+
+    def _clips_to_fetch(self) -> set[bytes]:
+        """Return the records whose clip one honest custodian lacks and another has."""
+        held = [node.store.holdings() for node in self.honest if node.custody_key is not None]
+        lacking = {record_id for each in held for record_id in each.missing}
+        return lacking & {record_id for each in held for record_id in each.confirmed}
 
     # Faults
 
@@ -282,8 +294,9 @@ class SimCluster:
         self.wires.reconnect_all()
         height = max(node.handed_height for node in self.honest)
         indexes = tuple(node.index for node in self.honest)
-        epoch = max((node.parts.core.epoch for node in self.honest if node.parts is not None), default=0)
-        self.history.add(Healed(self.now, -1, height, epoch, self.round, indexes))
+        cores = [node.parts.core for node in self.honest if node.parts is not None]
+        epoch, newest = max(((core.epoch, core.round) for core in cores), default=(0, 0))
+        self.history.add(Healed(self.now, -1, height, epoch, newest, indexes))
 
 
 @contextmanager

@@ -103,12 +103,23 @@ class Submitted(Observation, frozen=True):
 
 
 class Acknowledged(Observation, frozen=True):
-    """A node told a client that a transaction is final, in this place."""
+    """A node told a client that a transaction is final, in this place, and what came of it.
+
+    `excused` are the codes with which such a call may fail, whatever nodes do: nothing else may come of it but success.
+    """
 
     txid: bytes
     height: int
     block_id: bytes
     ok: bool
+    code: str = "OK"
+    excused: tuple[str, ...] = ()
+
+
+class ClipTaken(Observation, frozen=True):
+    """A custodian told a robot that it has a clip."""
+
+    record_id: bytes
 
 
 class ValueRead(Observation, frozen=True):
@@ -146,7 +157,7 @@ class FaultBegan(Observation, frozen=True):
 
 
 class Healed(Observation, frozen=True):
-    """All faults are over; `height`, `epoch` and `round` are the highest of any honest node."""
+    """All faults are over; `height` is the highest of any honest node, `round` the highest of the newest `epoch`."""
 
     height: int
     epoch: int
@@ -155,11 +166,15 @@ class Healed(Observation, frozen=True):
 
 
 class Ended(Observation, frozen=True):
-    """The run is over; each node's stored height (-1: down)."""
+    """The run is over; each node's stored height and round (-1: down).
+
+    `settled`: all is answered, stored and kept everywhere. `reached`: so many rounds were played as were asked for.
+    """
 
     heights: tuple[int, ...]
     rounds: tuple[int, ...]
     settled: bool
+    reached: bool = True
 
 
 class ExecutionDiffered(Observation, frozen=True):

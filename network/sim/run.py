@@ -11,14 +11,17 @@ import msgspec
 
 from network.sim.checkers import CHECKERS, Violation
 from network.sim.cluster import SimCluster, quiet_logs
-from network.sim.history import BlockFinalized, Ended, History, Observation
+from network.sim.history import BlockFinalized, ClipTaken, CustodyAudit, Ended, History, Observation
 from network.sim.plan import Plan
 
 Mutation = Callable[[SimCluster], None]
 
 
 class RunResult(msgspec.Struct, frozen=True):
-    """What came of a run: `trace` is the hash of its history; times are CPU seconds."""
+    """What came of a run: `trace` is the hash of its history; times are CPU seconds.
+
+    `records_never_given` are those on the chain whose clip no custodian was given: nobody can have them.
+    """
 
     seed: int
     trace: str
@@ -29,6 +32,8 @@ class RunResult(msgspec.Struct, frozen=True):
     acknowledged: int
     virtual_ms: float
     cpu_s: float
+    records: int = 0
+    records_never_given: int = 0
 
     @property
     def ok(self) -> bool:
@@ -56,6 +61,7 @@ def run_with_history(
         cluster.run()
     violations = tuple(violation for check in CHECKERS.values() for violation in check(history))
     ended = history.of(Ended)[-1]
+    recorded = {record_id for audit in history.of(CustodyAudit) for record_id in audit.chain_recorded}
     result = RunResult(
         seed=plan.seed,
         trace=history.trace_hash,
@@ -66,6 +72,8 @@ def run_with_history(
         acknowledged=sum(client.acknowledged_count for client in cluster.clients),
         virtual_ms=ended.at_ms,
         cpu_s=time.process_time() - started_s,
+        records=len(recorded),
+        records_never_given=len(recorded - {taken.record_id for taken in history.of(ClipTaken)}),
     )
     return result, history
 

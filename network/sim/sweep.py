@@ -14,6 +14,7 @@ import msgspec
 
 from network.byzantine import BEHAVIOURS
 from network.sim.checkers import Violation
+from network.sim.history import Observation
 from network.sim.plan import Plan, make_plan
 from network.sim.run import RunResult, run_seed
 from network.sim.shrink import shrink_plan
@@ -40,6 +41,8 @@ class SweepResult:
     blocks: int = 0
     frames: int = 0
     acknowledged: int = 0
+    records: int = 0
+    records_never_given: int = 0
     virtual_s: float = 0.0
     cpu_s: float = 0.0
     elapsed_s: float = 0.0
@@ -53,6 +56,8 @@ class SweepResult:
         self.blocks += result.height
         self.frames += result.frames
         self.acknowledged += result.acknowledged
+        self.records += result.records
+        self.records_never_given += result.records_never_given
         self.virtual_s += result.virtual_ms / 1000
         self.cpu_s += result.cpu_s
         if not result.ok:
@@ -69,10 +74,10 @@ def plan_of(seed: int, nodes: int, rounds: int, byzantine: int) -> Plan:
     return make_plan(seed, nodes=nodes, rounds=rounds, byzantine=byzantine, behaviours=tuple(sorted(BEHAVIOURS)))
 
 
-def play(plan: Plan) -> RunResult:
+def play(plan: Plan, listener: Callable[[Observation], None] | None = None) -> RunResult:
     """Play one plan; an exception of the simulator itself is a violation too, so that no seed is passed over."""
     try:
-        return run_seed(plan)
+        return run_seed(plan, listener=listener)
     except Exception as error:  # noqa: BLE001 - reported with its seed
         place = traceback.extract_tb(error.__traceback__)[-1]
         text = f"{error!r} at {place.name}, line {place.lineno} of {place.filename}"

@@ -30,18 +30,22 @@ KEPT_LONG_MS = EPOCH_MS + 24 * 3600 * 1000
 RECORDS_A_VISIT = 3
 FRAMES_COUNT = 2
 PURPOSE = "demo"
+EXPIRED = "EXPIRY_WRONG"
+TOO_LATE = ("RECORD_UNKNOWN", "RECORD_ERASED")
 
 
 @dataclass(frozen=True)
 class Call:
     """One call: its transaction, and the clip that goes to the custodians with it.
 
-    With `seats` it is made only once so many producers have one.
+    With `seats` it is made only once so many producers have one. `excused` are the codes with which it may fail: a
+    record's time may be over before it is final.
     """
 
     transaction: Transaction
     upload: ClipUpload | None = None
     seats: int = 0
+    excused: tuple[str, ...] = ()
 
 
 def _material(size: int, *parts: Any) -> bytes:
@@ -91,11 +95,12 @@ def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...]
     ids = [upload.record_id for _, upload in ((call.transaction, call.upload) for call in clips) if upload]
     opened = [owner.public_key, owner.public_key, number % 256, EPOCH_MS, PURPOSE]
     salt = (client, number)
+    asked, excused = (ids[1:], TOO_LATE) if number % 2 else ([], ())
     erased, frames = (ids[:1], [1]) if number % 3 == 2 else (ids[: 1 + number % 2], [])
     return (
         (Call(_sign(chain, robot, "records", "open_visit", opened, *salt)),),
         tuple(clips),
-        (Call(_sign(chain, owner, "access", "request", [ids[1:] if number % 2 else [], PURPOSE], *salt)),),
+        (Call(_sign(chain, owner, "access", "request", [asked, PURPOSE], *salt), excused=excused),),
         (Call(_sign(chain, owner, "erasure", "request", [erased, frames], *salt)),),
         (Call(_sign(chain, robot, "records", "close_visit", [owner.public_key, len(ids)], *salt)),),
     )
@@ -182,4 +187,4 @@ def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, num
         sealed_keys=keys,
         commitment_leaves=leaves,
     )
-    return Call(transaction, upload)
+    return Call(transaction, upload, excused=(EXPIRED,) if index == RECORDS_A_VISIT - 1 else ())

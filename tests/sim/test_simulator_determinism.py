@@ -6,7 +6,9 @@ import os
 import subprocess
 import sys
 
-from network.sim.run import run_with_history
+import msgspec
+
+from network.sim.run import run_seed, run_with_history
 from network.sim.sweep import plan_of
 
 ROUNDS = 40
@@ -32,6 +34,12 @@ def test_a_seed_gives_one_history_under_any_hash_seed_and_in_any_company() -> No
     other = traces_of_a_process("2", *reversed(SEEDS))
     assert one == list(reversed(other))
     assert len(set(one)) == len(SEEDS)
+
+
+def test_what_nodes_share_of_execution_changes_no_history() -> None:
+    plan = plan_of(SEEDS[0], 4, ROUNDS, 0)
+    apart = msgspec.structs.replace(plan, executes_apart=True)
+    assert run_seed(plan).trace == run_seed(apart).trace
 
 
 def test_an_observer_changes_nothing_of_what_it_sees() -> None:

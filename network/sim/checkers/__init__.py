@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from network.sim.checkers.agreement import check_agreement
+from network.sim.checkers.calls_succeed import check_calls_succeed
 from network.sim.checkers.chain_equals_store import check_chain_equals_store
 from network.sim.checkers.code_faults import check_code_faults
 from network.sim.checkers.durability import check_durability
@@ -31,6 +32,7 @@ CHECKERS: dict[str, Checker] = {
     "only_forward": check_only_forward,
     "equal_state_roots": check_equal_state_roots,
     "exactly_once": check_exactly_once,
+    "calls_succeed": check_calls_succeed,
     "chain_equals_store": check_chain_equals_store,
     "erased_means_erased": check_erased_means_erased,
     "liveness": check_liveness,

@@ -1,13 +1,20 @@
-"""A custodian's store says what the chain says up to its checkpoint, no more and no less, and never runs ahead of it."""
+"""A custodian's store says what the chain says up to its checkpoint, no more and no less, and never runs ahead of it.
+
+In the end it holds every clip that a robot gave it or another honest custodian has. Must never take a clip that is
+known to be missing for one that is kept.
+"""
 
 from __future__ import annotations
 
 from network.sim.checkers.violation import Violation
-from network.sim.history import CustodyAudit, History, NodeStarted
+from network.sim.history import ClipTaken, CustodyAudit, History, NodeRestored, NodeStarted
+
+NOTHING_KEPT_RECORDS_COUNT = 9
+"""So many records without a single clip are no accident: then the run has tried nothing of custody."""
 
 
 def check_chain_equals_store(history: History) -> list[Violation]:
-    """Check the checkpoint at every start, and the content in the final audit."""
+    """Check the checkpoint at every start, and in the final audits the content, alone and beside each other."""
     found: list[Violation] = []
     for item in history.observations:
         if item.node in history.byzantine:
@@ -17,6 +24,50 @@ def check_chain_equals_store(history: History) -> list[Violation]:
             found.append(Violation("chain_equals_store", item.at_ms, item.node, text))
         elif isinstance(item, CustodyAudit):
             found += [Violation("chain_equals_store", item.at_ms, item.node, text) for text in _differences(item)]
+    audits = [audit for audit in history.of(CustodyAudit) if audit.node not in history.byzantine]
+    return found + _not_fetched(audits) + _not_kept(history, audits)
+
+
+def _not_fetched(audits: list[CustodyAudit]) -> list[Violation]:
+    """Return the clips that one custodian lacks and another has, at the same block."""
+    return [
+        Violation(
+            "chain_equals_store",
+            audit.at_ms,
+            audit.node,
+            f"the clip of record {record_id.hex()[:8]} is missing, and node {other.node} has it",
+        )
+        for audit in audits
+        for other in audits
+        if other.checkpoint == audit.checkpoint
+        for record_id in sorted(set(audit.missing) & set(other.confirmed))
+    ]
+
+
+def _not_kept(history: History, audits: list[CustodyAudit]) -> list[Violation]:
+    """Return the clips that a custodian took and has not kept, unless it lost them with an old disk."""
+    taken: dict[int, set[bytes]] = {}
+    for item in history.observations:
+        if isinstance(item, ClipTaken):
+            taken.setdefault(item.node, set()).add(item.record_id)
+        elif isinstance(item, NodeRestored):
+            taken.pop(item.node, None)
+    found = []
+    for audit in audits:
+        due = (taken.get(audit.node, set()) & set(audit.chain_recorded)) - {*audit.chain_erased, *audit.confirmed}
+        found += [
+            Violation(
+                "chain_equals_store",
+                audit.at_ms,
+                audit.node,
+                f"the clip of record {record_id.hex()[:8]} was taken from its robot, and is not kept",
+            )
+            for record_id in sorted(due)
+        ]
+    records = max((len(audit.chain_recorded) for audit in audits), default=0)
+    if records >= NOTHING_KEPT_RECORDS_COUNT and not history.of(ClipTaken):
+        text = f"{records} records are on the chain, and no custodian was given the clip of any"
+        found.append(Violation("chain_equals_store", audits[0].at_ms, -1, text))
     return found
 
 

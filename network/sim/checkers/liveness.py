@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from network.sim.checkers.violation import Violation
-from network.sim.history import BlockFinalized, Ended, Healed, History
+from network.sim.history import BlockFinalized, Ended, Healed, History, TimeoutSent, VoteSent
 
 ROUNDS_PER_FAULTY = 3
 ROUNDS_AT_LEAST = 12
@@ -24,14 +24,32 @@ def check_liveness(history: History) -> list[Violation]:
             block = first.get(node)
             if block is None:
                 found.append(Violation("liveness", healed.at_ms, node, "nothing became final after all was healed"))
-            elif block.epoch == healed.epoch and block.round > healed.round + allowed:
-                text = f"the first new block after round {healed.round} is of round {block.round}, not within {allowed}"
+            elif (taken := _rounds_between(history, healed, block)) > allowed:
+                text = f"the first new block after round {healed.round} took {taken} rounds, not {allowed} at most"
                 found.append(Violation("liveness", block.at_ms, node, text))
     for ended in history.of(Ended):
         if not ended.settled:
             text = f"not all was answered and stored everywhere in the end: heights {ended.heights}"
             found.append(Violation("liveness", ended.at_ms, -1, text))
+        if not ended.reached:
+            text = f"the rounds that were asked for were not played in time: rounds {ended.rounds}"
+            found.append(Violation("liveness", ended.at_ms, -1, text))
     return found
+
+
+def _rounds_between(history: History, healed: Healed, block: BlockFinalized) -> int:
+    """Return how many rounds lie between the healing and a block; what honest nodes said shows where epochs ended."""
+    if block.epoch <= healed.epoch:
+        return block.round - healed.round
+    last = {healed.epoch: healed.round, block.epoch: block.round}
+    for said in history.observations:
+        if said.at_ms > block.at_ms:
+            break
+        if not isinstance(said, VoteSent | TimeoutSent) or said.node in history.byzantine:
+            continue
+        if healed.epoch <= said.epoch < block.epoch:
+            last[said.epoch] = max(last.get(said.epoch, 0), said.round)
+    return sum(last.values()) - healed.round
 
 
 def _first_after(history: History, healed: Healed) -> dict[int, BlockFinalized]:

@@ -12,8 +12,6 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
-import msgspec
-
 from consensus.effects import Message
 from consensus.messages import Proposal
 from consensus.transaction import Transaction, sign_transaction
@@ -213,17 +211,6 @@ def play_a_replay_after_pruning(seed: int) -> list[Violation]:
 
 REPLAY = Schedule("replay", play_a_replay, range(2))
 REPLAY_AFTER_PRUNING = Schedule("replay after pruning", play_a_replay_after_pruning, range(2))
-
-
-# Every node for itself
-
-
-def play_chaos_apart(seed: int) -> list[Violation]:
-    """Chance, and no node takes a result over from another."""
-    return played(msgspec.structs.replace(make_plan(seed, rounds=ROUNDS), executes_apart=True))
-
-
-CHAOS_APART = Schedule("chaos, each executing for itself", play_chaos_apart, range(3))
 
 
 # Epochs

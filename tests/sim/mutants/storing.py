@@ -17,7 +17,7 @@ from node.finality import FinalityFeed, LedgerWriter
 from node.offchain.finalized import collect_events
 from node.storage.memory_store import _Tables
 from tests.sim.mutants.mutant import Mutant
-from tests.sim.mutants.schedules import CHAOS, CHAOS_APART, REPLAY, REPLAY_AFTER_PRUNING
+from tests.sim.mutants.schedules import CHAOS, REPLAY, REPLAY_AFTER_PRUNING
 
 
 def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
@@ -92,8 +92,8 @@ STORING = (
         "execution that depends on the node",
         "R5",
         look_at_ones_own_clock,
-        CHAOS_APART,
-        frozenset({"liveness"}),
+        CHAOS,
+        frozenset({"equal_state_roots"}),
     ),
     Mutant("forget stored txids", "once for all", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
     Mutant("drop txids when pruning", "once for all", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),

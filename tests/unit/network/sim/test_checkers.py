@@ -12,10 +12,12 @@ from network.sim.checkers import CHECKERS
 from network.sim.history import (
     Acknowledged,
     BlockFinalized,
+    ClipTaken,
     CodeFault,
     CustodyAudit,
     Ended,
     EpochBegan,
+    ExecutionDiffered,
     Healed,
     History,
     NodeRefusedStart,
@@ -58,6 +60,7 @@ def audit(**changes: Any) -> CustodyAudit:
     return msgspec.structs.replace(AUDIT, **changes)
 
 
+MANY = tuple(bytes([number]) for number in range(49, 61))
 VOTE = VoteSent(1.0, 0, 0, 3, b"x")
 CASES = {
     "two final blocks at a height": Case(
@@ -102,6 +105,14 @@ CASES = {
     "another state": Case(
         "equal_state_roots", (block(1), block(1, node=1)), (block(1), block(1, node=1, state_root=b"other"))
     ),
+    "a block executed twice with different results": Case(
+        "equal_state_roots", (block(1),), (block(1), ExecutionDiffered(1.0, -1, 1, "different state root"))
+    ),
+    "a call that must succeed fails": Case(
+        "calls_succeed",
+        (told(1), msgspec.structs.replace(told(1), ok=False, code="EXPIRY_WRONG", excused=("EXPIRY_WRONG",))),
+        (msgspec.structs.replace(told(1), ok=False, code="NOT_A_ROBOT", excused=("EXPIRY_WRONG",)),),
+    ),
     "another value read": Case(
         "equal_state_roots",
         (ValueRead(1.0, 0, b"k", 1, b"root", b"v"), ValueRead(2.0, 1, b"k", 1, b"root", b"v")),
@@ -118,6 +129,21 @@ CASES = {
     ),
     "a record that the store forgot": Case("chain_equals_store", (AUDIT,), (audit(confirmed=()),)),
     "a record that no chain knows": Case("chain_equals_store", (AUDIT,), (audit(missing=(b"z",)),)),
+    "a clip that another custodian has": Case(
+        "chain_equals_store",
+        (audit(confirmed=(), missing=(b"a",)), audit(node=1, checkpoint=3, checkpoint_id=b"3", chain_id_at=b"3")),
+        (audit(confirmed=(), missing=(b"a",)), audit(node=1)),
+    ),
+    "a clip that was taken and is not kept": Case(
+        "chain_equals_store",
+        (ClipTaken(1.0, 0, b"a"), NodeRestored(2.0, 0, 1), audit(confirmed=(), missing=(b"a",))),
+        (NodeRestored(1.0, 0, 1), ClipTaken(2.0, 0, b"a"), audit(confirmed=(), missing=(b"a",))),
+    ),
+    "a run in which nothing was kept": Case(
+        "chain_equals_store",
+        (ClipTaken(1.0, 1, b"1"), audit(confirmed=(), missing=MANY, chain_recorded=MANY)),
+        (audit(confirmed=(), missing=MANY, chain_recorded=MANY),),
+    ),
     "an erased record still kept": Case("erased_means_erased", (AUDIT,), (audit(confirmed=(b"a", b"e")),)),
     "a key that still opens": Case("erased_means_erased", (AUDIT,), (audit(keys_left=1),)),
     "nothing new after healing": Case(
@@ -130,6 +156,12 @@ CASES = {
         (Healed(20.0, -1, 2, 0, 2, (0,)), block(3, round=10)),
         (Healed(20.0, -1, 2, 0, 2, (0,)), block(3, round=60)),
     ),
+    "too many rounds after healing, in two epochs": Case(
+        "liveness",
+        (Healed(20.0, -1, 2, 0, 2, (0,)), VoteSent(25.0, 0, 0, 8, b"x"), block(3, epoch=1, round=4)),
+        (Healed(20.0, -1, 2, 0, 2, (0,)), VoteSent(25.0, 0, 0, 12, b"x"), block(3, epoch=1, round=4)),
+    ),
+    "fewer rounds than asked for": Case("liveness", (end(3),), (msgspec.structs.replace(end(3), reached=False),)),
     "no end": Case("liveness", (end(3),), (end(3, settled=False),)),
     "an exception": Case("code_faults", (), (CodeFault(1.0, 0, "KeyError"),)),
     "a node that will not start": Case(

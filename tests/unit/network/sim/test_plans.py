@@ -33,6 +33,12 @@ def test_a_seed_draws_one_plan_and_another_seed_another() -> None:
     assert make_plan(5) != make_plan(6)
 
 
+def test_one_seed_in_eight_lets_every_node_execute_for_itself_and_its_plan_says_so() -> None:
+    apart = [seed for seed in range(1, 33) if make_plan(seed).executes_apart]
+    assert apart == [8, 16, 24, 32]
+    assert "executes_apart = true" in plan_to_toml(make_plan(8))
+
+
 def test_a_plan_with_a_misspelt_fault_is_refused_with_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "plan.toml"
     path.write_text('seed = 1\n[[faults]]\nkind = "crush"\nat_ms = 1\nfor_ms = 2\n')
