@@ -106,7 +106,7 @@ def run_command(
       blockrobot sim run --plan seed-42.toml --trace
     """
     from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
-    from network.sim.plan import load_plan, make_growth_plan  # noqa: PLC0415
+    from network.sim.plan import load_plan, make_growth_plan, max_faulty  # noqa: PLC0415
     from network.sim.sweep import plan_of, sweep  # noqa: PLC0415
 
     if plan_file is not None:
@@ -117,8 +117,9 @@ def run_command(
                 "CONFIGURATION_INVALID", "The profile grow has its own ten nodes, all of them honest."
             )
         plans = [make_growth_plan(seed, rounds=rounds) for seed in seeds]
-    elif byzantine >= nodes:
-        raise BlockRobotError("CONFIGURATION_INVALID", "At least one node of a network is honest.")
+    elif byzantine > max_faulty(nodes):
+        text = f"Of {nodes} nodes at most {max_faulty(nodes)} may be dishonest: of more, nothing is promised."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
     else:
         plans = [plan_of(seed, nodes, rounds, byzantine) for seed in seeds]
     if trace:
@@ -126,6 +127,8 @@ def run_command(
             raise BlockRobotError("CONFIGURATION_INVALID", "A trace is of one seed or one plan.")
         _print_trace(plans[0])
     first = plans[0]
+    if len(first.byzantine) > max_faulty(first.size.producers):
+        click.echo("More nodes lie than the network bears: what breaks now was never promised.", err=True)
     conditions = measure_conditions(
         nodes=first.nodes,
         seed=None if len(plans) > 1 else first.seed,
@@ -141,7 +144,7 @@ def run_command(
 
 def _print_trace(plan: Plan) -> None:
     from network.sim.plan import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
-    from network.sim.run import run_seed  # noqa: PLC0415
+    from network.sim.sweep import play  # noqa: PLC0415
 
     def show(observation: Observation) -> None:
         name = type(observation).__name__
@@ -154,7 +157,7 @@ def _print_trace(plan: Plan) -> None:
         click.echo(f"{observation.at_ms:12.3f} {who:8} {name} {' '.join(fields)}", err=True)
 
     click.echo(plan_to_toml(plan), err=True)
-    result = run_seed(plan, listener=show)
+    result = play(plan, show)
     click.echo(f"trace {result.trace}, {result.rounds} rounds, {result.frames} frames", err=True)
 
 
@@ -196,6 +199,8 @@ def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) ->
         "rounds": total.rounds,
         "blocks": total.blocks,
         "calls_acknowledged": total.acknowledged,
+        "records": total.records,
+        "records_never_given": total.records_never_given,
         "frames": total.frames,
         "virtual_s": round(total.virtual_s, 1),
         "cpu_s": round(total.cpu_s, 1),
@@ -209,7 +214,8 @@ def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) ->
         return
     console.print(
         f"{total.seeds} seeds, {total.rounds} rounds ({figures['rounds_per_s']} a second), "
-        f"{total.acknowledged} calls acknowledged, {total.virtual_s:.0f} s of virtual time: "
+        f"{total.acknowledged} calls acknowledged, {total.records} records "
+        f"({total.records_never_given} of them given to no custodian), {total.virtual_s:.0f} s of virtual time: "
         f"{total.violations or 'no'} violations."
     )
 
