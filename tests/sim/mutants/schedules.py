@@ -209,6 +209,12 @@ def play_a_replay_after_pruning(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "garbage"}), replay, prune_now_and_then)
 
 
+def play_wrong_roots(seed: int) -> list[Violation]:
+    """A leader names wrong results in the headers of its blocks."""
+    return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "wrong-roots"}))
+
+
+WRONG_ROOTS = Schedule("wrong roots", play_wrong_roots, range(2))
 REPLAY = Schedule("replay", play_a_replay, range(2))
 REPLAY_AFTER_PRUNING = Schedule("replay after pruning", play_a_replay_after_pruning, range(2))
 

@@ -10,6 +10,7 @@ import pytest
 from consensus.block import FinalityProof
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext
+from node import execution
 from node.assembly import Assembly
 from node.custody import Custody
 from node.execution import ExecutedBlock, _BranchTransactions
@@ -17,7 +18,7 @@ from node.finality import FinalityFeed, LedgerWriter
 from node.offchain.finalized import collect_events
 from node.storage.memory_store import _Tables
 from tests.sim.mutants.mutant import Mutant
-from tests.sim.mutants.schedules import CHAOS, REPLAY, REPLAY_AFTER_PRUNING
+from tests.sim.mutants.schedules import CHAOS, REPLAY, REPLAY_AFTER_PRUNING, WRONG_ROOTS
 
 
 def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
@@ -28,6 +29,11 @@ def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
         return BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms + next(count) % 2)
 
     patch.setattr(ContractMachine, "_context", context)
+
+
+def compare_no_roots(patch: pytest.MonkeyPatch) -> None:
+    """Whatever a header says of its block's results is believed."""
+    patch.setattr(execution, "_require_equal", lambda header, result, following: None)
 
 
 def forget_stored_txids(patch: pytest.MonkeyPatch) -> None:
@@ -95,6 +101,7 @@ STORING = (
         CHAOS,
         frozenset({"equal_state_roots"}),
     ),
+    Mutant("verify compares no roots", "R5", compare_no_roots, WRONG_ROOTS, frozenset({"liveness"})),
     Mutant("forget stored txids", "once for all", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
     Mutant("drop txids when pruning", "once for all", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),
     Mutant(
