@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
+import msgspec
 import pytest
 
 from consensus import core, standing
@@ -13,9 +14,11 @@ from consensus.committing import Commit, _prove
 from consensus.journal_records import JournalRecord, JournalState, _merge
 from consensus.primitives.encoding import decode
 from consensus.settings import Epoch
+from network.sim.chain import make_chain
+from network.sim.plan import NetworkSize
 from node import execution
 from tests.sim.mutants.mutant import Mutant
-from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, CUT_AT_THE_BOUNDARY
+from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, CUT_AT_THE_BOUNDARY, REMOVAL
 
 
 def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
@@ -61,9 +64,22 @@ def carry_the_round_over(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(BlockTree, "root_round", property(lambda self: self.root.header.round))
 
 
+def keep_the_removed(patch: pytest.MonkeyPatch) -> None:
+    """Who had a seat at genesis leads and votes in every later epoch too."""
+    first = tuple(key.public_key for key in make_chain(NetworkSize(4, 4)).producers)
+    decide = execution.next_epoch
+
+    def next_epoch(writes: Mapping[bytes, bytes | None], current: int) -> Epoch | None:
+        following = decide(writes, current)
+        return None if following is None else msgspec.structs.replace(following, producers=first)
+
+    patch.setattr(execution, "next_epoch", next_epoch)
+
+
 FOLLOWING = (
     Mutant("let words span an epoch", "R24", let_words_span_epochs, CUT_AT_THE_BOUNDARY, frozenset({"liveness"})),
     Mutant("ignore the boundary", "R21", ignore_the_boundary, CHANGES, frozenset({"epoch_in_force"})),
+    Mutant("a removed producer's votes still count", "R21", keep_the_removed, REMOVAL, frozenset({"epoch_in_force"})),
     Mutant("ends_epoch always False", "R21", never_end_an_epoch, CHANGES, frozenset({"liveness"})),
     Mutant(
         "closing blocks final",

@@ -24,6 +24,7 @@ from network.sim.cluster import SimCluster
 from network.sim.node import SimNode
 from network.sim.plan import Fault, Plan, make_plan
 from network.sim.run import run_seed
+from network.sim.workload import producer_turnover
 from node import pruning, recording
 from node.engine import Outbox
 from tests.sim.mutants.mutant import Schedule
@@ -269,9 +270,13 @@ def played_with_changes(
     for node in stage[0].honest:
         with node.ledger.snapshot() as snapshot:
             decided = read_epoch(snapshot).number
+            seated = read_epoch(snapshot).producers
         in_force = -1 if node.parts is None else node.parts.core.epoch
         if decided != in_force or decided == 0:
             text = f"{len(times_ms)} changes were asked for, epoch {decided} is decided and {in_force} in force"
+            violations.append(Violation("epoch_in_force", 0.0, node.index, text))
+        elif node.parts is not None and node.parts.engine.epoch.epoch.producers != seated:
+            text = f"{len(seated)} producers are decided, and others in force"
             violations.append(Violation("epoch_in_force", 0.0, node.index, text))
     return violations
 
@@ -279,6 +284,24 @@ def played_with_changes(
 def play_changes(seed: int) -> list[Violation]:
     """Two changes of a setting, no faults: three epochs."""
     return played_with_changes(Plan(seed=seed, rounds=ROUNDS), 300, 900)
+
+
+def remove_a_producer(cluster: SimCluster) -> None:
+    """Let an organisation take the seat of its node, the last one, once all have stored some blocks."""
+    removal = producer_turnover(cluster.plan.size, 0)[0][0].transaction.wire
+
+    def ask() -> None:
+        for node in cluster.nodes:
+            if node.is_serving and node.parts is not None:
+                cluster.run_on(node, partial(_submit, node.parts.pool, [removal]))
+
+    for again in range(12):
+        cluster._at(300 + 150 * again, ask)
+
+
+def play_a_removal(seed: int) -> list[Violation]:
+    """One of four producers loses its seat; of the three that are left all are needed."""
+    return played_with_changes(Plan(seed=seed, rounds=ROUNDS), setups=(remove_a_producer,))
 
 
 def lose_the_next_leader(cluster: SimCluster) -> None:
@@ -328,6 +351,7 @@ def play_a_cut_at_the_boundary(seed: int) -> list[Violation]:
     return played_with_changes(Plan(seed=seed, rounds=30), 500, setups=(cut_at_the_boundary,))
 
 
+REMOVAL = Schedule("removal", play_a_removal, range(2))
 CHANGES = Schedule("changes", play_changes, range(2))
 CHANGES_AND_LOST_LEADERS = Schedule("changes and lost leaders", play_changes_and_lost_leaders, range(2))
 CUT_AT_THE_BOUNDARY = Schedule("cut at the boundary", play_a_cut_at_the_boundary, range(2))
