@@ -93,7 +93,7 @@ class _Offer:
 
 
 class SnapshotFetcher:
-    """Fetches snapshots into a folder; remembers the peers whose manifests turned out to be lies."""
+    """Fetches snapshots into a folder; remembers the peers whose manifests or chunks turned out to be lies."""
 
     def __init__(self, genesis: Genesis, requester: Requester, folder: Path) -> None:
         self._genesis = genesis
@@ -241,7 +241,10 @@ class SnapshotFetcher:
         await _aside(partial((place / chunk_name(index)).write_bytes, data))
 
     async def _fetch_chunk(self, offer: _Offer, index: int) -> bytes:
-        """Return a chunk from one of the peers, each chunk beginning with another one; who fails is not asked again."""
+        """Return a chunk from one of the peers, each chunk beginning with another one; who fails is not asked again.
+
+        Who sends other bytes than it was asked for is not believed in a later fetch either.
+        """
         request = encode(SnapshotRequest(content_id=offer.content_id, index=index, above_height=0))
         expected = offer.manifest.chunks[index]
         while offer.peers:
@@ -254,6 +257,8 @@ class SnapshotFetcher:
                 if sha256(data) == expected:
                     return data
                 log.warning("snapshot_chunk_refused", peer=peer, index=index)
+                if data:
+                    self._blame(peer)
             if peer in offer.peers:
                 offer.peers.remove(peer)
         raise BlockRobotError("PEER_UNAVAILABLE", "No peer sends what is missing of the snapshot.")
