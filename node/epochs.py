@@ -124,15 +124,15 @@ class Handover:
         self._tries_left = 0
         self._timer: asyncio.TimerHandle | None = None
         self._answered: dict[str, float] = {}
-        self._heard: set[str] = set()
+        self._awaited: set[str] = set()
         self._kept: dict[str, deque[tuple[FrameKind, bytes]]] = {}
 
     def begin(self, start: EpochStart, producers: Iterable[str]) -> list[tuple[str, FrameKind, bytes]]:
         """A new epoch began here: tell its producers until each has spoken in it; return the words kept for it."""
         self.start = start
         self._answered.clear()
-        self._heard.clear()
         self._silent = set(producers)
+        self._awaited |= self._silent
         self._tries_left = HANDOVER_TRIES_MAX_COUNT
         self._tell()
         kept, self._kept = self._kept, {}
@@ -145,15 +145,14 @@ class Handover:
             self._timer = None
 
     def note_word(self, peer: str) -> bool:
-        """A peer spoke in this epoch, or says that it has reached it; tell whether it is the first time (R25)."""
-        self._silent.discard(peer)
-        is_first = peer not in self._heard
-        self._heard.add(peer)
-        return is_first
+        """A peer spoke in this epoch, or says that it has reached it; tell whether it has just come into it (R25).
 
-    def forget(self, peer: str) -> None:
-        """A peer is gone; who comes back, comes back from anywhere. What it said of the next epoch still counts."""
-        self._heard.discard(peer)
+        It has if it was to be heard since the epoch began here, or spoke of an earlier one. Who connects is greeted anyway.
+        """
+        self._silent.discard(peer)
+        is_first = peer in self._awaited
+        self._awaited.discard(peer)
+        return is_first
 
     @property
     def silent(self) -> frozenset[str]:
@@ -171,6 +170,7 @@ class Handover:
 
     def answer(self, peer: str, epoch: int) -> bool:
         """Send a peer that is in an earlier epoch the proof that ends it, not too often; tell whether it was sent."""
+        self._awaited.add(peer)
         now = self._loop.time()
         if self._answered.get(peer, now - 1.0) > now - ANSWER_INTERVAL_MS / 1000:
             return False

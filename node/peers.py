@@ -310,7 +310,6 @@ class Peers:
     def peer_disconnected(self, peer: str) -> None:
         """A peer is gone."""
         self._sync.forget(peer)
-        self._handover.forget(peer)
 
     def peer_frame(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         """Take a frame. Raises ENCODING_* for what is malformed, PROOF_INVALID or CERTIFICATE_INVALID for a forgery."""

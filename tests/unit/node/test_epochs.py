@@ -40,12 +40,13 @@ def _handover() -> Handover:
     return Handover(start=start, ledger=MemoryStore(), send=lambda *_: True)
 
 
-async def test_a_peer_is_heard_for_the_first_time_once_an_epoch_and_again_after_it_was_gone() -> None:
+async def test_a_peer_comes_into_an_epoch_once_after_it_began_here_or_the_peer_was_in_an_earlier_one() -> None:
     """R25."""
     handover = _handover()
-    assert [handover.note_word("b"), handover.note_word("b"), handover.note_word("c")] == [True, False, True]
-    handover.forget("b")
-    assert [handover.note_word("b"), handover.note_word("c")] == [True, False]
+    assert [handover.note_word("b"), handover.note_word("c")] == [False, False]
+    handover.answer("b", 0)
+    handover.answer("b", 0)
+    assert [handover.note_word("b"), handover.note_word("b"), handover.note_word("c")] == [True, False, False]
     handover.begin(handover.start, ["b", "c"])
     assert handover.silent == {"b", "c"}
     assert [handover.note_word("c"), handover.note_word("c")] == [True, False]
