@@ -65,6 +65,7 @@ class RecordBench:
         self.count = 0
         self.gas_used = 0
         robot = {"handle": b"h" * 32, "role": "robot", "org": "bench", "purposes": [PURPOSE], "status": "active"}
+        robot["since"] = _NOW_MS
         self.host.entries[b"identity\x00member/" + ROBOT] = encode_value(robot)
         self.host.entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)
         self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])

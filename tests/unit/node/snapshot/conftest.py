@@ -1,0 +1,20 @@
+"""Peers with small snapshots, and no waiting."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from node.snapshot import fetching, joining, making
+from tests.unit.node.snapshot.snapshot_peers import Peers
+
+
+@pytest.fixture
+async def peers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(making, "CHUNK_SIZE_BYTES", 600)
+    monkeypatch.setattr(fetching, "OFFER_RETRY_MS", 50)
+    monkeypatch.setattr(joining, "RETRY_MS", 1)
+    made = Peers(tmp_path / "peers")
+    yield made
+    await made.stop()
