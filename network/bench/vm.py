@@ -64,8 +64,8 @@ class RecordBench:
         self.host = MemoryHost()
         self.count = 0
         self.gas_used = 0
-        robot = {"handle": b"h" * 32, "role": "robot", "org": "bench", "purposes": [PURPOSE], "status": "active"}
-        robot["since"] = _NOW_MS
+        robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
+        robot |= {"purposes": [PURPOSE], "since": _NOW_MS}
         self.host.entries[b"identity\x00member/" + ROBOT] = encode_value(robot)
         self.host.entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)
         self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])
