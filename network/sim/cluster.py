@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import random
+import sys
 from collections import OrderedDict
 from collections.abc import Callable, Coroutine, Iterator
 from contextlib import contextmanager
@@ -300,15 +301,22 @@ class SimCluster:
 
 
 @contextmanager
-def quiet_logs() -> Iterator[None]:
-    """Let the nodes' logs go nowhere for a while: a run makes thousands of lines."""
-    before = structlog.get_config()
-    structlog.configure(processors=[_drop])
+def quiet_logs() -> Iterator[list[str]]:
+    """Let the nodes' logs go nowhere for a while: a run makes thousands of lines.
+
+    Yields a list of the exceptions in them: what code logs with its traceback, it did not foresee.
+    """
+    before, logged = structlog.get_config(), list[str]()
+
+    def drop(_logger: Any, _method: str, event: Any) -> Any:
+        error = event.get("exc_info")
+        if error:
+            shown = error if isinstance(error, BaseException) else sys.exc_info()[1]
+            logged.append(f"logged {event.get('event')}: {shown!r}")
+        raise structlog.DropEvent
+
+    structlog.configure(processors=[drop])
     try:
-        yield
+        yield logged
     finally:
         structlog.configure(**before)
-
-
-def _drop(_logger: Any, _method: str, _event: Any) -> Any:
-    raise structlog.DropEvent

@@ -11,7 +11,7 @@ import msgspec
 
 from network.sim.checkers import CHECKERS, Violation
 from network.sim.cluster import SimCluster, quiet_logs
-from network.sim.history import BlockFinalized, ClipTaken, CustodyAudit, Ended, History, Observation
+from network.sim.history import BlockFinalized, ClipTaken, CodeFault, CustodyAudit, Ended, History, Observation
 from network.sim.plan import Plan
 
 Mutation = Callable[[SimCluster], None]
@@ -54,11 +54,13 @@ def run_with_history(
     """Play a plan and check it; return the history too."""
     started_s = time.process_time()
     history = History(listener)
-    with quiet_logs(), _no_collection():
+    with quiet_logs() as logged, _no_collection():
         cluster = SimCluster(plan, history)
         if mutate is not None:
             mutate(cluster)
         cluster.run()
+    for text in dict.fromkeys(logged):
+        history.add(CodeFault(cluster.now, -1, text))
     violations = tuple(violation for check in CHECKERS.values() for violation in check(history))
     ended = history.of(Ended)[-1]
     recorded = {record_id for audit in history.of(CustodyAudit) for record_id in audit.chain_recorded}

@@ -78,7 +78,7 @@ def play_power_cuts(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, faults=tuple(cuts)))
 
 
-CHAOS = Schedule("chaos", play_chaos, range(4))
+CHAOS = Schedule("chaos", play_chaos, range(16))
 HALVES = Schedule("halves", play_halves, range(3))
 POWER_CUTS = Schedule("power cuts", play_power_cuts, range(8))
 
@@ -132,7 +132,7 @@ def play_old_journal(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, faults=faults))
 
 
-OLD_JOURNAL = Schedule("old journal", play_old_journal, range(8))
+OLD_JOURNAL = Schedule("old journal", play_old_journal, range(16))
 
 
 # Liars
