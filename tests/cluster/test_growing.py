@@ -67,6 +67,7 @@ def report_gap(story: Story, what: str, from_s: float) -> None:
 
 
 async def proved_producers(wallet: NetworkClient, key: PrivateKey) -> dict[str, Any]:
+    await wallet.catch_up(key)  # some node may be a block behind the one that was told of the change
     found: dict[str, Any] = (await wallet.state_values([EPOCH_KEY], key)).values[EPOCH_KEY]
     return found
 
