@@ -169,17 +169,18 @@ class Handover:
         self._timer = self._loop.call_later(self.start.epoch.settings.base_timeout_ms / 1000, self._tell)
 
     def answer(self, peer: str, epoch: int) -> bool:
-        """Send a peer that is in an earlier epoch the proof that ends it, not too often; tell whether it was sent."""
-        self._awaited.add(peer)
+        """Send a peer that is in an earlier epoch the proof that ends it, not too often; tell whether it was sent.
+
+        It comes into this epoch anew only as often: whoever mixes words of two epochs is not greeted at each of them.
+        """
         now = self._loop.time()
         if self._answered.get(peer, now - 1.0) > now - ANSWER_INTERVAL_MS / 1000:
             return False
+        self._answered[peer] = now
+        self._awaited.add(peer)
         with self._ledger.snapshot() as snapshot:
             proof = snapshot.epoch_proof(epoch + 1)
-        if proof is None:
-            return False
-        self._answered[peer] = now
-        return self._send(peer, FrameKind.EPOCH, proof)
+        return proof is not None and self._send(peer, FrameKind.EPOCH, proof)
 
     def keep(self, peer: str, kind: FrameKind, payload: bytes) -> None:
         """Keep a word of the next epoch until it begins here; the oldest ones of the same peer make room."""

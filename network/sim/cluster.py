@@ -138,6 +138,9 @@ class SimCluster:
         heights = tuple(node.ledger_height for node in self.nodes)
         rounds = tuple(-1 if node.parts is None else node.parts.core.round for node in self.nodes)
         loop.end(self.owners)
+        if self.wires.storm_at_ms is not None:
+            text = "A storm: nodes answer each other without end."
+            self.history.add(CodeFault(round(self.wires.storm_at_ms, 6), -1, text))
         for text in loop.faults:
             self.history.add(CodeFault(self.now, -1, text))
         self.history.add(Ended(self.now, -1, heights, rounds, settled, reached))

@@ -17,6 +17,7 @@ from node.p2p.network import REQUEST_TIMEOUT_MS, PeerHandler
 from node.p2p.wire import FrameKind, RequestKind, encode_frame
 
 REDIAL_MS = 50.0
+STORM_FRAMES_A_LINK_AND_S_MAX_COUNT = 2_000
 ANSWER_REFUSED = None
 
 
@@ -36,7 +37,10 @@ GOOD = LinkQuality()
 
 
 class Wires:
-    """All links of a network. `on_frame(sender, receiver, kind, payload, at_ms)` is told of each arrival."""
+    """All links of a network. `on_frame(sender, receiver, kind, payload, at_ms)` is told of each arrival.
+
+    Nodes that answer each other without end would keep a run from ending: from such a `storm` on nothing is carried.
+    """
 
     def __init__(self, loop: SimLoop, dice: random.Random, on_frame: Callable[[str, str, int, bytes], None]) -> None:
         self.loop = loop
@@ -45,6 +49,9 @@ class Wires:
         self.cut: set[tuple[str, str]] = set()
         self.ends: dict[str, SimNetwork] = {}
         self.frames_count = 0
+        self.storm_at_ms: float | None = None
+        self._second = -1
+        self._second_count = 0
         self._on_frame = on_frame
 
     def transmit(self, sender: str, receiver: str, deliver: Callable[[], None]) -> None:
@@ -66,7 +73,7 @@ class Wires:
     def carry(self, source: SimNetwork, target_name: str, kind: FrameKind, payload: bytes) -> None:
         """Carry a frame to a peer, if the connection that it was sent on still stands when it comes."""
         life = source.lives.get(target_name)
-        if life is None:
+        if life is None or self._is_storm():
             return
         self.frames_count += 1
 
@@ -80,6 +87,16 @@ class Wires:
             self.loop.call_soon_for(life, target.receive, source.name, kind, payload)
 
         self.transmit(source.name, target_name, deliver)
+
+    def _is_storm(self) -> bool:
+        second = int(self.loop.time())
+        if second != self._second:
+            self._second, self._second_count = second, 0
+        self._second_count += 1
+        links_count = len(self.ends) * (len(self.ends) - 1)
+        if self.storm_at_ms is None and self._second_count > STORM_FRAMES_A_LINK_AND_S_MAX_COUNT * max(1, links_count):
+            self.storm_at_ms = self.loop.now_ms
+        return self.storm_at_ms is not None
 
     # Connections
 

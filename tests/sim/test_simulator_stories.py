@@ -20,6 +20,8 @@ from network.sim.history import (
 )
 from network.sim.plan import Fault, Plan
 from network.sim.run import run_with_history
+from node.p2p.wire import FrameKind
+from node.peers import Peers
 
 
 def play(*faults: Fault, seed: int = 1, nodes: int = 4, rounds: int = 40) -> History:
@@ -114,3 +116,19 @@ def test_a_link_that_carries_one_way_only_stops_nobody() -> None:
     deaf = [Fault(kind="one-way", at_ms=200, for_ms=1_500, node=node, peer=(node + 1) % 4) for node in range(2)]
     history = play(*deaf)
     assert any(500 < block.at_ms < 1_600 for block in history.of(BlockFinalized))
+
+
+def test_nodes_that_answer_each_other_without_end_are_a_violation_and_the_run_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    take = Peers.peer_frame
+
+    def answer_twice(self: Peers, peer: str, kind: FrameKind, payload: bytes) -> None:
+        take(self, peer, kind, payload)
+        if kind is FrameKind.HEIGHT:
+            for _ in range(2):
+                self._tell_height(peer)
+
+    monkeypatch.setattr(Peers, "peer_frame", answer_twice)
+    result, _ = run_with_history(Plan(seed=1, nodes=4, rounds=40))
+    assert any("storm" in violation.text for violation in result.violations if violation.checker == "code_faults")

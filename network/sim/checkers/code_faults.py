@@ -1,4 +1,4 @@
-"""No exception goes uncaught, no honest node's core halts, and none refuses to start without a reason that it may have."""
+"""No exception goes uncaught, no frames without end, no honest core halts, no start is refused without good reason."""
 
 from __future__ import annotations
 

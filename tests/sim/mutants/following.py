@@ -2,21 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import msgspec
 import pytest
 
-from consensus import core
+from consensus import core, standing
 from consensus.block import Header
 from consensus.blocktree import BlockTree
 from consensus.committing import Commit, _prove
+from consensus.journal_records import JournalRecord, JournalState, _merge
+from consensus.primitives.encoding import decode
 from consensus.settings import Epoch
 from network.sim.chain import make_chain
 from network.sim.plan import NetworkSize
 from node import execution
 from tests.sim.mutants.mutant import Mutant
-from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, REMOVAL
+from tests.sim.mutants.schedules import CHANGES, CHANGES_AND_LOST_LEADERS, CUT_AT_THE_BOUNDARY, REMOVAL
+
+
+def let_words_span_epochs(patch: pytest.MonkeyPatch) -> None:
+    """What was said and certified in one epoch counts in the next."""
+
+    def read(records: Iterable[bytes], epoch: int) -> JournalState:
+        state = JournalState(newest_epoch=epoch)
+        for data in records:
+            record = decode(data, JournalRecord)
+            state.silence = record.silence
+            _merge(state, record)
+        return state
+
+    patch.setattr(standing, "read_journal", read)
 
 
 def ignore_the_boundary(patch: pytest.MonkeyPatch) -> None:
@@ -61,6 +77,7 @@ def keep_the_removed(patch: pytest.MonkeyPatch) -> None:
 
 
 FOLLOWING = (
+    Mutant("let words span an epoch", "R24", let_words_span_epochs, CUT_AT_THE_BOUNDARY, frozenset({"liveness"})),
     Mutant("ignore the boundary", "R21", ignore_the_boundary, CHANGES, frozenset({"epoch_in_force"})),
     Mutant("a removed producer's votes still count", "R21", keep_the_removed, REMOVAL, frozenset({"epoch_in_force"})),
     Mutant("ends_epoch always False", "R21", never_end_an_epoch, CHANGES, frozenset({"liveness"})),

@@ -54,6 +54,16 @@ async def test_a_peer_comes_into_an_epoch_once_after_it_began_here_or_the_peer_w
     handover.stop()
 
 
+async def test_a_peer_that_mixes_words_of_two_epochs_is_not_greeted_at_each_of_them() -> None:
+    """R25: else two such producers greet each other for each word of a greeting, and drown the network."""
+    handover = _handover()
+    greeted = 0
+    for _ in range(50):
+        handover.answer("b", 0)
+        greeted += handover.note_word("b")
+    assert greeted == 1
+
+
 async def test_words_for_the_next_epoch_of_one_peer_take_no_room_of_another_one() -> None:
     handover = _handover()
     handover.keep("b", FrameKind.PROPOSAL, b"a proposal")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+import secrets
 from collections.abc import Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode_value
 from network.authority import Authority, create_authority, issue_node_certificate
@@ -21,11 +23,17 @@ from node.p2p.wire import FrameKind, RequestKind
 from tests.unit.node.small_genesis import node_entry, small_genesis
 
 WAIT_S = 10.0
+_PORTS = range(25_000, 32_000)
 
 
 def free_port() -> int:
-    with bind_listener("127.0.0.1", 0) as listener:
-        port: int = listener.getsockname()[1]
+    """Return a free port below those that the system hands out by itself: nobody's outgoing connection takes it."""
+    while True:
+        port = secrets.choice(_PORTS)
+        try:
+            bind_listener("127.0.0.1", port).close()
+        except BlockRobotError:
+            continue
         return port
 
 
