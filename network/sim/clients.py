@@ -155,6 +155,8 @@ class SimClient:
                         text = f"said that transaction {transaction.txid.hex()[:8]} is final, and its ledger lacks it"
                         cluster.history.add(CodeFault(cluster.now, node.index, text))
                     return
+                if place.height < snapshot.earliest_height:
+                    return  # pruned, or older than the snapshot that this node began with: another node is asked
                 block, receipts = snapshot.block(place.height), snapshot.receipts(place.height)
             if block is None or receipts is None:
                 raise AssertionError("the ledger locates a transaction in a block that it does not hold")

@@ -27,6 +27,10 @@ from network.sim.run import run_seed
 from network.sim.workload import producer_turnover
 from node import pruning, recording
 from node.engine import Outbox
+from node.snapshot.checking import restore_into
+from node.snapshot.form import MemorySnapshotFolder
+from node.snapshot.making import make_snapshot
+from node.storage.memory_store import MemoryRestore
 from tests.sim.mutants.mutant import Schedule
 
 ROUNDS = 60
@@ -200,6 +204,26 @@ async def _prune(ledger: Any, below_height: int) -> None:
     await pruning.prune_ledger(ledger, max(1, below_height))
 
 
+def begin_again_from_snapshots(cluster: SimCluster) -> None:
+    """Let each node but the custodians begin again from a snapshot of its own ledger, now and then."""
+
+    def begin_again(node: SimNode) -> None:
+        if node.is_serving and node.ledger_height > 0:
+            folder, restore = MemorySnapshotFolder(), MemoryRestore()
+            with node.ledger.snapshot() as ledger:
+                make_snapshot(ledger, folder)
+            restore_into(folder, cluster.chain.genesis, restore)
+            if restore.store is None:
+                raise AssertionError("the snapshot gave no ledger")
+            node.crash("snapshot")
+            node.ledger.restore(restore.store)
+            cluster._after(10, node.start)
+
+    for number, node in enumerate(node for node in cluster.nodes if node.custody_key is None):
+        for again in range(4):
+            cluster._after(400 + 300 * number + 1_000 * again, partial(begin_again, node))
+
+
 def play_a_replay(seed: int) -> list[Violation]:
     """A leader brings a stored transaction again in each of its blocks, as long as it has not expired."""
     return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "garbage"}), replay)
@@ -210,6 +234,11 @@ def play_a_replay_after_pruning(seed: int) -> list[Violation]:
     return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "garbage"}), replay, prune_now_and_then)
 
 
+def play_a_replay_after_snapshots(seed: int) -> list[Violation]:
+    """The same, while others begin again from snapshots."""
+    return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "garbage"}), replay, begin_again_from_snapshots)
+
+
 def play_wrong_roots(seed: int) -> list[Violation]:
     """A leader names wrong results in the headers of its blocks."""
     return played(Plan(seed=seed, rounds=ROUNDS, byzantine={str(LIAR): "wrong-roots"}))
@@ -217,6 +246,7 @@ def play_wrong_roots(seed: int) -> list[Violation]:
 
 WRONG_ROOTS = Schedule("wrong roots", play_wrong_roots, range(2))
 REPLAY = Schedule("replay", play_a_replay, range(2))
+REPLAY_AFTER_SNAPSHOTS = Schedule("replay after snapshots", play_a_replay_after_snapshots, range(3))
 REPLAY_AFTER_PRUNING = Schedule("replay after pruning", play_a_replay_after_pruning, range(2))
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 
@@ -16,9 +16,10 @@ from node.custody import Custody
 from node.execution import ExecutedBlock, _BranchTransactions
 from node.finality import FinalityFeed, LedgerWriter
 from node.offchain.finalized import collect_events
-from node.storage.memory_store import _Tables
+from node.storage.ledger_store import KeptBlock
+from node.storage.memory_store import MemoryRestore, _Tables
 from tests.sim.mutants.mutant import Mutant
-from tests.sim.mutants.schedules import CHAOS, REPLAY, REPLAY_AFTER_PRUNING, WRONG_ROOTS
+from tests.sim.mutants.schedules import CHAOS, REPLAY, REPLAY_AFTER_PRUNING, REPLAY_AFTER_SNAPSHOTS, WRONG_ROOTS
 
 
 def look_at_ones_own_clock(patch: pytest.MonkeyPatch) -> None:
@@ -50,6 +51,16 @@ def prune_txids(patch: pytest.MonkeyPatch) -> None:
         self.locations = {txid: place for txid, place in self.locations.items() if place.height >= self.earliest_height}
 
     patch.setattr(_Tables, "prune", forgetful)
+
+
+def drop_txids_at_a_snapshot(patch: pytest.MonkeyPatch) -> None:
+    """A ledger made out of a snapshot knows its blocks, and of their transactions nothing."""
+    put = MemoryRestore.put_kept
+
+    def put_kept(self: MemoryRestore, blocks: Sequence[KeptBlock]) -> None:
+        put(self, [kept._replace(recent=kept.recent._replace(transactions=())) for kept in blocks])
+
+    patch.setattr(MemoryRestore, "put_kept", put_kept)
 
 
 def apply_reversible_blocks(patch: pytest.MonkeyPatch) -> None:
@@ -104,6 +115,13 @@ STORING = (
     Mutant("verify compares no roots", "R5", compare_no_roots, WRONG_ROOTS, frozenset({"liveness"})),
     Mutant("forget stored txids", "once for all", forget_stored_txids, REPLAY, frozenset({"exactly_once"})),
     Mutant("drop txids when pruning", "once for all", prune_txids, REPLAY_AFTER_PRUNING, frozenset({"exactly_once"})),
+    Mutant(
+        "drop txids at a snapshot",
+        "once for all",
+        drop_txids_at_a_snapshot,
+        REPLAY_AFTER_SNAPSHOTS,
+        frozenset({"exactly_once"}),
+    ),
     Mutant(
         "apply reversible blocks to the store",
         "final only",
