@@ -252,7 +252,7 @@ class Custody:
             log.warning("outbox_call_failed", kind=submission.row.kind, code=code, count=submission.refusals)
             if code in KNOWN_ALREADY_CODES or submission.refusals >= REFUSALS_MAX_COUNT:
                 await self._custodian.dismiss(submission.row)
-                del self._submitted[key]
+                self._submitted.pop(key, None)  # the next submissions may have let go of it meanwhile
 
     # Submitting what is owed
 

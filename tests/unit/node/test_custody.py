@@ -198,6 +198,21 @@ async def test_what_the_chain_knows_already_is_dismissed_at_once(rig: Rig, code:
     assert rig.custodian.dismissed == [ROW]
 
 
+async def test_what_is_dismissed_while_the_next_round_of_submissions_goes_out_is_no_fault(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await rig.custody._submit_due()
+    dismiss = rig.custodian.dismiss
+
+    async def dismiss_slowly(row: OutboxRow) -> None:
+        await dismiss(row)
+        await rig.custody._submit_due()
+
+    monkeypatch.setattr(rig.custodian, "dismiss", dismiss_slowly)
+    await rig.custody._note_refusals([_refusal(decode_transaction(rig.pool.wires[0]).txid, "RECEIPT_EXISTS")])
+    assert rig.custodian.dismissed == [ROW]
+
+
 async def test_what_a_contract_refuses_is_tried_a_few_times_and_then_dismissed(rig: Rig) -> None:
     for attempt in range(REFUSALS_MAX_COUNT):
         assert rig.custodian.dismissed == []
