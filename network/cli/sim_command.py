@@ -136,7 +136,7 @@ def run_command(
         rounds_a_seed=first.rounds,
         byzantine=len(first.byzantine),
     )
-    total = sweep(plans, workers=workers or None, on_progress=_Progress())
+    total = sweep(plans, workers=workers or None, on_progress=_Progress(), on_shrink=_say_shrinking)
     _report(total, conditions, as_json=as_json)
     if total.violations:
         sys.exit(EXIT_FAILED)
@@ -189,6 +189,10 @@ class _Progress:
             f"{total.violations} violations, about {left_s:.0f} s left",
             err=True,
         )
+
+
+def _say_shrinking(seed: int) -> None:
+    click.echo(f"cutting the plan of seed {seed} down to what it takes; this takes a while", err=True)
 
 
 def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) -> None:

@@ -90,11 +90,16 @@ def _play_all(plans: list[Plan]) -> list[RunResult]:
 
 
 def sweep(
-    plans: list[Plan], *, workers: int | None = None, on_progress: Callable[[SweepResult, int], None] | None = None
+    plans: list[Plan],
+    *,
+    workers: int | None = None,
+    on_progress: Callable[[SweepResult, int], None] | None = None,
+    on_shrink: Callable[[int], None] | None = None,
 ) -> SweepResult:
     """Play all plans in `workers` processes (as many as cores); cut the first failing plans down.
 
-    `on_progress` is told the totals so far and the number of plans after each handful.
+    `on_progress` is told the totals so far and the number of plans after each handful, `on_shrink` each seed whose plan
+    is about to be cut down. The time of the result is that of the playing.
     """
     started_s = time.perf_counter()
     total = SweepResult()
@@ -115,10 +120,11 @@ def sweep(
     total.failed.sort(key=lambda result: result.seed)
     by_seed = {plan.seed: plan for plan in plans}
     for result in total.failed[:SHRUNK_MAX_COUNT]:
+        if on_shrink is not None:
+            on_shrink(result.seed)
         plan = by_seed[result.seed]
         shrunk, found = shrink_plan(plan, result, play)
         total.failures.append(Failure(result.seed, plan, shrunk, found.violations))
-    total.elapsed_s = time.perf_counter() - started_s
     return total
 
 
