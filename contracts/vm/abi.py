@@ -15,7 +15,7 @@ from contracts.vm.faults import ARGUMENTS_INVALID, Fault
 from contracts.vm.meter import Runtime
 from contracts.vm.values import Mark
 
-EntryKind = Literal["export", "view", "genesis"]
+EntryKind = Literal["export", "view", "genesis", "migrate"]
 Accepts = Callable[[Any], bool]
 
 _PLAIN: dict[str, type] = {

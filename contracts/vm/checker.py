@@ -9,10 +9,10 @@ import ast
 import re
 import warnings
 
-from contracts.vm.abi import TYPE_HELP, parse_type
+from contracts.vm.abi import TYPE_HELP, parse_type, type_text
 from contracts.vm.checker_expressions import ExpressionChecker
 from contracts.vm.faults import ContractSourceError, Diagnostic
-from contracts.vm.names import KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names
+from contracts.vm.names import KIND_HELP, KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names
 from contracts.vm.prelex import prelex
 
 _SAID_BY = {"FLOAT": "NUMBER", "NO_EFFECT": "NOT_IN_LANGUAGE"}
@@ -89,7 +89,8 @@ class Checker(ExpressionChecker):
         for facts in self.facts.functions.values():
             self._function(facts)
         self._check_views()
-        if not any(facts.kind for facts in self.facts.functions.values()):
+        self._check_migration()
+        if not any(facts.kind not in ("", "migrate") for facts in self.facts.functions.values()):
             self.report(
                 tree, "NO_ENTRY", "The contract has no entry.", "Mark a function with @export, @view or @genesis."
             )
@@ -131,7 +132,7 @@ class Checker(ExpressionChecker):
         kind = ""
         for decorator in node.decorator_list:
             if not isinstance(decorator, ast.Name) or decorator.id not in KINDS:
-                self.report(decorator, "DECORATOR", "This decorator is unknown.", "Use @export, @view or @genesis.")
+                self.report(decorator, "DECORATOR", "This decorator is unknown.", KIND_HELP)
             elif kind:
                 self.report(decorator, "DECORATOR", "A function has at most one decorator.", "Remove one.")
             else:
@@ -271,6 +272,21 @@ class Checker(ExpressionChecker):
                     self.report(facts.node, "VIEW_WRITES", message, "Make it an @export, or leave that out.")
                     break
                 pending.extend(functions[name].calls & functions.keys())
+
+    def _check_migration(self) -> None:
+        """A migration is run by the machine alone, so nobody can give it anything or take anything from it."""
+        migrations = [facts for facts in self.facts.functions.values() if facts.kind == "migrate"]
+        for facts in migrations[1:]:
+            message = f"A source has one @migrate, and {migrations[0].node.name} is that."
+            self.report(facts.node, "MIGRATE", message, "Let one do all of it, or make this a helper.")
+        for facts in migrations:
+            if facts.params:
+                self.report(facts.node, "MIGRATE", "A @migrate takes no parameters.", "Read what it needs.")
+            if facts.node.returns is not None and type_text(facts.node.returns) != "None":
+                self.report(facts.node.returns, "MIGRATE", "A @migrate has no result.", "Remove the type.")
+            for part in ast.walk(facts.node):
+                if isinstance(part, ast.Return) and part.value is not None:
+                    self.report(part, "MIGRATE", "A @migrate has no result.", "Write 'return' alone.")
 
 
 def _is_docstring(node: ast.stmt) -> bool:

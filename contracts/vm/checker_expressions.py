@@ -287,6 +287,9 @@ class ExpressionChecker:
             self.report(
                 node, "ARGUMENTS", f"{name} {bound}", f"Its parameters are {', '.join(facts.params) or 'none'}."
             )
+        if facts.kind == "migrate":
+            message = f"{name} is a @migrate, which the machine alone runs."
+            self.report(node, "MIGRATE", message, "Move what both need to a helper.")
         if self.current is not None:
             self.current.calls.add(name)
 

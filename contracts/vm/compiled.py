@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
 from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, type_text
@@ -84,7 +84,7 @@ def compile_contract(source: str, name: str) -> CompiledContract:
 
 def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ...]) -> CompiledEntry:
     node = facts.node
-    kind: EntryKind = "export" if facts.kind == "export" else "view" if facts.kind == "view" else "genesis"
+    kind = next(kind for kind in get_args(EntryKind) if kind == facts.kind)
     params = tuple((argument.arg, type_text(argument.annotation)) for argument in node.args.args)
     accepts = [parse_type(argument.annotation) for argument in node.args.args]
     entry = Entry(node.name, kind, params, type_text(node.returns), facts.required, node.lineno)

@@ -23,15 +23,28 @@ from contracts.vm.faults import (
     Fault,
     InternalFault,
 )
-from contracts.vm.meter import GENESIS_WRITES_MAX_COUNT, WRITES_MAX_COUNT, CallContext, HostInterface, Runtime
+from contracts.vm.meter import (
+    GENESIS_WRITES_MAX_COUNT,
+    MIGRATE_WRITES_MAX_COUNT,
+    WRITES_MAX_COUNT,
+    CallContext,
+    HostInterface,
+    Runtime,
+)
 from contracts.vm.values import copy_across, fresh_constant
 
-Mode = Literal["export", "view", "genesis"]
+Mode = Literal["export", "view", "genesis", "migrate"]
 
 ENTRY_GAS = 50
 CROSS_CALL_GAS = 100
 CROSS_CALL_FRAMES = 40
 _RECURSION_LIMIT_FRAMES = 6000
+_WRITES_MAX_COUNT: dict[Mode, int] = {
+    "export": WRITES_MAX_COUNT,
+    "view": 0,
+    "genesis": GENESIS_WRITES_MAX_COUNT,
+    "migrate": MIGRATE_WRITES_MAX_COUNT,
+}
 
 if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
     sys.setrecursionlimit(_RECURSION_LIMIT_FRAMES)
@@ -65,9 +78,14 @@ def invoke(
 
     Raises InternalFault if the interpreter or the host fails in an unforeseen way: then there is no result.
     """
-    writes_max = GENESIS_WRITES_MAX_COUNT if mode == "genesis" else WRITES_MAX_COUNT
     runtime = Runtime(
-        contracts, host, context, gas_limit, _enter_by_call, read_only=mode == "view", writes_max=writes_max
+        contracts,
+        host,
+        context,
+        gas_limit,
+        _enter_by_call,
+        read_only=mode == "view",
+        writes_max=_WRITES_MAX_COUNT[mode],
     )
     try:
         found = _find(runtime, contract, entry, (mode,))

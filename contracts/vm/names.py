@@ -16,7 +16,8 @@ from contracts.vm.methods import METHODS, Method
 CALLABLES: dict[str, Builtin] = {**BUILTINS, **HOST_FUNCTIONS}
 NAMESPACES = frozenset({"ctx", "state"})
 RESERVED = frozenset({name.split(".")[0] for name in CALLABLES}) | NAMESPACES | frozenset(TYPES) | {"isinstance"}
-KINDS = ("export", "view", "genesis")
+KINDS = ("export", "view", "genesis", "migrate")
+KIND_HELP = "Use @export, @view, @genesis or @migrate."
 
 
 @dataclass(slots=True)
