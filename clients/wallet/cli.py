@@ -58,7 +58,8 @@ def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: P
     )
 
 
-def _read_passphrase(*, confirm: bool = False) -> str:
+def read_passphrase(*, confirm: bool = False) -> str:
+    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`)."""
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
@@ -71,7 +72,7 @@ def _read_passphrase(*, confirm: bool = False) -> str:
 def _run(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
     path, genesis_path = ctx.obj
     genesis = load_genesis(genesis_path)
-    store = Keystore.open(path, _read_passphrase())
+    store = Keystore.open(path, read_passphrase())
 
     async def main() -> T:
         async with Wallet(store, genesis) as opened:
@@ -99,7 +100,7 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
     if words_file is None and not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
     words = draw_words()
-    passphrase = _read_passphrase(confirm=True)
+    passphrase = read_passphrase(confirm=True)
     Keystore.create(path, words, passphrase, _cost(fast_passphrase))
     if words_file:
         _write_secret(words_file, words + "\n")
@@ -144,7 +145,7 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
     else:
         raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
     keys = derive_keys(words)
-    Keystore.create(path, " ".join(words.lower().split()), _read_passphrase(confirm=True), _cost(fast_passphrase))
+    Keystore.create(path, " ".join(words.lower().split()), read_passphrase(confirm=True), _cost(fast_passphrase))
     if as_json:
         print_json({"ok": True, "wallet": str(path), "member": keys.identity.public_key.hex()})
     else:

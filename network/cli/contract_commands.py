@@ -1,0 +1,20 @@
+"""`blockrobot contract`: the group of all that concerns contracts. Must never import a command to list its name."""
+
+from __future__ import annotations
+
+import click
+
+from network.cli.lazy_group import LazyGroup
+
+_COMMANDS = {
+    "call": ("network.cli.contract_chain_commands", "call"),
+    "query": ("network.cli.contract_chain_commands", "query"),
+}
+
+
+@click.group(cls=LazyGroup, places=_COMMANDS)
+def contract() -> None:
+    """Contracts: write, check, test and trace them; put them on a chain; call them, ask them, follow their events.
+
+    Example: blockrobot contract query identity role_of 0x02ab... --as hospital
+    """
