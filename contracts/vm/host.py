@@ -12,18 +12,17 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
-from consensus.primitives.encoding import decode_stored_value
 from contracts.vm.builtins_table import Builtin
 from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
 from contracts.vm.values import (
     HEADER_BYTES,
     ITEM_BYTES,
-    charge_decoded,
     encode_checked,
     need_bytes,
     need_int,
     need_str,
+    read_stored,
     type_name,
 )
 
@@ -63,10 +62,8 @@ def _state_get(runtime: Runtime, key: Any, default: Any = None) -> Any:
     data = runtime.host.get(runtime.prefix + key)
     if data is None:
         return default
-    runtime.charge(len(data) >> 1)
-    value = decode_stored_value(data)
-    charge_decoded(runtime, value)
-    return value
+    runtime.gas -= len(data) >> 1
+    return read_stored(runtime, data)
 
 
 def _state_has(runtime: Runtime, key: Any) -> bool:
@@ -104,9 +101,7 @@ def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
     for key, data in runtime.host.scan(runtime.prefix + prefix, limit):
         runtime.charge(SCAN_ITEM_GAS + (len(data) >> 1))
         runtime.allocate(2 * HEADER_BYTES + 3 * ITEM_BYTES + len(key))
-        value = decode_stored_value(data)
-        charge_decoded(runtime, value)
-        found.append([key[skipped:], value])
+        found.append([key[skipped:], read_stored(runtime, data)])
     return found
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.primitives.encoding import VALUE_DEPTH_MAX, encode_value
+from consensus.primitives.encoding import VALUE_DEPTH_MAX, decode_stored_value, encode_flat_dict, encode_value
 from contracts.vm.faults import INT_OVERFLOW, TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
 
@@ -19,6 +19,14 @@ HEADER_BYTES = 64
 DICT_ENTRY_BYTES = 128
 
 NoneType = type(None)
+_IMMUTABLE = frozenset((bytes, str, int, bool, NoneType))
+
+_KEPT_MIN_BYTES = 12
+_KEPT_MAX_BYTES = 512
+_KEPT_ITEMS_MAX_COUNT = 64
+_KEPT_MAX_COUNT = 1024
+_decoded: dict[bytes, tuple[Any, int]] = {}
+"""Stored bytes -> (the value, or MISSING if it is not flat; its modelled size). A memory of this process, no state."""
 
 
 class Mark:
@@ -134,13 +142,77 @@ def _tree_bytes(root: Any) -> int:
     return size
 
 
+def read_stored(runtime: Runtime, data: bytes) -> Any:
+    """Return the value that stored bytes stand for, under charge for the memory it takes.
+
+    Many calls read the same few entries: what those hold is kept decoded, and each reader gets a copy.
+    """
+    known = _decoded.get(data)
+    value, size = _decode(data) if known is None else known
+    runtime.memory -= size
+    runtime.gas -= size >> 6
+    if runtime.memory < 0 or runtime.gas < 0:
+        runtime.exhausted()
+    if known is None:
+        return value
+    if value is MISSING:
+        return decode_stored_value(data)
+    return value.copy() if type(value) is dict or type(value) is list else value
+
+
+def _decode(data: bytes) -> tuple[Any, int]:
+    """Return a stored value and its modelled size; keep both (only the size where a copy would not be flat)."""
+    value = decode_stored_value(data)
+    kind = type(value)
+    if kind is bytes:
+        size = HEADER_BYTES + len(value)
+    elif kind is str:
+        size = text_bytes(value)
+    else:
+        size = _tree_bytes(value) if kind is dict or kind is list else 0
+    if _KEPT_MIN_BYTES <= len(data) <= _KEPT_MAX_BYTES:
+        if len(_decoded) >= _KEPT_MAX_COUNT:
+            _decoded.clear()
+        _decoded[data] = _template(value), size
+    return value, size
+
+
+def _template(value: Any) -> Any:
+    """Return what to copy for further readers of a value, or MISSING if it holds others or much."""
+    if type(value) is not dict and type(value) is not list:
+        return value
+    flat = _IMMUTABLE.issuperset(map(type, value.values() if type(value) is dict else value))
+    return value.copy() if flat and len(value) <= _KEPT_ITEMS_MAX_COUNT else MISSING
+
+
 def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
     """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
-    _walk(runtime, value, 0, size_max, what)
-    data = encode_value(value)
+    if type(value) is dict:
+        data = _encode_dict(runtime, value, size_max, what)
+    else:
+        _walk(runtime, value, 0, size_max, what)
+        data = encode_value(value)
     if len(data) > size_max:
         raise _too_large(what)
     return data
+
+
+def _encode_dict(runtime: Runtime, value: dict[Any, Any], left: int, what: str) -> bytes:
+    """As `_walk` does for a dict on top, noting whether the quick way of encoding will do."""
+    runtime.charge(2 + 3 * len(value))
+    flat = True
+    for key, item in value.items():
+        left -= 1 if type(key) is int else len(key)
+        kind = type(item)
+        if kind is bytes or kind is str:
+            left -= len(item)
+        elif kind is not int:
+            left = _walk(runtime, item, 1, left, what)
+            if item and kind is not bool:
+                flat = False
+    if left < 0:
+        raise _too_large(what)
+    return encode_flat_dict(value) if flat else encode_value(value)
 
 
 def _too_large(what: str) -> Fault:
