@@ -17,6 +17,7 @@ from contracts.vm.faults import OUT_OF_GAS, Fault
 from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, dotted_name
 from contracts.vm.operations import BINARY, delete_item, get_item, iterate, set_item
 from contracts.vm.values import MISSING, Mark
+from contracts.vm.watch import Place, Watch, watched
 
 RETURN: Final = Mark("return")
 BREAK: Final = Mark("break")
@@ -26,7 +27,10 @@ FRAMES_PER_CALL = 12
 
 
 class StatementCompiler(ExpressionCompiler):
-    """Compiles the statements of one function."""
+    """Compiles the statements of one function; each tells `watch` of itself, if there is one."""
+
+    watch: Watch | None = None
+    function_name = ""
 
     def block(self, body: list[ast.stmt], extra_cost: int = 0) -> tuple[Run, bool]:
         """Compile a block; also tell whether it always leaves by return, break or continue."""
@@ -37,10 +41,13 @@ class StatementCompiler(ExpressionCompiler):
         for statement in body:
             if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
                 continue
-            self.cost += 1
+            before, self.cost = self.cost, self.cost + 1
             step, leaves_here = self._statement(statement)
             leaves = leaves or leaves_here
             if step is not None:
+                if self.watch is not None:
+                    place = Place(self.function_name, statement.lineno, self.cost - before, self.scope.slots)
+                    step = watched(step, place, self.watch)
                 steps.append(step)
                 lines[step] = statement.lineno
         run = _run_block(steps, lines, self.cost, body[0].lineno)
@@ -351,10 +358,12 @@ def compile_function(
     functions: dict[str, FunctionFacts],
     codes: dict[str, FunctionCode],
     defaults: dict[str, list[Any]],
+    watch: Watch | None = None,
 ) -> None:
     """Fill in the code of one function."""
     scope = Scope(facts)
     compiler = StatementCompiler(constants, functions, codes, defaults, scope)
+    compiler.watch, compiler.function_name = watch, facts.node.name
     function.body, _ = compiler.block(facts.node.body, FUNCTION_GAS)
     function.tail = scope.initial
     function.depth = 2 * nesting(facts.node) + FRAMES_PER_CALL
