@@ -8,7 +8,7 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
-from consensus.block import Block, FinalityProof, Header, Receipt, Receipts
+from consensus.block import Block, ContractEvent, FinalityProof, Header, Receipt, Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
@@ -19,7 +19,7 @@ from node.finality import FinalityFeed
 from node.gossip import Gossip
 from node.mempool import Mempool
 from node.snapshot.making import read_header_bytes
-from node.storage.ledger_store import LedgerSnapshot, LedgerStore
+from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore
 
 SUBMIT_SLICE_COUNT = 64
 EXPIRED_REMEMBERED_MAX_COUNT = 16_384
@@ -81,6 +81,11 @@ class DecodedSnapshot:
         """Return the receipts of the block of this height, or None."""
         data = self._snapshot.receipts(height)
         return None if data is None else decode(data, Receipts).receipts
+
+    def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
+        """Return up to `limit` events with height and index among their block's, from this place on, in order."""
+        found = self._snapshot.events(EventCursor(height, index), limit)
+        return [(place.height, place.index, decode(data, ContractEvent)) for place, data in found]
 
     def header_bytes(self, height: int) -> bytes | None:
         """Return the bytes of the finalized header of this height, pruned or not."""

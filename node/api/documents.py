@@ -228,6 +228,25 @@ class BlocksAnswer(Document, frozen=True):
     blocks: list[BlockSummary]
 
 
+class EventItem(Document, frozen=True):
+    """One event of a finalized block. `place` is height:index, the same at every node; `data` is an encoded dict."""
+
+    place: str
+    contract: str
+    name: str
+    data: HexBytes
+    txid: Hex32
+
+
+class EventsPage(Document, frozen=True):
+    """Events in order. `next` is where to go on: nothing before it is left to read."""
+
+    head: int
+    earliest_height: int
+    next: str
+    events: list[EventItem]
+
+
 class BlockAnswer(Document, frozen=True):
     """One finalized block with its transactions' ids and receipts, and its canonical bytes."""
 

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
-from consensus.block import Block, FinalityProof, Header, Receipt
+from consensus.block import Block, ContractEvent, FinalityProof, Header, Receipt
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.trie import Proof
@@ -66,6 +66,10 @@ class LedgerSnapshot(Protocol):
 
     def receipts(self, height: int) -> Sequence[Receipt] | None:
         """Return the receipts of the block of this height, in its order, or None."""
+        ...
+
+    def events(self, height: int, index: int, limit: int) -> Sequence[tuple[int, int, ContractEvent]]:
+        """Return up to `limit` events with height and index among their block's, from this place on, in order."""
         ...
 
     def header_bytes(self, height: int) -> bytes | None:

@@ -223,6 +223,7 @@ class SmallLedger:
             block_id=block.block_id,
             block_bytes=encode(block),
             receipts_bytes=encode(Receipts(receipts=receipts)),
+            events=[encode(event) for receipt in receipts for event in receipt.events],
             timestamp_ms=header.timestamp_ms,
             state_root=header.state_root,
             transactions=[(t.txid, t.body.valid_until_ms) for t in transactions],

@@ -38,6 +38,7 @@ ALLOWED = {
     "queryContract": EVERYBODY_KNOWN,
     "listAnnouncements": MEMBERS,
     "streamEvents": MEMBERS,
+    "listEvents": MEMBERS,
     "uploadClip": {"robot"},
     "downloadClip": {"owner"},
     "putBackground": {"robot"},

@@ -1,0 +1,111 @@
+"""Events of contracts by place, page by page: what a reader needs to go on where it stopped. Must never skip one.
+
+A place is height:index, the index counting the events of the block; it is the same at every node, so that a reader may
+go on at another one. A page says where to go on, also past blocks without events: what is pruned meanwhile is no loss.
+"""
+
+from __future__ import annotations
+
+from aiohttp import web
+
+from consensus.block import ContractEvent
+from consensus.errors import BlockRobotError
+from node.api.access import MEMBER
+from node.api.documents import PAGE_MAX_COUNT, EventItem, EventsPage
+from node.api.pruned import require_kept
+from node.api.routes.transactions import WAIT_MAX_MS
+from node.api.routing import JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.services import LedgerSnapshot
+
+SCAN_MAX_COUNT = 1_000
+PLACE_PATTERN = "^[0-9]{1,15}:[0-9]{1,9}$"
+
+
+def _read_place(call: Call, snapshot: LedgerSnapshot) -> tuple[int, int]:
+    """Return the place from which on is read; the oldest that is kept here if none is given."""
+    text = call.http.query.get("from")
+    if text is None:
+        return snapshot.earliest_height, 0
+    height, _, index = text.partition(":")
+    if not (text.isascii() and height.isdigit() and index.isdigit() and len(height) <= 15 and len(index) <= 9):
+        raise BlockRobotError("REQUEST_INVALID", "The place has the form height:index.")
+    return int(height), int(index)
+
+
+def _read_page(call: Call, snapshot: LedgerSnapshot) -> EventsPage:
+    """Read one page. Raises BLOCK_PRUNED if events from there on may be missing here."""
+    height, index = _read_place(call, snapshot)
+    require_kept(snapshot, height)
+    contract, name, limit = call.http.query.get("contract"), call.http.query.get("name"), call.int_of("limit")
+    rows = snapshot.events(height, index, SCAN_MAX_COUNT)
+    head = snapshot.header.height
+    found: list[tuple[int, int, ContractEvent]] = []
+    for at, number, event in rows:
+        if len(found) == limit:
+            following = (at, number)
+            break
+        if contract in {None, event.contract} and name in {None, event.name}:
+            found.append((at, number, event))
+    else:
+        if len(rows) == SCAN_MAX_COUNT:
+            following = (rows[-1][0], rows[-1][1] + 1)
+        else:
+            following = (height, index) if head < height else (head + 1, 0)
+    return EventsPage(
+        head=head,
+        earliest_height=snapshot.earliest_height,
+        next=f"{following[0]}:{following[1]}",
+        events=_items(snapshot, found),
+    )
+
+
+def _items(snapshot: LedgerSnapshot, found: list[tuple[int, int, ContractEvent]]) -> list[EventItem]:
+    """Join events with the ids of the transactions that they are of."""
+    txids: dict[int, list[str]] = {}
+    for height in {at for at, _, _ in found}:
+        txids[height] = [one.txid.hex() for one in snapshot.receipts(height) or () for _ in one.events]
+    return [
+        EventItem(
+            place=f"{at}:{number}",
+            contract=event.contract,
+            name=event.name,
+            data=event.data.hex(),
+            txid=txids[at][number],
+        )
+        for at, number, event in found
+    ]
+
+
+async def _get_page(call: Call) -> web.StreamResponse:
+    wait_ms, ledger = call.int_of("wait_ms"), call.services.ledger
+    with ledger.snapshot() as snapshot:
+        page = _read_page(call, snapshot)
+    if wait_ms and not page.events and int(page.next.partition(":")[0]) > page.head:
+        with call.hold_back() as allowed:
+            came = allowed and await ledger.wait_above(page.head, wait_ms)
+        if came:
+            with ledger.snapshot() as snapshot:
+                page = _read_page(call, snapshot)
+    return json_answer(page)
+
+
+ROUTES = (
+    Route(
+        "GET",
+        "/v1/events/page",
+        "listEvents",
+        "Contract events of finalized blocks from a place on, in order; `next` of the answer is the place to go on from. "
+        "With `wait_ms` an answer without events is held back until there is a new block, unless too many are.",
+        MEMBER,
+        _get_page,
+        Answer(JSON, EventsPage, "A page of events."),
+        parameters=(
+            Parameter("from", "query", "height:index, the first place to read.", pattern=PLACE_PATTERN),
+            Parameter("limit", "query", "How many at most.", None, 1, PAGE_MAX_COUNT, 50),
+            Parameter("contract", "query", "Only events of this contract.", pattern="^[a-z][a-z0-9_-]{0,31}$"),
+            Parameter("name", "query", "Only events of this name.", pattern="^[A-Za-z][A-Za-z0-9_.-]{0,63}$"),
+            Parameter("wait_ms", "query", "How long to wait for a new block, in ms.", maximum=WAIT_MAX_MS, default=0),
+        ),
+        errors=("BLOCK_PRUNED",),
+    ),
+)
