@@ -41,6 +41,7 @@ from contracts.vm.operations import (
 )
 from contracts.vm.values import (
     DICT_ENTRY_BYTES,
+    DICT_KEY_MAX_CHARS,
     HEADER_BYTES,
     ITEM_BYTES,
     UNSET,
@@ -106,8 +107,8 @@ class Scope:
         return self._next - 1
 
     def constant(self, value: Any) -> int:
-        """Return the slot of an immutable constant."""
-        key = (type(value), repr(value))
+        """Return the slot of an immutable constant; a tuple is known by itself, since to look into it takes its size."""
+        key = (tuple, id(value)) if type(value) is tuple else (type(value), value)
         if key not in self._constants:
             self._constants[key] = self.new_slot(value)
         return self._constants[key]
@@ -251,7 +252,7 @@ class ExpressionCompiler:
     def _dict(self, node: ast.Dict) -> Code:
         size = HEADER_BYTES + DICT_ENTRY_BYTES * len(node.keys)
         values = [self.expression(value) for value in node.values]
-        if all(isinstance(key, ast.Constant) and type(key.value) is str for key in node.keys):
+        if all(_is_plain_key(key) for key in node.keys):
             self.cost += len(node.keys)
             pairs = [(key.value, value.run) for key, value in zip(node.keys, values, strict=True)]  # type: ignore[union-attr]
 
@@ -398,6 +399,11 @@ def _user_call(function: FunctionCode, runs: list[Callable[[Frame], Any]]) -> Ca
         return inner[1]
 
     return run
+
+
+def _is_plain_key(node: ast.expr | None) -> bool:
+    """Whether a dict's key stands in the source as a text that needs no check when it is used."""
+    return isinstance(node, ast.Constant) and type(node.value) is str and len(node.value) <= DICT_KEY_MAX_CHARS
 
 
 def _method_fault(name: str, value: Any) -> Fault:

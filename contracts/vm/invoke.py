@@ -16,6 +16,7 @@ from contracts.vm.faults import (
     ARGUMENTS_INVALID,
     CALL_DEPTH,
     ENTRY_UNKNOWN,
+    MEMORY_BUDGET,
     OK,
     OUT_OF_GAS,
     REENTRANT,
@@ -121,7 +122,7 @@ def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
     try:
         return [value if type(value) is bytes else copy_across(runtime, value, "An argument", 1) for value in args]
     except Fault as fault:
-        if fault.code == OUT_OF_GAS:
+        if fault.code in (OUT_OF_GAS, MEMORY_BUDGET):
             raise
         raise Fault(ARGUMENTS_INVALID, fault.message) from None
 

@@ -14,6 +14,7 @@ from contracts.vm.meter import Runtime
 
 INT_LIMIT = 1 << 256
 DICT_KEY_INT_LIMIT = 1 << 60
+DICT_KEY_MAX_CHARS = 1024
 ITEM_BYTES = 8
 HEADER_BYTES = 64
 DICT_ENTRY_BYTES = 128
@@ -81,10 +82,12 @@ def need_bytes(value: Any, what: str) -> bytes:
 
 
 def check_dict_key(key: Any) -> None:
-    """Refuse what may not be a dict key: all but str, bytes and ints of at most 60 bits."""
+    """Refuse what may not be a dict key: all but ints of at most 60 bits, and str and bytes that are quickly compared."""
     kind = type(key)
     if kind is str or kind is bytes:
-        return
+        if len(key) <= DICT_KEY_MAX_CHARS:
+            return
+        raise Fault(VALUE_ERROR, f"A key of a dict has at most {DICT_KEY_MAX_CHARS} characters or bytes.")
     if kind is int:
         if -DICT_KEY_INT_LIMIT < key < DICT_KEY_INT_LIMIT:
             return
@@ -250,13 +253,21 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
 
 
 def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
-    """Return a copy of `value` that shares nothing mutable with it, tuples as lists, under charge."""
+    """Return a copy of `value` that shares nothing mutable with it, tuples as lists, under charge.
+
+    What is inside a container is charged as often as it stands there: whoever encodes the copy meets it that often.
+    """
     kind = type(value)
-    if kind is bytes or value is None or kind is bool:
+    if kind is bytes:
+        if depth:
+            runtime.allocate(len(value))
+        return value
+    if value is None or kind is bool:
         return value
     if kind is int:
         return check_int(value)
     if kind is str:
+        runtime.allocate(text_bytes(value))
         return _check_text(value, what)
     if depth >= VALUE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
