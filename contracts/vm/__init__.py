@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 from contracts.vm.abi import Abi, Entry
-from contracts.vm.compiled import CompiledContract, compile_contract
+from contracts.vm.compiled import CompiledContract, compile_contract, find_problems
 from contracts.vm.faults import VM_CODES, ContractSourceError, Diagnostic, InternalFault
 from contracts.vm.invoke import Outcome, invoke
 from contracts.vm.meter import LANGUAGE_VERSION, CallContext, HostInterface
@@ -29,5 +29,6 @@ __all__ = [
     "InternalFault",
     "Outcome",
     "compile_contract",
+    "find_problems",
     "invoke",
 ]

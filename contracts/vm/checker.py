@@ -7,48 +7,81 @@ from __future__ import annotations
 
 import ast
 import re
-import warnings
 
 from contracts.vm.abi import TYPE_HELP, parse_type, type_text
 from contracts.vm.checker_expressions import ExpressionChecker
 from contracts.vm.faults import ContractSourceError, Diagnostic
-from contracts.vm.names import KIND_HELP, KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names
-from contracts.vm.prelex import prelex
+from contracts.vm.names import KIND_HELP, KINDS, RESERVED, FunctionFacts, SourceFacts, bound_names, dotted_name
+from contracts.vm.prelex import WORDS, prelex
+from contracts.vm.reading import parse_source, read_what_can_be_read
 
 _SAID_BY = {"FLOAT": "NUMBER", "NO_EFFECT": "NOT_IN_LANGUAGE"}
 _CONTRACT_NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
 
 _REFUSED: dict[str, tuple[str, str]] = {
-    "Import": ("Nothing can be imported.", "Use the names the language gives: see the reference."),
-    "ImportFrom": ("Nothing can be imported.", "Use the names the language gives: see the reference."),
-    "ClassDef": ("There are no classes.", "Use a dict with text keys."),
-    "AsyncFunctionDef": ("There is no async.", "Use 'def'."),
-    "Try": ("Failures cannot be caught.", "Test with 'if' first; what fails, fails the whole call."),
-    "TryStar": ("Failures cannot be caught.", "Test with 'if' first; what fails, fails the whole call."),
-    "Raise": ("There is no raise.", 'Use require(False, "CODE").'),
-    "Assert": ("There is no assert.", 'Use require(condition, "CODE").'),
-    "With": ("There is no with.", "Write the steps out."),
-    "Global": ("Module names cannot be changed.", "Keep it in the state."),
-    "Nonlocal": ("There are no nested functions.", "Pass it as an argument."),
+    "Import": WORDS["import"],
+    "ImportFrom": WORDS["import"],
+    "ClassDef": WORDS["class"],
+    "AsyncFunctionDef": WORDS["async"],
+    "AsyncFor": WORDS["async"],
+    "AsyncWith": WORDS["async"],
+    "Try": WORDS["try"],
+    "TryStar": WORDS["try"],
+    "Raise": WORDS["raise"],
+    "Assert": WORDS["assert"],
+    "With": WORDS["with"],
+    "Global": WORDS["global"],
+    "Nonlocal": WORDS["nonlocal"],
     "Match": ("There is no match.", "Use if and elif."),
-    "TypeAlias": ("There is no type statement.", "Write the type out."),
+    "TypeAlias": WORDS["type"],
+    "FunctionDef": ("There are no nested functions.", "Move it to the top."),
 }
 
 
 def check_source(source: str, name: str) -> SourceFacts:
-    """Parse and check a source. Raises ContractSourceError with all problems found."""
+    """Parse and check a source. Raises ContractSourceError with the problems found.
+
+    A source that cannot be parsed is looked at no further: `check_thoroughly` does that.
+    """
+    _check_name(name)
+    text = prelex(source)
+    verdict = min(text.diagnostics, key=lambda one: (one.line, one.column), default=None)
+    if text.fatal:
+        raise ContractSourceError(name, _sorted(text.diagnostics), verdict)
+    tree = parse_source(source)
+    if isinstance(tree, Diagnostic):
+        unreadable = Diagnostic("SYNTAX", 1, 1, "This is not Python.", "Check the source where it is written.")
+        raise ContractSourceError(name, _sorted([*text.diagnostics, tree]), verdict or unreadable)
+    checker = Checker(text.diagnostics, source)
+    checker.module(tree)
+    if checker.diagnostics:
+        raise ContractSourceError(name, _sorted(checker.diagnostics), verdict)
+    return checker.facts
+
+
+def check_thoroughly(source: str, name: str) -> tuple[tuple[Diagnostic, ...], SourceFacts]:
+    """Return all problems of a source, in its order, and what was understood of it.
+
+    For authors: it reads on where a line cannot be read, and may parse a source many times over.
+    """
+    try:
+        _check_name(name)
+        diagnostics: list[Diagnostic] = []
+    except ContractSourceError as error:
+        diagnostics = list(error.diagnostics)
+    text = prelex(source)
+    diagnostics += text.diagnostics
+    tree, unreadable = read_what_can_be_read(source, text, diagnostics)
+    checker = Checker(diagnostics, source, unreadable)
+    if tree is not None:
+        checker.module(tree)
+    return _sorted(checker.diagnostics), checker.facts
+
+
+def _check_name(name: str) -> None:
     if _CONTRACT_NAME.fullmatch(name) is None:
         message = "A contract's name is 1 to 32 of a-z, 0-9, '-' and '_', a letter first."
         raise ContractSourceError("contract", (Diagnostic("CONTRACT_NAME", 1, 1, message, "Choose such a name."),))
-    diagnostics, fatal = prelex(source)
-    if fatal:
-        raise ContractSourceError(name, _sorted(diagnostics))
-    tree = _parse(source, name, diagnostics)
-    checker = Checker(diagnostics)
-    checker.module(tree)
-    if diagnostics:
-        raise ContractSourceError(name, _sorted(diagnostics))
-    return checker.facts
 
 
 def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
@@ -58,20 +91,6 @@ def _sorted(diagnostics: list[Diagnostic]) -> tuple[Diagnostic, ...]:
         if (line, column, _SAID_BY.get(code, "")) in unique:
             del unique[line, column, code]
     return tuple(unique[place] for place in sorted(unique))
-
-
-def _parse(source: str, name: str, diagnostics: list[Diagnostic]) -> ast.Module:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return ast.parse(source)
-    except SyntaxError as error:
-        line, column = error.lineno or 1, max(error.offset or 1, 1)
-        found = Diagnostic("SYNTAX", line, column, "This is not Python.", f"Python says: {error.msg}.")
-        raise ContractSourceError(name, _sorted([*diagnostics, found])) from None
-    except (ValueError, MemoryError, RecursionError):
-        found = Diagnostic("SYNTAX", 1, 1, "The source cannot be parsed.", "Make its expressions simpler.")
-        raise ContractSourceError(name, _sorted([*diagnostics, found])) from None
 
 
 class Checker(ExpressionChecker):
@@ -85,19 +104,54 @@ class Checker(ExpressionChecker):
             elif isinstance(statement, ast.Assign | ast.AnnAssign):
                 self._declare_constant(statement)
             elif not (position == 0 and _is_docstring(statement)):
-                self._refuse_statement(statement, "At the top there are only constants and functions.")
-        for facts in self.facts.functions.values():
+                self._at_the_top(statement)
+        for facts in self._bodies:
             self._function(facts)
         self._check_views()
         self._check_migration()
-        if not any(facts.kind not in ("", "migrate") for facts in self.facts.functions.values()):
+        if not self._may_have_entry and not self.unreadable:
             self.report(
                 tree, "NO_ENTRY", "The contract has no entry.", "Mark a function with @export, @view or @genesis."
             )
 
+    def _at_the_top(self, node: ast.stmt) -> None:
+        """Refuse a statement that stands outside of functions, and look at what is inside it all the same."""
+        if not isinstance(node, ast.Import | ast.ImportFrom | ast.ClassDef):
+            empty = ast.FunctionDef("_", ast.arguments([], [], None, [], [], None, []), [node], [])
+            self._bodies.append(FunctionFacts(empty, "", (), bound_names([node])))
+        self.unreadable |= bound_names([node])
+        self._refuse_statement(node, "At the top there are only constants and functions.")
+
     def _refuse_statement(self, node: ast.stmt, otherwise: str) -> None:
         message, fix = _REFUSED.get(type(node).__name__, (otherwise, "Move it into a function."))
         self.report(node, "NOT_IN_LANGUAGE", message, fix)
+
+    def _inside_refused(self, node: ast.stmt, *, in_loop: bool) -> None:
+        """Check what stands inside a statement that the language does not have."""
+        if isinstance(node, ast.Try | ast.TryStar):
+            bodies = [node.body, *[handler.body for handler in node.handlers], node.orelse, node.finalbody]
+            for body in bodies:
+                self._block(body, in_loop=in_loop)
+        elif isinstance(node, ast.With | ast.AsyncWith):
+            self._all(*[item.context_expr for item in node.items])
+            self._block(node.body, in_loop=in_loop)
+        elif isinstance(node, ast.Assert):
+            self.expression(node.test)
+        elif isinstance(node, ast.AsyncFor):
+            self.expression(node.iter)
+            self._block([*node.body, *node.orelse], in_loop=True)
+        elif isinstance(node, ast.Match):
+            self.expression(node.subject)
+            for case in node.cases:
+                self._block(case.body, in_loop=in_loop)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            outer, arguments = self.current, node.args
+            names = {one.arg for one in [*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs]}
+            local = frozenset(names) | bound_names(node.body) | (outer.local_names if outer else frozenset())
+            shell = ast.FunctionDef(node.name, arguments, node.body, [])
+            self.current = FunctionFacts(shell, "", (), local)
+            self._block(node.body, in_loop=False)
+            self.current = outer
 
     def _declare_name(self, node: ast.AST, name: str) -> bool:
         if name in RESERVED:
@@ -112,31 +166,38 @@ class Checker(ExpressionChecker):
 
     def _declare_constant(self, node: ast.Assign | ast.AnnAssign) -> None:
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
-            self.report(node, "CONSTANT", "A constant is 'NAME = value'.", "Write one name and one value.")
-            return
+        before = len(self.diagnostics)
         if isinstance(node, ast.AnnAssign) and parse_type(node.annotation) is None:
             self.report(node.annotation, "ANNOTATION", "This is not a type of the language.", TYPE_HELP)
-        self.constant_expression(node.value)
-        if self._declare_name(node, targets[0].id):
+        if node.value is not None:
+            self.constant_expression(node.value)
+        if len(targets) != 1 or not isinstance(targets[0], ast.Name) or node.value is None:
+            self.report(node, "CONSTANT", "A constant is 'NAME = value'.", "Write one name and one value.")
+            self.unreadable |= bound_names([node])
+        elif self._declare_name(node, targets[0].id):
             self.facts.constants[targets[0].id] = node.value
+            if len(self.diagnostics) > before:
+                self.facts.doubtful.add(targets[0].id)
 
     def _declare_function(self, node: ast.FunctionDef) -> None:
         kind = self._kind(node)
         params = self._params(node, kind)
+        facts = FunctionFacts(node, kind, params, bound_names(node.body) | frozenset(params))
+        self._bodies.append(facts)
         if self._declare_name(node, node.name):
-            names = bound_names(node.body) | frozenset(params)
-            self.facts.functions[node.name] = FunctionFacts(node, kind, params, names)
+            self.facts.functions[node.name] = facts
 
     def _kind(self, node: ast.FunctionDef) -> str:
         kind = ""
         for decorator in node.decorator_list:
             if not isinstance(decorator, ast.Name) or decorator.id not in KINDS:
                 self.report(decorator, "DECORATOR", "This decorator is unknown.", KIND_HELP)
+                self._may_have_entry = True
             elif kind:
                 self.report(decorator, "DECORATOR", "A function has at most one decorator.", "Remove one.")
             else:
                 kind = decorator.id
+        self._may_have_entry = self._may_have_entry or kind not in ("", "migrate")
         if kind and node.name.startswith("_"):
             self.report(node, "NAME_RESERVED", "An entry's name does not start with '_'.", "Choose another name.")
         return kind
@@ -147,7 +208,11 @@ class Checker(ExpressionChecker):
             self.report(node, "PARAMETERS", "There are only plain parameters.", "Remove '*', '/' and '**'.")
         if getattr(node, "type_params", None):
             self.report(node, "PARAMETERS", "There are no type parameters.", "Remove them.")
+        seen: set[str] = set()
         for argument in arguments.args:
+            if argument.arg in seen:
+                self.report(argument, "NAME_TWICE", f"There is a parameter {argument.arg} already.", "Rename one.")
+            seen.add(argument.arg)
             if argument.arg in RESERVED:
                 self.report(
                     argument, "NAME_RESERVED", f"{argument.arg} has a meaning of its own.", "Choose another name."
@@ -200,10 +265,9 @@ class Checker(ExpressionChecker):
                     self.expression(target)
             case ast.Pass():
                 pass
-            case ast.FunctionDef():
-                self.report(node, "NOT_IN_LANGUAGE", "There are no nested functions.", "Move it to the top.")
             case _:
                 self._refuse_statement(node, "This statement is not in the language.")
+                self._inside_refused(node, in_loop=in_loop)
 
     def _assign(self, node: ast.Assign) -> None:
         if len(node.targets) != 1:
@@ -253,8 +317,17 @@ class Checker(ExpressionChecker):
                     self._target(element, use)
                 else:
                     self.report(element, "ASSIGNMENT", "Only names can be unpacked into.", "Assign in two steps.")
+                    self._inside_target(element)
         else:
             self.report(node, "ASSIGNMENT", "This cannot be assigned to.", "Assign to a name or an item.")
+            self._inside_target(node)
+
+    def _inside_target(self, node: ast.expr) -> None:
+        """Check what a target that is refused reads."""
+        if isinstance(node, ast.Subscript) and not isinstance(node.slice, ast.Slice):
+            self._all(node.value, node.slice)
+        elif isinstance(node, ast.Attribute | ast.Subscript) and dotted_name(node.value) not in RESERVED:
+            self.expression(node.value)
 
     def _check_views(self) -> None:
         functions = self.facts.functions

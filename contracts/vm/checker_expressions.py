@@ -10,20 +10,21 @@ from contracts.vm.host import CONTEXT_FIELDS, WRITING
 from contracts.vm.methods import METHODS
 from contracts.vm.names import CALLABLES, RESERVED, FunctionFacts, SourceFacts, bind, bind_method, dotted_name
 from contracts.vm.operations import BINARY, COMPARE
+from contracts.vm.prelex import WORDS
 from contracts.vm.values import INT_LIMIT
 
 EXPRESSION_DEPTH_MAX = 60
 
 _REFUSED: dict[str, tuple[str, str]] = {
-    "Lambda": ("There is no lambda.", "Write a function at the top."),
+    "Lambda": WORDS["lambda"],
     "Set": ("There are no sets.", "Use a list, or a dict with True as values."),
     "SetComp": ("There are no sets.", "Use a list, or a dict with True as values."),
     "GeneratorExp": ("A generator stands only as the one argument of a function.", "Use [ ... ]."),
     "NamedExpr": ("There is no ':='.", "Assign on a line of its own."),
     "Starred": ("There is no '*' here.", "Write the items out, or use '+'."),
-    "Await": ("There is no await.", "Remove it."),
-    "Yield": ("There are no generators.", "Return a list."),
-    "YieldFrom": ("There are no generators.", "Return a list."),
+    "Await": WORDS["await"],
+    "Yield": WORDS["yield"],
+    "YieldFrom": WORDS["yield"],
 }
 _BUILTIN_HINTS: dict[str, str] = {
     "print": "Use emit.", "open": "Keep data in the state.", "set": "Use a list or a dict.", "float": "Use ints.",
@@ -37,17 +38,23 @@ _BUILTIN_HINTS: dict[str, str] = {
 class ExpressionChecker:
     """Checks expressions in the scope of the current function, and collects what is wrong."""
 
-    def __init__(self, diagnostics: list[Diagnostic]) -> None:
+    def __init__(self, diagnostics: list[Diagnostic], source: str, unreadable: frozenset[str] = frozenset()) -> None:
         self.diagnostics = diagnostics
         self.facts = SourceFacts()
+        self.unreadable = unreadable
+        self._lines = source.split("\n")
+        self._place: tuple[int, int] | None = None
+        self._bodies: list[FunctionFacts] = []
+        self._may_have_entry = False
         self.current: FunctionFacts | None = None
         self.comprehension_names: list[str] = []
         self._depth = 0
 
     def report(self, node: ast.AST, code: str, message: str, fix: str) -> None:
-        """Note a problem at a node."""
-        line, column = getattr(node, "lineno", 1), getattr(node, "col_offset", 0) + 1
-        self.diagnostics.append(Diagnostic(code, line, column, message, fix))
+        """Note a problem at a node (in an f-string: at the f-string, since Pythons number its inside differently)."""
+        line, offset = self._place or (getattr(node, "lineno", 1), getattr(node, "col_offset", 0))
+        before = self._lines[line - 1].encode("utf-8", "replace")[:offset].decode("utf-8", "ignore")
+        self.diagnostics.append(Diagnostic(code, line, len(before) + 1, message, fix))
 
     def operator(self, node: ast.AST, op: ast.operator) -> None:
         """Refuse the operators that the language does not have."""
@@ -102,6 +109,22 @@ class ExpressionChecker:
             case _:
                 message, fix = _REFUSED.get(type(node).__name__, ("This is not in the language.", "Write it out."))
                 self.report(node, "NOT_IN_LANGUAGE", message, fix)
+                self._inside_refused_expression(node)
+
+    def _inside_refused_expression(self, node: ast.expr) -> None:
+        """Check what stands inside an expression that the language does not have."""
+        if isinstance(node, ast.Set):
+            self._all(*node.elts)
+        elif isinstance(node, ast.SetComp | ast.GeneratorExp):
+            self._comprehension(node)
+        elif isinstance(node, ast.NamedExpr | ast.Starred | ast.Await | ast.Yield | ast.YieldFrom):
+            if node.value is not None:
+                self.expression(node.value)
+        elif isinstance(node, ast.Lambda):
+            before = len(self.comprehension_names)
+            self.comprehension_names.extend(argument.arg for argument in node.args.args)
+            self.expression(node.body)
+            del self.comprehension_names[before:]
 
     def _all(self, *nodes: ast.expr) -> None:
         for node in nodes:
@@ -123,7 +146,7 @@ class ExpressionChecker:
 
     def _name(self, node: ast.Name) -> None:
         name = node.id
-        if self.is_local(name) or name in self.facts.constants:
+        if self.is_local(name) or name in self.facts.constants or name in self.unreadable:
             return
         if name in self.facts.functions or name in RESERVED:
             self.report(
@@ -152,13 +175,15 @@ class ExpressionChecker:
             return
         message = f"{node.attr} is not called here, and values have no attributes."
         self.report(node, "ATTRIBUTE", message, f"Call it, .{node.attr}(...), or use value[key].")
+        if dotted_name(node.value) not in RESERVED:
+            self.expression(node.value)
 
     def _subscript(self, node: ast.Subscript) -> None:
         self.expression(node.value)
         if isinstance(node.slice, ast.Slice):
             if node.slice.step is not None:
                 self.report(node, "SLICE_STEP", "A slice has no step.", "Use reversed, or a comprehension over range.")
-            for bound in (node.slice.lower, node.slice.upper):
+            for bound in (node.slice.lower, node.slice.upper, node.slice.step):
                 if bound is not None:
                     self.expression(bound)
         else:
@@ -172,16 +197,24 @@ class ExpressionChecker:
                 self.expression(key)
             self.expression(value)
 
-    def _comprehension(self, node: ast.ListComp | ast.DictComp | ast.GeneratorExp) -> None:
+    def _comprehension(self, node: ast.ListComp | ast.DictComp | ast.GeneratorExp | ast.SetComp) -> None:
         if len(node.generators) != 1:
             self.report(node, "COMPREHENSION", "A comprehension has one 'for'.", "Use a loop.")
-        generator = node.generators[0]
+        before = len(self.comprehension_names)
+        for generator in node.generators:
+            self._generator(node, generator)
+        if isinstance(node, ast.DictComp):
+            self._all(node.key, node.value)
+        else:
+            self.expression(node.elt)
+        del self.comprehension_names[before:]
+
+    def _generator(self, node: ast.expr, generator: ast.comprehension) -> None:
         self.expression(generator.iter)
         if generator.is_async:
             self.report(node, "NOT_IN_LANGUAGE", "There is no async.", "Remove it.")
         target = generator.target
         elements = target.elts if isinstance(target, ast.Tuple) else [target]
-        before = len(self.comprehension_names)
         for element in elements:
             if isinstance(element, ast.Name):
                 if element.id in RESERVED:
@@ -192,18 +225,15 @@ class ExpressionChecker:
             else:
                 self.report(element, "ASSIGNMENT", "A comprehension's 'for' takes names.", "Use a loop.")
         self._all(*generator.ifs)
-        if isinstance(node, ast.DictComp):
-            self._all(node.key, node.value)
-        else:
-            self.expression(node.elt)
-        del self.comprehension_names[before:]
 
     def _f_string(self, node: ast.JoinedStr) -> None:
+        outer, self._place = self._place, self._place or (node.lineno, node.col_offset)
         for part in node.values:
             if isinstance(part, ast.FormattedValue):
                 if part.conversion != -1 or part.format_spec is not None:
                     self.report(node, "F_STRING", "An f-string has no '!' and ':'.", "Make the text first.")
                 self.expression(part.value)
+        self._place = outer
 
     def _arguments(self, node: ast.Call) -> None:
         for argument in [*node.args, *[keyword.value for keyword in node.keywords]]:
@@ -221,7 +251,9 @@ class ExpressionChecker:
         if name == "isinstance" and not self.is_local(name):
             self._isinstance(node)
             return
-        if self.is_local(root) or root in self.facts.constants:
+        if root in self.unreadable:
+            pass
+        elif self.is_local(root) or root in self.facts.constants:
             self.report(node, "NOT_CALLABLE", f"{name} is a variable here and cannot be called.", "Rename one of them.")
         elif name in CALLABLES:
             self._builtin(node, name)
@@ -262,8 +294,7 @@ class ExpressionChecker:
         if not good or not isinstance(node.args[1], ast.Name) or node.args[1].id not in TYPES:
             names = ", ".join(TYPES)
             self.report(node, "ARGUMENTS", "isinstance takes a value and one type.", f"The types are {names}.")
-        if node.args:
-            self.expression(node.args[0])
+        self._all(*node.args[:1], *node.args[2:], *[keyword.value for keyword in node.keywords])
 
     def _builtin(self, node: ast.Call, name: str) -> None:
         builtin = CALLABLES[name]
@@ -295,12 +326,13 @@ class ExpressionChecker:
 
     def constant_expression(self, node: ast.expr) -> None:
         """Check what stands behind `NAME =` at the top, or a default: computed once, from constants alone."""
-        for part in ast.walk(node):
+        pending: list[ast.AST] = [node]
+        while pending:
+            part = pending.pop()
             if isinstance(part, ast.BinOp | ast.UnaryOp | ast.Tuple | ast.List | ast.Dict | ast.Constant | ast.Name):
-                continue
-            if isinstance(part, ast.expr):
+                pending.extend(ast.iter_child_nodes(part))
+            elif isinstance(part, ast.expr):
                 message = "A constant is made of values, operators and constants above it."
                 self.report(part, "CONSTANT", message, "Compute it in a function.")
-                return
         self.current = None
         self.expression(node)

@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
 from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, type_text
-from contracts.vm.checker import check_source
+from contracts.vm.checker import check_source, check_thoroughly
 from contracts.vm.compiler_expressions import FunctionCode
 from contracts.vm.compiler_statements import compile_function
 from contracts.vm.faults import ContractSourceError, Diagnostic, Fault
@@ -19,9 +19,13 @@ from contracts.vm.host import flat_prefix
 from contracts.vm.meter import CallContext, Runtime
 from contracts.vm.names import FunctionFacts, SourceFacts
 from contracts.vm.operations import BINARY, UNARY
-from contracts.vm.values import check_dict_key
+from contracts.vm.values import DICT_ENTRY_BYTES, HEADER_BYTES, ITEM_BYTES, MISSING, check_dict_key
+from contracts.vm.watch import Watch
 
 CONSTANT_GAS = 100_000
+CONSTANTS_MAX_BYTES = 128 * 1024
+_OF_CONSTANTS = (ast.BinOp, ast.UnaryOp, ast.Tuple, ast.List, ast.Dict, ast.Constant, ast.Name)
+_OF_VALUES = (type(None), bool, int, str, bytes)
 _NO_CONTEXT = CallContext(b"", 0, 0, b"", b"")
 
 
@@ -70,13 +74,18 @@ def _no_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) 
     raise AssertionError(runtime.contract, contract, entry, arguments)
 
 
-def compile_contract(source: str, name: str) -> CompiledContract:
-    """Check and compile a source. Raises ContractSourceError, whose `diagnostics` list every problem found."""
+def compile_contract(source: str, name: str, *, watch: Watch | None = None) -> CompiledContract:
+    """Check and compile a source. Raises ContractSourceError, whose `diagnostics` list every problem found.
+
+    With a `watch` every statement tells it when it runs: for authors only, and much slower.
+    """
     facts = check_source(source, name)
-    constants, defaults = _compute_constants(facts, name)
+    constants, defaults, problems = _compute_constants(facts)
+    if problems:
+        raise ContractSourceError(name, tuple(problems))
     codes = {key: FunctionCode(key, len(one.params)) for key, one in facts.functions.items()}
     for key, one in facts.functions.items():
-        compile_function(one, codes[key], constants, facts.functions, codes, defaults)
+        compile_function(one, codes[key], constants, facts.functions, codes, defaults, watch)
     entries = {key: _entry(one, codes[key], tuple(defaults[key])) for key, one in facts.functions.items() if one.kind}
     abi = Abi(name, tuple(one.entry for one in entries.values()))
     return CompiledContract(name, abi, sha256(source.encode()), flat_prefix(name), entries)
@@ -92,25 +101,74 @@ def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ..
     return CompiledEntry(entry, checked, parse_type(node.returns), function, defaults)
 
 
-def _compute_constants(facts: SourceFacts, name: str) -> tuple[dict[str, Any], dict[str, list[Any]]]:
+def find_problems(source: str, name: str) -> tuple[Diagnostic, ...]:
+    """Return every problem of a source, in its order; () if it compiles. For authors: slower than compiling by far."""
+    found, facts = check_thoroughly(source, name)
+    _, _, problems = _compute_constants(facts)
+    known = {(one.line, one.column) for one in found}
+    more = [one for one in problems if (one.line, one.column) not in known]
+    return tuple(sorted([*found, *more], key=lambda one: (one.line, one.column, one.code)))
+
+
+def _compute_constants(
+    facts: SourceFacts,
+) -> tuple[dict[str, Any], dict[str, list[Any]], list[Diagnostic]]:
+    """Compute what is sound of the constants and defaults; also return what cannot be computed."""
     runtime = Runtime({}, _NoHost(), _NO_CONTEXT, CONSTANT_GAS, _no_call, read_only=True)
+    runtime.memory = CONSTANTS_MAX_BYTES
     constants: dict[str, Any] = {}
     problems: list[Diagnostic] = []
 
     def compute(node: ast.expr) -> Any:
         try:
-            return _evaluate(node, constants, runtime)
+            if not _is_sound(node, constants):
+                return MISSING
+            value = _evaluate(node, constants, runtime)
+            _charge_tree(runtime, value)
+            return value
         except Fault as fault:
             message = f"This constant cannot be computed: {fault.message}"
             problems.append(Diagnostic("CONSTANT", node.lineno, node.col_offset + 1, message, "Change it."))
-            return None
+            return MISSING
 
     for key, node in facts.constants.items():
-        constants[key] = compute(node)
+        value = MISSING if key in facts.doubtful else compute(node)
+        if value is not MISSING:
+            constants[key] = value
     defaults = {key: [compute(node) for node in one.node.args.defaults] for key, one in facts.functions.items()}
-    if problems:
-        raise ContractSourceError(name, tuple(problems))
-    return constants, defaults
+    return constants, defaults, problems
+
+
+def _is_sound(node: ast.expr, constants: dict[str, Any]) -> bool:
+    """Whether an expression is made of nothing but what a constant may be made of, all of it known."""
+    for part in ast.walk(node):
+        if isinstance(part, ast.Name) and part.id not in constants:
+            return False
+        if isinstance(part, ast.expr) and not isinstance(part, _OF_CONSTANTS):
+            return False
+        if isinstance(part, ast.BinOp) and type(part.op).__name__ not in BINARY:
+            return False
+        if isinstance(part, ast.Dict) and None in part.keys:
+            return False
+        if isinstance(part, ast.Constant) and type(part.value) not in _OF_VALUES:
+            return False
+    return True
+
+
+def _charge_tree(runtime: Runtime, root: Any) -> None:
+    """Take the modelled size of a constant, counting a part as often as it stands there, before anything walks it."""
+    pending = [root]
+    while pending:
+        value = pending.pop()
+        kind = type(value)
+        if kind is list or kind is tuple:
+            runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
+            pending.extend(value)
+        elif kind is dict:
+            runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+            pending.extend(value.values())
+        elif kind is str or kind is bytes:
+            runtime.allocate(len(value))
 
 
 def _evaluate(node: ast.expr, constants: dict[str, Any], runtime: Runtime) -> Any:  # noqa: PLR0911 - one per node type

@@ -28,11 +28,14 @@ ENTRY_UNKNOWN = "ENTRY_UNKNOWN"
 ARGUMENTS_INVALID = "ARGUMENTS_INVALID"
 REENTRANT = "REENTRANT"
 VIEW_WRITES = "VIEW_WRITES"
+SOURCE_INVALID = "SOURCE_INVALID"
+LIFECYCLE_ONLY = "LIFECYCLE_ONLY"
 
 VM_CODES = frozenset(
     {
         OK, OUT_OF_GAS, MEMORY_BUDGET, CALL_DEPTH, WRITE_BUDGET, EVENT_BUDGET, TYPE_ERROR, VALUE_ERROR, KEY_ERROR,
         INDEX_ERROR, ZERO_DIVISION, INT_OVERFLOW, NAME_UNSET, ENTRY_UNKNOWN, ARGUMENTS_INVALID, REENTRANT, VIEW_WRITES,
+        SOURCE_INVALID, LIFECYCLE_ONLY,
     }
 )  # fmt: skip
 _AUTHOR_CODE = re.compile(r"[A-Z][A-Z0-9_]{1,62}[A-Z0-9]", re.ASCII)
@@ -72,9 +75,14 @@ class Diagnostic:
 
 
 class ContractSourceError(BlockRobotError):
-    """A source that is not in the contract language; `diagnostics` lists every problem found, by line."""
+    """A source that is not in the contract language; `diagnostics` lists the problems found, by line.
 
-    def __init__(self, contract: str, diagnostics: tuple[Diagnostic, ...]) -> None:
+    They are for the author: where Python's parser refuses a source, its words and places differ by version. `verdict`
+    is the one problem that every machine names alike, which is all that a receipt may say.
+    """
+
+    def __init__(self, contract: str, diagnostics: tuple[Diagnostic, ...], verdict: Diagnostic | None = None) -> None:
         self.diagnostics = diagnostics
+        self.verdict = diagnostics[0] if verdict is None else verdict
         listing = "\n".join(f"{contract}:{diagnostic}" for diagnostic in diagnostics)
         super().__init__("CONTRACT_SOURCE_INVALID", f"{len(diagnostics)} problem(s) in {contract}:\n{listing}")

@@ -39,9 +39,10 @@ class FunctionFacts:
 
 @dataclass(slots=True)
 class SourceFacts:
-    """The module: constants in order (name -> expression) and functions by name."""
+    """The module: constants in order (name -> expression), functions by name; `doubtful` constants are not sound."""
 
     constants: dict[str, ast.expr] = field(default_factory=dict)
+    doubtful: set[str] = field(default_factory=set)
     functions: dict[str, FunctionFacts] = field(default_factory=dict)
 
 
@@ -53,9 +54,21 @@ def bound_names(body: Sequence[ast.stmt]) -> frozenset[str]:
         node = pending.pop()
         if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
             names.add(node.id)
+        names.update(_bound_by_refused(node))
         if not isinstance(node, ast.ListComp | ast.DictComp | ast.GeneratorExp):
             pending.extend(ast.iter_child_nodes(node))
     return frozenset(names)
+
+
+def _bound_by_refused(node: ast.AST) -> list[str]:
+    """Return the names that a statement binds which the language refuses: so that each is refused but once."""
+    if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+        return [node.name]
+    if isinstance(node, ast.Import | ast.ImportFrom):
+        return [(one.asname or one.name).split(".")[0] for one in node.names]
+    if isinstance(node, ast.ExceptHandler | ast.MatchAs | ast.MatchStar):
+        return [node.name] if node.name else []
+    return []
 
 
 def dotted_name(node: ast.expr) -> str | None:

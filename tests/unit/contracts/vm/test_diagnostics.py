@@ -37,6 +37,7 @@ def g(a: int):
         (9, "ANNOTATION_MISSING"),
         (9, "ANNOTATION"),
         (10, "NOT_IN_LANGUAGE"),
+        (11, "NAME_UNKNOWN"),
         (14, "FLOAT"),
         (14, "METHOD_UNKNOWN"),
         (16, "DECORATOR"),
