@@ -10,6 +10,8 @@ Private keys are raw 32 bytes (TLS and CA keys: PEM), readable by their owner on
 from __future__ import annotations
 
 import secrets
+import shutil
+import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +39,7 @@ from node.journal import Journal
 
 HOST = "127.0.0.1"
 PORTS_PER_NODE = 10
+NETWORK_FOLDER_MODE = 0o755
 _ORGANISATION_NAMES = ("hospital", "university")
 
 
@@ -85,8 +88,9 @@ def create_network(
     """Make a network of `nodes` nodes and return its genesis file's content. `faults`: it may be broken on purpose.
 
     Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
-    organisation is a custodian. `store` is `sqlite` or a MongoDB URI. Raises CONFIGURATION_INVALID for numbers that
-    make no network, DATA_DIRECTORY_INVALID if there is a network already.
+    organisation is a custodian. `store` is `sqlite` or a MongoDB URI. The folder appears whole or not at all. Raises
+    CONFIGURATION_INVALID for numbers that make no network, DATA_DIRECTORY_INVALID if there is a network already,
+    FOLDER_NOT_EMPTY if there is something else.
     """
     if not 1 <= nodes <= PRODUCERS_MAX_COUNT or not 1 <= organisations <= nodes:
         raise BlockRobotError(
@@ -96,6 +100,31 @@ def create_network(
         raise BlockRobotError("CONFIGURATION_INVALID", "The base port leaves no room for the nodes' ports.")
     if (directory / "genesis.json").exists():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is a network in {directory} already.")
+    if directory.exists() and any(directory.iterdir()):
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"{directory} is not empty, and what is in it is no network.")
+    directory.parent.mkdir(parents=True, exist_ok=True)
+    making = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
+    try:
+        making.chmod(NETWORK_FOLDER_MODE)
+        genesis = _write_network(making, nodes, organisations, base_port, store, network, settings, faults=faults)
+        making.rename(directory)
+    except BaseException:
+        shutil.rmtree(making, ignore_errors=True)
+        raise
+    return genesis
+
+
+def _write_network(
+    directory: Path,
+    nodes: int,
+    organisations: int,
+    base_port: int,
+    store: str,
+    network: str,
+    settings: ChainSettings | None,
+    *,
+    faults: bool,
+) -> Genesis:
     names = [f"node-{number + 1}" for number in range(nodes)]
     keys = [NodeKeys(new_key(), new_key() if number < organisations else None) for number in range(nodes)]
     authorities = [create_organisation(directory, organisation_name(number)) for number in range(organisations)]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
-import shutil
 from pathlib import Path
 
 import click
@@ -15,8 +14,10 @@ from clients.sdk.terminal import console, home_folder, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster, NodeStatusReport
 from network.layout import create_network
+from network.removal import remove_network
 
 DEFAULT_BASE_PORT = 7272
+ORGANISATIONS_COUNT = 2
 
 
 def network_folder(folder: Path | None) -> Path:
@@ -49,12 +50,20 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     place = network_folder(folder)
     if ephemeral and (place / "genesis.json").exists():
         Cluster(place).stop_all()
-        shutil.rmtree(place)
+        remove_network(place)
     is_new = not (place / "genesis.json").exists()
     if is_new:
         # A name of its own keeps this network's databases apart from those of earlier ones on the same server.
         name = f"blockrobot-{secrets.token_hex(4)}"
-        create_network(place, nodes=nodes, base_port=base_port, store=store, network=name, faults=True)
+        create_network(
+            place,
+            nodes=nodes,
+            organisations=min(ORGANISATIONS_COUNT, nodes),
+            base_port=base_port,
+            store=store,
+            network=name,
+            faults=True,
+        )
     cluster = Cluster(place)
     cluster.start_all()
     try:
@@ -64,7 +73,7 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
         cluster.stop_all()
         if is_new:
             # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.
-            shutil.rmtree(place)
+            remove_network(place)
         raise
     report(asyncio.run(cluster.status()), place, as_json=as_json)
 

@@ -1,0 +1,92 @@
+"""Making and removing a local network touches nothing that is not its own, whatever folder it is told to use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from consensus.errors import BlockRobotError
+from network.cli.main import main
+from network.cluster import Cluster
+from network.layout import create_network
+from network.removal import remove_network
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Path:
+    """A folder with something in it that nobody can bring back."""
+    folder = tmp_path / "home"
+    (folder / "letters").mkdir(parents=True)
+    (folder / "letters" / "dear.txt").write_text("dear", encoding="utf-8")
+    return folder
+
+
+def contents(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
+
+
+def test_a_folder_that_holds_something_else_is_refused_and_left_as_it_was(home: Path) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        create_network(home, nodes=1, organisations=1, base_port=25_000)
+    assert refused.value.code == "FOLDER_NOT_EMPTY"
+    result = CliRunner().invoke(main, ["up", "--dir", str(home), "--nodes", "1", "--base-port", "25000"])
+    assert result.exit_code != 0
+    assert "FOLDER_NOT_EMPTY" in result.output
+    assert contents(home) == ["letters", "letters/dear.txt"]
+    assert contents(home.parent) == ["home", "home/letters", "home/letters/dear.txt"]
+
+
+def test_a_network_that_cannot_be_made_leaves_nothing_behind(tmp_path: Path) -> None:
+    place = tmp_path / "network"
+    with pytest.raises(BlockRobotError):
+        create_network(place, nodes=2, base_port=25_000, store="neither")
+    assert contents(tmp_path) == []
+
+
+def test_a_network_may_be_made_in_an_empty_folder_and_is_removed_with_it(tmp_path: Path) -> None:
+    place = tmp_path / "network"
+    place.mkdir()
+    create_network(place, nodes=2, base_port=25_000)
+    assert {path.name for path in place.iterdir()} == {"genesis.json", "nodes", "organisations"}
+    remove_network(place)
+    assert contents(tmp_path) == []
+
+
+def test_what_else_lies_in_a_networks_folder_stays_when_it_is_removed(tmp_path: Path) -> None:
+    place = tmp_path / "network"
+    create_network(place, nodes=1, organisations=1, base_port=25_000)
+    (place / "thesis.tex").write_text("words", encoding="utf-8")
+    remove_network(place)
+    assert contents(place) == ["thesis.tex"]
+
+
+def test_a_folder_without_a_network_and_one_whose_parts_are_links_are_not_touched(home: Path, tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        remove_network(home)
+    assert refused.value.code == "DATA_DIRECTORY_INVALID"
+    place = tmp_path / "network"
+    create_network(place, nodes=1, organisations=1, base_port=25_000)
+    (place / "nodes").rename(tmp_path / "elsewhere")
+    (place / "nodes").symlink_to(home, target_is_directory=True)
+    with pytest.raises(BlockRobotError) as refused:
+        remove_network(place)
+    assert refused.value.code == "DATA_DIRECTORY_INVALID"
+    assert contents(home) == ["letters", "letters/dear.txt"]
+
+
+def test_a_new_network_that_does_not_start_is_removed_and_nothing_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "network"
+
+    async def never_ready(self: Cluster) -> None:
+        (self.folder / "notes.txt").write_text("mine", encoding="utf-8")
+        raise BlockRobotError("PORT_IN_USE", "Another program already listens on 127.0.0.1:25000.")
+
+    monkeypatch.setattr(Cluster, "start_all", lambda self: None)
+    monkeypatch.setattr(Cluster, "wait_ready", never_ready)
+    result = CliRunner().invoke(main, ["up", "--dir", str(place), "--nodes", "1", "--base-port", "25000"])
+    assert "PORT_IN_USE" in result.output
+    assert contents(place) == ["notes.txt"]
