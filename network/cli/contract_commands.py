@@ -7,8 +7,10 @@ import click
 from network.cli.lazy_group import LazyGroup
 
 _COMMANDS = {
+    "check": ("network.cli.contract_check_commands", "check"),
     "call": ("network.cli.contract_chain_commands", "call"),
     "query": ("network.cli.contract_chain_commands", "query"),
+    "events": ("network.cli.contract_events_command", "events"),
 }
 
 

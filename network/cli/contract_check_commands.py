@@ -1,0 +1,112 @@
+"""`blockrobot contract check`: all that is wrong with a source, before anybody deploys it. Must never run a contract.
+
+Exit codes: 0 every file is in the contract language, 1 one is not, or cannot be read.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import json_option, plain_errors, print_json
+from contracts.vm import LANGUAGE_VERSION, Diagnostic, compile_contract, find_problems
+
+LINE_SHOWN_MAX_CHARS = 120
+
+
+def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...], list[dict[str, Any]]]:
+    """Return a source's lines, all its problems, and the entries of its ABI if there are none. Raises OSError."""
+    data = path.read_bytes()
+    try:
+        source = data.decode()
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode()
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        problem = Diagnostic("NOT_UTF8", line, column, "A source is UTF-8 text.", "Save the file as UTF-8.")
+        return data.decode("utf-8", "replace").split("\n"), (problem,), []
+    problems = find_problems(source, name)
+    entries = [] if problems else [_entry_json(entry) for entry in compile_contract(source, name).abi.entries]
+    return source.split("\n"), problems, entries
+
+
+def _entry_json(entry: Any) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "kind": entry.kind,
+        "parameters": [{"name": name, "type": kind} for name, kind in entry.params],
+        "required": entry.required,
+        "returns": entry.returns,
+        "line": entry.line,
+    }
+
+
+def source_lines(lines: list[str], problem: Diagnostic) -> tuple[str, str]:
+    """Return the line of a problem, cut to a terminal's width, and a caret below its place."""
+    text = lines[problem.line - 1] if problem.line <= len(lines) else ""
+    column = min(problem.column, len(text) + 1)
+    start = max(0, column - LINE_SHOWN_MAX_CHARS + 20)
+    shown = "".join(character if character.isprintable() else "�" for character in text[start:][:LINE_SHOWN_MAX_CHARS])
+    return shown, " " * (column - 1 - start) + "^"
+
+
+def _print_problem(path: Path, lines: list[str], problem: Diagnostic) -> None:
+    shown, caret = source_lines(lines, problem)
+    number = str(problem.line)
+    click.echo(f"{path}:{problem.line}:{problem.column} {problem.code}: {problem.message}")
+    click.echo(f"  {number} | {shown}")
+    click.echo(f"  {' ' * len(number)} | {caret}")
+    click.echo(f"  {' ' * len(number)} = {problem.fix}")
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option("--name", help="The contract's name, if it is not the file's (for one file).")
+@json_option
+@plain_errors
+def check(files: tuple[Path, ...], name: str | None, as_json: bool) -> None:
+    """Say whether sources are in the contract language, and everything that is wrong with them.
+
+    Each problem comes with a code, its line and column, and what to write instead. The codes are explained in
+    docs/reference/contract-language.md. Exit code 0: nothing is wrong; 1: something is.
+
+    \b
+    Example: blockrobot contract check visitors.py
+    Example: blockrobot contract check contracts/*.py --json
+    """
+    if name is not None and len(files) > 1:
+        raise click.UsageError("--name is for one file.")
+    documents: list[dict[str, Any]] = []
+    for path in files:
+        contract = path.stem if name is None else name
+        lines, problems, entries = check_file(path, contract)
+        rows = [
+            {
+                "code": problem.code,
+                "line": problem.line,
+                "column": problem.column,
+                "message": problem.message,
+                "fix": problem.fix,
+                "source": lines[problem.line - 1] if problem.line <= len(lines) else "",
+            }
+            for problem in problems
+        ]
+        documents.append(
+            {"file": str(path), "contract": contract, "ok": not problems, "problems": rows, "entries": entries}
+        )
+        if not as_json:
+            for problem in problems:
+                _print_problem(path, lines, problem)
+            click.echo(f"{path}: {_summary(len(problems), len(entries))}")
+    good = all(document["ok"] for document in documents)
+    if as_json:
+        print_json({"ok": good, "language": LANGUAGE_VERSION, "files": documents})
+    sys.exit(0 if good else 1)
+
+
+def _summary(problems: int, entries: int) -> str:
+    if problems:
+        return "1 problem" if problems == 1 else f"{problems} problems"
+    return "fine, 1 entry" if entries == 1 else f"fine, {entries} entries"
