@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
@@ -106,10 +107,12 @@ def run_command(
       blockrobot sim run --plan seed-42.toml --trace
     """
     from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
-    from network.sim.plan import load_plan, make_growth_plan, max_faulty  # noqa: PLC0415
+    from network.sim.plan import make_growth_plan, max_faulty  # noqa: PLC0415
+    from network.sim.plan_file import load_plan  # noqa: PLC0415
     from network.sim.sweep import plan_of, sweep  # noqa: PLC0415
 
     if plan_file is not None:
+        _refuse_beside_a_plan()
         plans = [load_plan(plan_file)]
     elif profile == "grow":
         if byzantine or nodes != NODES_DEFAULT_COUNT:
@@ -137,13 +140,21 @@ def run_command(
         byzantine=len(first.byzantine),
     )
     total = sweep(plans, workers=workers or None, on_progress=_Progress(), on_shrink=_say_shrinking)
-    _report(total, conditions, as_json=as_json)
+    _report(total, conditions, plan_file, as_json=as_json)
     if total.violations:
         sys.exit(EXIT_FAILED)
 
 
+def _refuse_beside_a_plan() -> None:
+    """A plan says all that these options say; a given one would silently count for nothing."""
+    context = click.get_current_context()
+    for name in ("seeds", "profile", "nodes", "rounds", "byzantine"):
+        if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
+            raise BlockRobotError("CONFIGURATION_INVALID", f"The plan says what --{name} says: give one of the two.")
+
+
 def _print_trace(plan: Plan) -> None:
-    from network.sim.plan import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.plan_file import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.sweep import play  # noqa: PLC0415
 
     def show(observation: Observation) -> None:
@@ -195,7 +206,7 @@ def _say_shrinking(seed: int) -> None:
     click.echo(f"cutting the plan of seed {seed} down to what it takes; this takes a while", err=True)
 
 
-def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) -> None:
+def _report(total: SweepResult, conditions: dict[str, Any], plan_file: Path | None, *, as_json: bool) -> None:
     figures = {
         "seeds": total.seeds,
         "violations": total.violations,
@@ -212,7 +223,7 @@ def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) ->
         "failed_seeds": [result.seed for result in total.failed],
     }
     for failure in total.failures:
-        _print_failure(failure)
+        _print_failure(failure, plan_file)
     if as_json:
         print_json({"name": "sim", "ok": not total.violations, "figures": figures, "conditions": conditions})
         return
@@ -224,9 +235,9 @@ def _report(total: SweepResult, conditions: dict[str, Any], *, as_json: bool) ->
     )
 
 
-def _print_failure(failure: Failure) -> None:
+def _print_failure(failure: Failure, plan_file: Path | None) -> None:
     """Say what broke, how to see it again, and under how few faults it still breaks."""
-    from network.sim.plan import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.plan_file import plan_to_toml  # noqa: PLC0415 - a node's code, only when it is needed
 
     plan = failure.plan
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-sim-"))
@@ -238,6 +249,7 @@ def _print_failure(failure: Failure) -> None:
     options = f"--nodes {plan.nodes} --rounds {plan.rounds} --byzantine {len(plan.byzantine)}"
     if plan.governance == "grow":
         options = f"--profile grow --rounds {plan.rounds}"
-    click.echo(f"replay:  blockrobot sim run --seeds {failure.seed} {options} --trace", err=True)
+    replayed = f"--seeds {failure.seed} {options}" if plan_file is None else f"--plan {plan_file}"
+    click.echo(f"replay:  blockrobot sim run {replayed} --trace", err=True)
     click.echo(f"shrunk:  blockrobot sim run --plan {path} --trace", err=True)
     click.echo(plan_to_toml(failure.shrunk), err=True)

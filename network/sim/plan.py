@@ -1,18 +1,14 @@
 """What goes wrong in a simulated run, and when: a list of faults that can be read, written, cut down and replayed.
 
-`make_plan` draws one from a seed; TOML is its printed form. Must never depend on anything but its arguments.
+`make_plan` draws one from a seed; its printed form is in `plan_file.py`. Must never depend on anything but its arguments.
 """
 
 from __future__ import annotations
 
 import random
-import tomllib
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import msgspec
-
-from consensus.errors import BlockRobotError
 
 PLAN_MS_PER_ROUND = 22
 OLD_DISK_SHARE = 0.15
@@ -207,34 +203,3 @@ def _draw(dice: random.Random, kind: FaultKind, nodes: int, span_ms: int) -> Fau
         case _:
             fields = {"node": node}
     return Fault(kind=kind, at_ms=at_ms, for_ms=max(1, for_ms), **fields)
-
-
-def plan_to_toml(plan: Plan) -> str:
-    """Return the printed form of a plan."""
-    lines = [f"seed = {plan.seed}", f"nodes = {plan.nodes}", f"rounds = {plan.rounds}", f'profile = "{plan.profile}"']
-    if plan.producers:
-        lines.append(f"producers = {plan.producers}")
-    if plan.governance:
-        lines.append(f'governance = "{plan.governance}"')
-    if plan.executes_apart:
-        lines.append("executes_apart = true")
-    if plan.byzantine:
-        lines += ["", "[byzantine]", *(f'{index} = "{behaviour}"' for index, behaviour in plan.byzantine.items())]
-    for fault in plan.faults:
-        lines += ["", "[[faults]]"]
-        for name, value in msgspec.to_builtins(fault).items():
-            shown = (
-                f'"{value}"'
-                if isinstance(value, str)
-                else str([list(part) for part in value] if name == "groups" else value)
-            )
-            lines.append(f"{name} = {shown}")
-    return "\n".join(lines) + "\n"
-
-
-def load_plan(path: Path) -> Plan:
-    """Read a plan. Raises CONFIGURATION_INVALID with what is wrong."""
-    try:
-        return msgspec.convert(tomllib.loads(path.read_text(encoding="utf-8")), Plan)
-    except (OSError, ValueError, msgspec.ValidationError) as error:
-        raise BlockRobotError("CONFIGURATION_INVALID", f"The plan {path} cannot be read: {error}.") from None

@@ -5,10 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 from consensus.errors import BlockRobotError
+from network.cli.sim_command import run_command
 from network.sim.checkers import Violation
-from network.sim.plan import Fault, Plan, load_plan, make_growth_plan, make_plan, plan_to_toml
+from network.sim.plan import Fault, Plan, make_growth_plan, make_plan
+from network.sim.plan_file import find_problem, load_plan, plan_to_toml
 from network.sim.run import RunResult
 from network.sim.shrink import shrink_plan
 
@@ -44,6 +47,58 @@ def test_a_plan_with_a_misspelt_fault_is_refused_with_what_is_wrong(tmp_path: Pa
     path.write_text('seed = 1\n[[faults]]\nkind = "crush"\nat_ms = 1\nfor_ms = 2\n')
     with pytest.raises(BlockRobotError, match="crush"):
         load_plan(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("seed = -7", "seed"),
+        ("seed = 1\nrounds = 99999999999", "rounds"),
+        ('seed = 1\nprofile = "wofi"', "wifi"),
+        ("seed = 1\nproducers = 5", "producers"),
+        ('seed = 1\n[byzantine]\n4 = "equivocate"', "no node 4"),
+        ('seed = 1\n[byzantine]\nx = "equivocate"', "no node x"),
+        ('seed = 1\n[byzantine]\n1 = "lie"', "equivocate"),
+        ('seed = 1\n[[faults]]\nkind = "crash"\nat_ms = 1\nfor_ms = 2\nnode = 22', "0 to 3"),
+        ('seed = 1\n[[faults]]\nkind = "crash"\nat_ms = -400\nfor_ms = 2\nnode = 2', "begins"),
+        ('seed = 1\n[[faults]]\nkind = "crash"\nat_ms = 4\nfor_ms = 2\nnode = 2\npoint = "foo"', "before-sync"),
+        ('seed = 1\n[[faults]]\nkind = "old-disk"\nat_ms = 4\nfor_ms = 2\nnode = 2', "machine"),
+        ('seed = 1\n[[faults]]\nkind = "links"\nat_ms = 4\nfor_ms = 2\nprofile = ""', "storm"),
+        ('seed = 1\n[[faults]]\nkind = "one-way"\nat_ms = 4\nfor_ms = 2\nnode = 2\npeer = 2', "another"),
+        ('seed = 1\n[[faults]]\nkind = "partition"\nat_ms = 4\nfor_ms = 2\ngroups = [[0, 1]]', "groups"),
+        ('seed = 1\n[[faults]]\nkind = "partition"\nat_ms = 4\nfor_ms = 2\ngroups = [[0, 1], [1, 2]]', "in two"),
+        ('seed = 1\n[[faults]]\nkind = "slow-disk"\nat_ms = 4\nfor_ms = 2\nnode = 2\namount = -3', "amount"),
+    ],
+)
+def test_a_plan_that_could_not_be_played_as_it_reads_is_refused(text: str, named: str, tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text(text)
+    with pytest.raises(BlockRobotError, match=named) as refused:
+        load_plan(path)
+    assert refused.value.code == "CONFIGURATION_INVALID"
+
+
+def test_a_plan_that_is_no_text_or_not_there_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
+        load_plan(path)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(BlockRobotError, match=r"plan\.toml"):
+        load_plan(path)
+
+
+def test_a_plan_and_an_option_that_says_the_same_are_not_both_taken(tmp_path: Path) -> None:
+    path = tmp_path / "plan.toml"
+    path.write_text("seed = 1\nrounds = 10\n")
+    result = CliRunner().invoke(run_command, ["--plan", str(path), "--seeds", "3"])
+    assert result.exit_code == 1
+    assert "--seeds" in result.output
+
+
+def test_every_plan_that_is_drawn_can_be_played_as_it_reads() -> None:
+    drawn = [make_plan(seed, nodes=nodes, byzantine=(nodes - 1) // 3) for seed in range(60) for nodes in (1, 4, 10)]
+    grown = [make_growth_plan(seed) for seed in range(60)]
+    assert {find_problem(plan) for plan in [*drawn, *grown]} == {""}
 
 
 def test_no_plan_makes_more_nodes_faulty_than_the_network_bears() -> None:
