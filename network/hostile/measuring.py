@@ -1,0 +1,70 @@
+"""What gas buys in CPU time, program by program. Must never let a clock decide anything but a figure.
+
+A program's time is that of its call, and of the trie if it leaves writes: what a block that holds it takes.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+from statistics import median
+
+from contracts.execution.call_host import CallHost
+from contracts.state.trie import apply_batch
+from contracts.vm import ContractSourceError
+from network.hostile.program import REFUSED, Program
+from network.hostile.running import call_program, compile_program, make_state
+
+GAS_LIMIT = 1_000_000
+GAS_COUNTED_MIN = 40_000
+"""A program that uses less is not measured: what its call costs beside its steps would be most of the figure."""
+
+
+@dataclass(frozen=True, slots=True)
+class Price:
+    """What one program came to, the gas it used, and the seconds of CPU time that a million gas of it take."""
+
+    name: str
+    code: str
+    gas_used: int
+    seconds_per_million_gas: float
+
+
+def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> Price | None:
+    """Return the median of a few runs, each over a fresh state; None if the program uses too little gas to tell."""
+    if program.expect.startswith(REFUSED):
+        return None
+    try:
+        contracts = compile_program(program)
+    except ContractSourceError:
+        return None
+    state = make_state(program)
+    spent: list[float] = []
+    code, used = "", 0
+    for _ in range(rounds):
+        host = CallHost(state)
+        host.begin()
+        gc.collect()
+        gc.disable()
+        started = time.thread_time()
+        outcome = call_program(program, contracts, host, gas_limit)
+        if outcome.ok:
+            host.keep()
+            apply_batch(state, state.state_root, host.writes)
+        code, used = outcome.code, outcome.gas_used
+        del outcome
+        spent.append(time.thread_time() - started)
+        gc.enable()
+        if used < GAS_COUNTED_MIN:
+            return None
+    return Price(program.name, code, used, median(spent) / used * 1_000_000)
+
+
+def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> list[Price]:
+    """Measure programs and return what they cost, dearest first."""
+    prices = [measure_program(program, rounds=rounds, gas_limit=gas_limit) for program in programs]
+    return sorted(
+        (price for price in prices if price is not None), key=lambda price: price.seconds_per_million_gas, reverse=True
+    )

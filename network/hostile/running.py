@@ -1,0 +1,77 @@
+"""Runs one program as a block would and tells what came of it. Must never read a clock or let a program's host leave it."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any
+
+from consensus.primitives.encoding import encode_value
+from contracts.execution.call_host import CallHost
+from contracts.state.view import MemoryState
+from contracts.vm import CallContext, CompiledContract, ContractSourceError, Outcome, compile_contract, invoke
+from network.hostile.program import REFUSED, Program
+
+CONTRACT = "it"
+CALLER = b"\x02" + b"c" * 32
+CONTEXT = CallContext(caller=CALLER, height=7, time_ms=1_700_000_000_000, txid=b"t" * 32, chain_id=b"i" * 32)
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """What a program came to: its outcome in the form of `Program.expect`, its gas, and a digest of all it left."""
+
+    name: str
+    came_to: str
+    gas_used: int
+    digest: str
+
+    def fits(self, program: Program) -> bool:
+        """Whether the outcome is the one that was expected."""
+        if program.expect.startswith(REFUSED) and self.came_to.startswith(REFUSED):
+            wanted = program.expect.removeprefix(REFUSED)
+            return not wanted or wanted in self.came_to.removeprefix(REFUSED).split(",")
+        return self.came_to in program.expect.split("|")
+
+
+def make_state(program: Program) -> MemoryState:
+    """Return a state in memory that holds what the program finds stored."""
+    state = MemoryState()
+    prefix = CONTRACT.encode() + b"\x00"
+    state.apply({prefix + key: encode_value(value) for key, value in program.state.items()})
+    return state
+
+
+def compile_program(program: Program) -> dict[str, CompiledContract]:
+    """Compile the program's contracts. Raises ContractSourceError if one of them is refused."""
+    sources = {CONTRACT: program.source, **program.others}
+    return {name: compile_contract(text, name) for name, text in sources.items()}
+
+
+def call_program(
+    program: Program, contracts: dict[str, CompiledContract], host: CallHost, gas: int | None = None
+) -> Outcome:
+    """Call the program's entry on a host."""
+    mode: Any = program.mode
+    return invoke(
+        contracts, CONTRACT, "f", list(program.args),
+        host=host, context=CONTEXT, gas_limit=program.gas if gas is None else gas, mode=mode,
+    )  # fmt: skip
+
+
+def run_program(program: Program) -> Finding:
+    """Compile and call a program over a fresh state. Raises InternalFault if the machine itself fails."""
+    try:
+        contracts = compile_program(program)
+    except ContractSourceError as refusal:
+        codes = ",".join(sorted({one.code for one in refusal.diagnostics}))
+        places = "|".join(f"{one.line}:{one.column} {one.code}" for one in refusal.diagnostics)
+        return Finding(program.name, REFUSED + codes, 0, hashlib.sha256(places.encode()).hexdigest())
+    host = CallHost(make_state(program))
+    host.begin()
+    outcome = call_program(program, contracts, host)
+    if outcome.ok:
+        host.keep()
+    left = [outcome.code, outcome.message, outcome.line, outcome.gas_used, outcome.result, sorted(host.writes.items())]
+    text = repr([*left, outcome.events])
+    return Finding(program.name, outcome.code, outcome.gas_used, hashlib.sha256(text.encode()).hexdigest())
