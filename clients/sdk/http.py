@@ -71,6 +71,12 @@ def _may_ask_another(error: BlockRobotError) -> bool:
     return error.entry.retryable or error.code in _ELSEWHERE | _NOT_TAKING_PART
 
 
+def _not_final_in_time(txid: bytes) -> BlockRobotError:
+    """Name the transaction: whoever submitted it wants to look it up."""
+    text = f"The transaction {txid.hex()} was not final within the time given."
+    return BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", text, txid=txid.hex())
+
+
 class NetworkClient:
     """A client of one network. Use as an async context manager, or call `close`.
 
@@ -305,7 +311,7 @@ class NetworkClient:
         while True:
             left_ms = deadline_ms - self.clock.now_ms()
             if left_ms <= 0:
-                raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", txid=txid.hex())
+                raise _not_final_in_time(txid)
             slice_ms = min(left_ms, WAIT_SLICE_MS)
             started_ms = self.clock.now_ms()
             try:
@@ -353,7 +359,7 @@ class NetworkClient:
                     return await self._final_after_rejection(transaction, error)
             left_ms = deadline_ms - self.clock.now_ms()
             if left_ms <= 0:
-                raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME", txid=transaction.txid.hex())
+                raise _not_final_in_time(transaction.txid)
             try:
                 return await self.wait_final(
                     transaction.txid, min(left_ms, WAIT_SLICE_MS), lane=transaction.body.sender

@@ -249,7 +249,10 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
 
     Example: blockrobot fault run plan.toml --dry-run
     """
-    text = plan.read_text(encoding="utf-8")
+    try:
+        text = plan.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise BlockRobotError("FAULT_PLAN_INVALID", f"{plan} is no text.") from None
     if dry_run:
         _show_plan(parse_plan(text, Cluster(network_folder(folder)).names), as_json=as_json)
         return

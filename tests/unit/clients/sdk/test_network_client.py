@@ -108,9 +108,11 @@ async def test_an_expired_transaction_ends_the_wait(nodes: Any) -> None:
     assert await refusal_of(client.wait_final(bytes(32))) == "TRANSACTION_EXPIRED"
 
 
-async def test_a_wait_ends_at_its_time(nodes: Any) -> None:
+async def test_a_wait_ends_at_its_time_and_names_the_transaction_to_look_up(nodes: Any) -> None:
     client = nodes.client()
-    assert await refusal_of(client.wait_final(bytes(32), 0)) == "TRANSACTION_NOT_FINAL_IN_TIME"
+    with pytest.raises(BlockRobotError, match=bytes(32).hex()) as refusal:
+        await client.wait_final(bytes(32), 0)
+    assert refusal.value.code == "TRANSACTION_NOT_FINAL_IN_TIME"
 
 
 async def test_a_transaction_is_sent_to_another_node_while_it_is_not_final(
