@@ -48,10 +48,10 @@ def test_constants_made_of_constants_do_not_double_for_ever(pair):
 
 
 def test_a_large_constant_is_not_read_anew_for_every_use():
-    source = "X = 'a' * 60000\nY = (1,) * 4000\n\n\n@export\ndef f():\n" + "    x = X\n    y = Y\n" * 2500
+    source = "X = 'a' * 20000\nY = (1,) * 2000\n\n\n@export\ndef f():\n" + "    x = X\n    y = Y\n" * 2500
     started = time.thread_time()
     compile_contract(source, "it")
-    assert time.thread_time() - started < 2, "read anew, the constants would be a third of a gigabyte"
+    assert time.thread_time() - started < 2, "read anew, the constants would be a hundred megabytes"
 
 
 def test_constants_hold_as_much_as_a_contract_needs_and_no_more():
