@@ -26,7 +26,6 @@ from consensus.primitives.keys import PrivateKey
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
-from contracts.execution.registry import require_contracts
 from contracts.execution.standing import require_standing
 from node.accuser import Accuser
 from node.api.services import Clock
@@ -152,7 +151,7 @@ class Assembly:
         self._stack = AsyncExitStack()
         self._started_at = around.stopwatch()
         core, start = restore_core(around)
-        machine = around.machine or ContractMachine(genesis.chain_id, require_contracts(genesis))
+        machine = around.machine or ContractMachine.of_genesis(genesis)
         self.executor = Executor(
             genesis=genesis, ledger=around.ledger, machine=machine, cache=around.transactions, key=around.key
         )

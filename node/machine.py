@@ -7,6 +7,7 @@ from typing import Any
 from consensus.block import Receipts
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import encode, encode_value
+from contracts.execution.catalogue import Catalogue
 from contracts.execution.genesis import open_genesis
 from contracts.execution.registry import require_contracts
 from contracts.execution.results import BlockContext
@@ -35,9 +36,10 @@ class ViewRunner:
     """Runs the read-only entries of the chain's contracts for the HTTP interface."""
 
     def __init__(self, genesis: Genesis) -> None:
-        """Raises GENESIS_INVALID if the chain's contracts are not the ones that ship here."""
+        """Raises GENESIS_INVALID if the chain's first contracts are not the ones that ship here."""
         self._chain_id = genesis.chain_id
-        self._contracts = require_contracts(genesis)
+        require_contracts(genesis)
+        self._catalogue = Catalogue()
 
     def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
         """Return the encoded result of a view on this snapshot.
@@ -46,4 +48,4 @@ class ViewRunner:
         """
         header = snapshot.header
         context = BlockContext(chain_id=self._chain_id, height=header.height, time_ms=header.timestamp_ms)
-        return encode_value(run_view(snapshot, self._contracts, context, contract, view, arguments))
+        return encode_value(run_view(snapshot, self._catalogue.active(snapshot), context, contract, view, arguments))

@@ -14,7 +14,6 @@ from consensus.genesis import Genesis
 from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.genesis import open_genesis
 from contracts.execution.machine import ContractMachine
-from contracts.execution.registry import require_contracts
 from contracts.state.view import MemoryState, Overlay, StateView
 from node.execution import Machine
 from node.snapshot.checking import restore_into
@@ -61,7 +60,7 @@ def base_of_snapshot(source: SnapshotSource, genesis: Genesis) -> Base:
 
 def machine_of(genesis: Genesis) -> Machine:
     """Return what executes the chain's contracts. Raises GENESIS_INVALID."""
-    return ContractMachine(genesis.chain_id, require_contracts(genesis))
+    return ContractMachine.of_genesis(genesis)
 
 
 def execute_on(machine: Machine, parent: StateView, block: Block) -> tuple[Overlay, bool]:

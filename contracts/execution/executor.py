@@ -7,17 +7,19 @@ interpreter did not foresee gives no receipt at all: a leader leaves that transa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 from consensus.block import ContractEvent, Receipt, compute_receipts_root
 from consensus.errors import BlockRobotError
 from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
+from contracts.execution.catalogue import ActiveContracts
+from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_misfit
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits
 from contracts.state.trie import apply_batch
 from contracts.state.view import StateView
 from contracts.vm import CallContext, CompiledContract, InternalFault, Outcome, invoke
 
-CONTRACT_UNKNOWN = "CONTRACT_UNKNOWN"
 UNKNOWN_CONTRACT_GAS = 100
 
 Contracts = Mapping[str, CompiledContract]
@@ -36,12 +38,13 @@ def _receipt_of(transaction: Transaction, outcome: Outcome) -> Receipt:
     )
 
 
-def _unknown_contract(transaction: Transaction) -> Receipt:
+def _no_contract(transaction: Transaction, contracts: Contracts) -> Receipt:
+    code, message = explain_absence(contracts, transaction.body.contract)
     return Receipt(
         txid=transaction.txid,
         ok=False,
-        code=CONTRACT_UNKNOWN,
-        message="There is no contract of this name.",
+        code=code,
+        message=message,
         line=None,
         gas_used=UNKNOWN_CONTRACT_GAS,
         events=(),
@@ -58,7 +61,7 @@ def execute_transaction(
     body = transaction.body
     host.begin()
     if body.contract not in contracts:
-        return _unknown_contract(transaction)
+        return _no_contract(transaction, contracts)
     call = CallContext(
         caller=body.sender,
         height=context.height,
@@ -76,6 +79,10 @@ def execute_transaction(
         gas_limit=gas_limit,
         mode="export",
     )
+    if outcome.code in (ENTRY_UNKNOWN, ARGUMENTS_INVALID) and isinstance(contracts, ActiveContracts):
+        told = explain_misfit(host, contracts, body.contract, body.entry, transaction.arguments())
+        if told is not None:
+            outcome = replace(outcome, message=told[1])
     return _receipt_of(transaction, outcome)
 
 
@@ -87,13 +94,15 @@ def execute_block(
     *,
     limits: ExecutionLimits = PROTOCOL_LIMITS,
     leader: bool = False,
+    host: CallHost | None = None,
 ) -> BlockResult:
     """Execute transactions in order and return what they make of the parent's state.
 
+    `host` holds what the block did before them (see `contracts.execution.opening`), if it did anything.
     A leader leaves out what the interpreter fails on, and stops at the first that no longer fits. For a
     voter both are reasons to refuse the block: raises InternalFault or BLOCK_INVALID.
     """
-    host = CallHost(parent)
+    host = CallHost(parent) if host is None else host
     receipts: list[Receipt] = []
     faulty: list[bytes] = []
     gas_used = 0

@@ -10,7 +10,7 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from contracts.execution.call_host import CallHost
-from contracts.execution.registry import require_contracts
+from contracts.execution.registry import describe_shipped, require_contracts
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState
 from contracts.vm import CallContext, invoke
@@ -57,6 +57,7 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
         caller=bytes(33), height=0, time_ms=genesis.created_at_ms, txid=bytes(32), chain_id=genesis.chain_id
     )
     first = {
+        "lifecycle": [describe_shipped()],
         "identity": _identity_arguments(genesis),
         "membership": _membership_arguments(genesis),
         "producers": _producers_arguments(genesis),

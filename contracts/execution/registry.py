@@ -10,15 +10,16 @@ from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from types import MappingProxyType
+from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import ContractEntry, Genesis
-from consensus.primitives.hashing import tagged_hash
-from contracts.vm import LANGUAGE_VERSION, CompiledContract, compile_contract
+from contracts.vm import LANGUAGE_VERSION, CompiledContract
+from contracts.vm.sources import compile_once, describe_source
+from contracts.vm.sources import compute_source_hash as hash_source
 
-SOURCE_TAG = "blockrobot/contract-source"
 PRIVACY_CONTRACTS = ("access", "audit", "erasure", "identity", "records")
-SYSTEM_CONTRACTS = ("forms", "membership", "producers", "settings")
+SYSTEM_CONTRACTS = ("forms", "lifecycle", "membership", "producers", "settings")
 SHIPPED_CONTRACTS = PRIVACY_CONTRACTS + SYSTEM_CONTRACTS
 
 
@@ -33,13 +34,29 @@ def read_source(name: str) -> str:
 
 def compute_source_hash(source: str) -> bytes:
     """Return the 32-byte hash by which a genesis file names a source."""
-    return tagged_hash(SOURCE_TAG, source.encode())
+    return hash_source(source.encode())
+
+
+@cache
+def _shipped_sources() -> Mapping[bytes, str]:
+    return {compute_source_hash(source): source for source in map(read_source, SHIPPED_CONTRACTS)}
+
+
+def find_shipped_source(source_hash: bytes) -> str | None:
+    """Return the source of this hash if it ships with BlockRobot."""
+    return _shipped_sources().get(source_hash)
+
+
+def describe_shipped() -> list[list[Any]]:
+    """Return [name, facts] of every shipped contract, as the contract `lifecycle` keeps them."""
+    contracts = load_contracts()
+    return [[name, describe_source(read_source(name).encode(), contracts[name])] for name in SHIPPED_CONTRACTS]
 
 
 @cache
 def load_contracts() -> Mapping[str, CompiledContract]:
     """Return all shipped contracts, compiled once per process, by name."""
-    return MappingProxyType({name: compile_contract(read_source(name), name) for name in SHIPPED_CONTRACTS})
+    return MappingProxyType({name: compile_once(read_source(name), name) for name in SHIPPED_CONTRACTS})
 
 
 def contract_entries() -> tuple[ContractEntry, ...]:

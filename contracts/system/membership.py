@@ -375,6 +375,20 @@ def approve_setting(proposal_id: bytes) -> list:
     return [reached, arguments["name"], arguments["value"]]
 
 
+@export
+def propose_contract(kind: str, arguments: dict) -> bool:
+    """Note a proposal about a contract. Tells whether it takes effect at once. Who may call: the contract `lifecycle`."""
+    require(ctx.calling_contract == "lifecycle", "NOT_THE_LIFECYCLE_CONTRACT", "Only the contract lifecycle may do that.")
+    return open_proposal("lifecycle", kind, arguments)
+
+
+@export
+def approve_contract(proposal_id: bytes) -> list:
+    """Add a voice. Returns [takes effect now, kind, arguments]. Who may call: the contract `lifecycle`."""
+    require(ctx.calling_contract == "lifecycle", "NOT_THE_LIFECYCLE_CONTRACT", "Only the contract lifecycle may do that.")
+    return add_approval("lifecycle", proposal_id)
+
+
 @view
 def active_organisations() -> list:
     """Return the names of the active organisations, sorted."""

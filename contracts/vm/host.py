@@ -15,6 +15,7 @@ from consensus.primitives import hashing, keys
 from contracts.vm.builtins_table import Builtin
 from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
+from contracts.vm.source_functions import SOURCE_FUNCTIONS
 from contracts.vm.values import (
     HEADER_BYTES,
     ITEM_BYTES,
@@ -165,6 +166,7 @@ HOST_FUNCTIONS: dict[str, Builtin] = {
     "sha256": Builtin(_sha256, ("data",), 1),
     "tagged_hash": Builtin(_tagged_hash, ("tag", "data"), 2),
     "recover": Builtin(_recover, ("tag", "signature", "message"), 3),
+    **SOURCE_FUNCTIONS,
 }
 CONTEXT_FIELDS: dict[str, Callable[[Runtime], Any]] = {
     "caller": lambda runtime: runtime.context.caller,

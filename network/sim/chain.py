@@ -16,7 +16,7 @@ from consensus.primitives.keys import PrivateKey, verify
 from consensus.records.purposes import PURPOSES
 from contracts.execution.genesis import complete_genesis
 from contracts.execution.machine import ContractMachine
-from contracts.execution.registry import contract_entries, require_contracts
+from contracts.execution.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.sim.plan import NetworkSize
 from node.machine import genesis_block
@@ -153,7 +153,7 @@ def make_chain(size: NetworkSize) -> Chain:
         custodians=custodians,
         registrar=registrar,
         admins=admins,
-        machine=ContractMachine(genesis.chain_id, require_contracts(genesis)),
+        machine=ContractMachine.of_genesis(genesis),
         check=check,
         transactions=TransactionCache(),
     )

@@ -14,10 +14,11 @@ from consensus.primitives.keys import PrivateKey
 from consensus.records.purposes import PURPOSES
 from consensus.settings import Epoch
 from consensus.transaction import Transaction, sign_transaction
+from contracts.execution.catalogue import ActiveContracts, Catalogue
 from contracts.execution.epochs import next_epoch, read_epoch
-from contracts.execution.executor import execute_block
 from contracts.execution.genesis import complete_genesis, open_genesis
-from contracts.execution.registry import contract_entries, load_contracts
+from contracts.execution.machine import ContractMachine
+from contracts.execution.registry import contract_entries
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
 from contracts.state.view import MemoryState
@@ -119,7 +120,8 @@ class Consortium:
         first = open_genesis(self.genesis)
         self.state = MemoryState()
         self.state.absorb(first.writes, first.pages, first.state_root)
-        self.contracts = load_contracts()
+        self.catalogue = Catalogue()
+        self.machine = ContractMachine(self.chain_id, self.catalogue)
         self.organisations = [organisation_name(number) for number in range(1, organisations + 1)]
         self.height = 0
         self.time_ms = START_MS
@@ -147,7 +149,7 @@ class Consortium:
         self.height += 1
         self.time_ms += 100
         before = self.epoch
-        result = execute_block(self.state, self.contracts, self.context(), transactions)
+        result = self.machine.verify(self.state, self.height, self.time_ms, transactions)
         self.state.absorb(result.writes, result.page_writes, result.state_root)
         following = next_epoch(result.writes, before.number)
         if following is not None:
@@ -171,6 +173,10 @@ class Consortium:
         assert self.state.state_root == root
 
     # State
+
+    @property
+    def contracts(self) -> ActiveContracts:
+        return self.catalogue.active(self.state)
 
     @property
     def epoch(self) -> Epoch:

@@ -19,6 +19,7 @@ from tests.unit.contracts.system.consortium import (
     organisation_fields,
     producer_of,
 )
+from tests.unit.contracts.system.deploying import VISITORS, deployment, disabling, upload
 
 ADMINS = {"admin-1", "admin-2", "admin-3"}
 SIGNERS = {"producer", "candidate", "suspended", "accused"}
@@ -38,6 +39,8 @@ class Scene:
         chain.must(producer_of("node-01"), "producers", "accuse", *chain.evidence(self.accused, round_number=1))
         self.proposal = chain.must(first, "membership", "propose", "add_org", organisation_fields("org-05")).txid
         self.setting = chain.must(first, "settings", "propose", "heartbeat_ms", 5000).txid
+        upload(chain, admin_of("org-01"), VISITORS)
+        self.disabling = chain.must(first, "lifecycle", "propose", "disable", disabling("audit")).txid
         self.everyone: dict[str, PrivateKey] = {
             "admin-1": first,
             "admin-2": admin_of("org-02"),
@@ -70,6 +73,10 @@ def _rekey(_: Scene) -> list[Any]:
         "producer_possession": prove_possession(key, "node-03"),
     }
     return ["rekey_producer", fields]
+
+
+def _deploy(_: Scene) -> list[Any]:
+    return ["deploy", deployment("visitors", VISITORS)]
 
 
 Arguments = Callable[[Scene], list[Any]]
@@ -105,6 +112,13 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("membership", "withdraw", lambda s: [s.proposal], {"admin-1"}),
     ("membership", "propose_setting", lambda _: ["heartbeat_ms", 1], set()),
     ("membership", "approve_setting", lambda s: [s.setting], set()),
+    ("membership", "propose_contract", lambda _: ["keep", {"name": "settings"}], set()),
+    ("membership", "approve_contract", lambda s: [s.disabling], set()),
+    ("lifecycle", "genesis", lambda _: [[]], set()),
+    ("lifecycle", "upload", lambda _: [bytes(32), 2, 0, b"data"], ADMINS),
+    ("lifecycle", "propose", lambda _: ["disable", disabling("audit")], ADMINS),
+    ("lifecycle", "propose", _deploy, {"admin-1"}),
+    ("lifecycle", "approve", lambda s: [s.disabling], ADMINS - {"admin-1"}),
     ("producers", "genesis", lambda _: [[], [], {}], set()),
     ("producers", "propose", lambda _: [_key("node-08")], ADMINS),
     ("producers", "approve", lambda _: [_key("node-07")], ADMINS - {"admin-1"}),
