@@ -70,7 +70,7 @@ def _prepare_dict(value: dict[Any, Any], depth: int) -> Any:
                 raise BlockRobotError("VALUE_INVALID", "A dict key is an integer of more than 60 bits.")
         elif type(key) is not str and type(key) is not bytes:
             raise BlockRobotError("VALUE_INVALID", f"A dict key is of type {type(key).__name__}.")
-    ordered = _sort_keys(tuple(value)) if len(value) <= _CACHED_KEYS_MAX_COUNT else sorted(value, key=_encoder.encode)
+    ordered = sort_keys(tuple(value)) if len(value) <= _CACHED_KEYS_MAX_COUNT else sorted(value, key=_encoder.encode)
     result: dict[Any, Any] = {}
     for key in ordered:
         item = value[key]
@@ -79,7 +79,7 @@ def _prepare_dict(value: dict[Any, Any], depth: int) -> Any:
 
 
 @lru_cache(maxsize=256)
-def _sort_keys(keys: tuple[Any, ...]) -> tuple[Any, ...]:
+def sort_keys(keys: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return keys of one dict in order; most dicts of the state have the keys of a few shapes, again and again."""
     return tuple(sorted(keys, key=_encoder.encode))
 
@@ -110,16 +110,15 @@ def encode_value(value: Any) -> bytes:
         raise BlockRobotError("VALUE_INVALID", "A text holds a lone surrogate.") from None
 
 
-def encode_flat_dict(value: dict[Any, Any]) -> bytes:
-    """Return the canonical bytes of a dict whose items are no dicts, lists or tuples, or empty ones.
+def encode_ordered(value: Any) -> bytes | None:
+    """Return the canonical bytes of a scalar, a text, or a dict or list of nothing else, its keys in order.
 
-    The same bytes as `encode_value` gives, for dicts whose keys and items have been checked already.
+    Only for what has been checked already. None if an integer needs the form for large ones.
     """
-    keys = _sort_keys(tuple(value)) if len(value) <= _CACHED_KEYS_MAX_COUNT else sorted(value, key=_encoder.encode)
     try:
-        return _encoder.encode({key: value[key] for key in keys})
+        return _encoder.encode(value)
     except (OverflowError, UnicodeEncodeError):
-        return encode_value(value)
+        return None
 
 
 def _is_flat(value: Any) -> bool:
@@ -129,12 +128,8 @@ def _is_flat(value: Any) -> bool:
 
 def _encode_decoded(value: Any) -> bytes:
     """Return the canonical bytes of what has just been decoded."""
-    if _is_flat(value):
-        try:
-            return _encoder.encode(value)
-        except OverflowError:
-            pass
-    return encode_value(value)
+    data = encode_ordered(value) if _is_flat(value) else None
+    return encode_value(value) if data is None else data
 
 
 def _read_extension(code: int, data: memoryview) -> int:

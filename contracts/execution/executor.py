@@ -7,7 +7,8 @@ interpreter did not foresee gives no receipt at all: a leader leaves that transa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+
+from msgspec.structs import replace
 
 from consensus.block import ContractEvent, Receipt, compute_receipts_root
 from consensus.errors import BlockRobotError

@@ -128,12 +128,26 @@ def type_text(node: ast.expr | None) -> str:
     return "object"
 
 
-def check_arguments(runtime: Runtime, entry: Entry, accepts: tuple[Accepts, ...], arguments: list[Any]) -> None:
-    """Refuse arguments that do not fit the entry's annotations. Raises ARGUMENTS_INVALID.
+def plain_types(params: tuple[tuple[str, str], ...]) -> list[type] | None:
+    """Return the types of parameters given as (name, type), or None unless each is of one plain type."""
+    types = [_PLAIN[kind] for _, kind in params if kind in _PLAIN]
+    return types if len(types) == len(params) else None
+
+
+def check_arguments(
+    runtime: Runtime, entry: Entry, accepts: tuple[Accepts, ...], plain: list[type] | None, arguments: list[Any]
+) -> None:
+    """Refuse arguments that do not fit the entry's annotations; `plain` are its types, if each is of one plain type.
+
+    Raises ARGUMENTS_INVALID.
 
     The walk of a container was charged when the argument was copied in; here one unit per parameter is taken.
     """
-    runtime.charge(len(accepts) + 1)
+    runtime.gas -= len(accepts) + 1
+    if runtime.gas < 0:
+        runtime.exhausted()
+    if list(map(type, arguments)) == plain:
+        return
     if not entry.required <= len(arguments) <= len(accepts):
         wanted = str(len(accepts)) if entry.required == len(accepts) else f"{entry.required} to {len(accepts)}"
         message = f"{entry.name} takes {wanted} arguments, not {len(arguments)}."

@@ -12,7 +12,7 @@ from operator import itemgetter
 from typing import Any
 
 from contracts.vm.faults import NAME_UNSET, Fault
-from contracts.vm.values import INT_LIMIT, UNSET, check_int
+from contracts.vm.values import HEADER_BYTES, INT_LIMIT, MISSING, UNSET, check_int
 
 Frame = list[Any]
 Run = Callable[[Frame], Any]
@@ -20,15 +20,19 @@ Run = Callable[[Frame], Any]
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """A compiled expression; `slot` is set if it only reads that slot, which certainly holds a value."""
+    """A compiled expression.
+
+    `slot` is set if it only reads that slot, which certainly holds a value; `constant` if that value is always the same.
+    """
 
     run: Run
     slot: int | None = None
+    constant: Any = MISSING
 
 
-def read_slot(slot: int) -> Code:
+def read_slot(slot: int, constant: Any = MISSING) -> Code:
     """Read a slot that certainly holds a value."""
-    return Code(itemgetter(slot), slot)
+    return Code(itemgetter(slot), slot, constant)
 
 
 def read_variable(slot: int, name: str) -> Code:
@@ -45,7 +49,9 @@ def read_variable(slot: int, name: str) -> Code:
 
 def unary(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
     """Apply a checked operation of one operand."""
-    inner = operand.run
+    inner, i = operand.run, operand.slot
+    if i is not None:
+        return Code(lambda frame: operation(frame[0], frame[i]))
 
     def run(frame: Frame) -> Any:
         return operation(frame[0], inner(frame))
@@ -76,18 +82,43 @@ def binary(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -
     return Code(right_slot if j is not None else general)
 
 
-def fast_add(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
-    """`left + right` where the right one is a slot: two ints are added on the spot."""
-    first, j = left.run, right.slot
-    if j is None:
-        return binary(operation, left, right)
+def fast_arithmetic(
+    operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[int, int], int], left: Code, right: Code
+) -> Code:
+    """`left + right`, `-` or `*`: two ints are computed on the spot, by `of_ints`."""
+    first, second, constant = left.run, right.run, right.constant
 
     def run(frame: Frame) -> Any:
-        one, other = first(frame), frame[j]
+        one, other = first(frame), second(frame)
         if type(one) is int and type(other) is int:
-            total = one + other
+            total = of_ints(one, other)
             return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
         return operation(frame[0], one, other)
+
+    def with_constant(frame: Frame) -> Any:
+        one = first(frame)
+        if type(one) is int:
+            total = of_ints(one, constant)
+            return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
+        return operation(frame[0], one, constant)
+
+    return Code(with_constant if type(constant) is int else run)
+
+
+def add_to_bytes(operation: Callable[[Any, Any, Any], Any], prefix: bytes, right: Code) -> Code:
+    """`b"prefix/" + right`, as most keys of the state are made."""
+    second, header = right.run, HEADER_BYTES + len(prefix)
+
+    def run(frame: Frame) -> Any:
+        runtime, rest = frame[0], second(frame)
+        if type(rest) is not bytes:
+            return operation(runtime, prefix, rest)
+        size = header + len(rest)
+        runtime.memory -= size
+        runtime.gas -= size >> 6
+        if runtime.memory < 0 or runtime.gas < 0:
+            runtime.exhausted()
+        return prefix + rest
 
     return Code(run)
 
@@ -95,18 +126,73 @@ def fast_add(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code)
 def fast_compare(
     operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[Any, Any], bool], left: Code, right: Code
 ) -> Code:
-    """A comparison where the right one is a slot: two ints are compared on the spot, by `of_ints`."""
-    first, j = left.run, right.slot
-    if j is None:
-        return binary(operation, left, right)
+    """A comparison: two ints are compared on the spot, by `of_ints`."""
+    first, second, constant = left.run, right.run, right.constant
 
     def run(frame: Frame) -> Any:
-        one, other = first(frame), frame[j]
+        one, other = first(frame), second(frame)
         if type(one) is int and type(other) is int:
             return of_ints(one, other)
         return operation(frame[0], one, other)
 
+    def to_constant(frame: Frame) -> Any:
+        one = first(frame)
+        return of_ints(one, constant) if type(one) is int else operation(frame[0], one, constant)
+
+    return Code(to_constant if type(constant) is int else run)
+
+
+def equals_text(left: Code, text: str | bytes, *, wanted: bool) -> Code:
+    """`left == "text"` or `!=`, for a text so short that comparing it costs nothing more."""
+    first = left.run
+    if wanted:
+        return Code(lambda frame: first(frame) == text)
+    return Code(lambda frame: first(frame) != text)
+
+
+def get_named(get_item: Callable[[Any, Any, Any], Any], container: Code, name: str) -> Code:
+    """`container["name"]`: a dict is asked on the spot."""
+    inner = container.run
+
+    def run(frame: Frame) -> Any:
+        value = inner(frame)
+        if type(value) is dict and name in value:
+            return value[name]
+        return get_item(frame[0], value, name)
+
     return Code(run)
+
+
+def length_of(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
+    """`len(operand)`: bytes are measured on the spot."""
+    inner = operand.run
+
+    def run(frame: Frame) -> Any:
+        value = inner(frame)
+        return len(value) if type(value) is bytes else operation(frame[0], value)
+
+    return Code(run)
+
+
+def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], tuple[Any, ...]]:
+    """Return what evaluates parts in order and gives all their values.
+
+    Parts that are no slots get one of their own (a part cannot change another's slot), so that one read gives all.
+    """
+    slots = [new_slot() if part.slot is None else part.slot for part in parts]
+    moves = [(slot, part.run) for slot, part in zip(slots, parts, strict=True) if part.slot is None]
+    if len(slots) < 2:
+        return lambda frame: tuple([part.run(frame) for part in parts])
+    read: Callable[[Frame], tuple[Any, ...]] = itemgetter(*slots)
+    if not moves:
+        return read
+
+    def run(frame: Frame) -> tuple[Any, ...]:
+        for slot, part in moves:
+            frame[slot] = part(frame)
+        return read(frame)
+
+    return run
 
 
 def is_none(operand: Code, *, wanted: bool) -> Code:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
-from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, type_text
+from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, plain_types, type_text
 from contracts.vm.checker import check_source, check_thoroughly
 from contracts.vm.compiler_expressions import FunctionCode
 from contracts.vm.compiler_statements import compile_function
@@ -31,10 +31,14 @@ _NO_CONTEXT = CallContext(b"", 0, 0, b"", b"")
 
 @dataclass(frozen=True, slots=True)
 class CompiledEntry:
-    """One entry ready to run: its description, the tests of its arguments and result, its code and defaults."""
+    """One entry ready to run: its description, the tests of its arguments and result, its code and defaults.
+
+    `plain` are the types of its parameters, if each is of one plain type: the quick test of its arguments.
+    """
 
     entry: Entry
     accepts: tuple[Accepts, ...]
+    plain: list[type] | None
     accepts_result: Accepts | None
     function: FunctionCode
     defaults: tuple[Any, ...]
@@ -98,7 +102,7 @@ def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ..
     accepts = [parse_type(argument.annotation) for argument in node.args.args]
     entry = Entry(node.name, kind, params, type_text(node.returns), facts.required, node.lineno)
     checked = tuple(test for test in accepts if test is not None)
-    return CompiledEntry(entry, checked, parse_type(node.returns), function, defaults)
+    return CompiledEntry(entry, checked, plain_types(params), parse_type(node.returns), function, defaults)
 
 
 def find_problems(source: str, name: str) -> tuple[Diagnostic, ...]:

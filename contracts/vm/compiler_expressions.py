@@ -14,12 +14,17 @@ from contracts.vm.builtins_table import TYPES, join_texts, text_of
 from contracts.vm.closures import (
     Code,
     Frame,
+    add_to_bytes,
     binary,
     call_function,
     call_method,
-    fast_add,
+    equals_text,
+    fast_arithmetic,
     fast_compare,
+    gather,
+    get_named,
     is_none,
+    length_of,
     read_slot,
     read_variable,
     unary,
@@ -28,6 +33,7 @@ from contracts.vm.faults import CALL_DEPTH, TYPE_ERROR, Fault
 from contracts.vm.host import CONTEXT_FIELDS
 from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
 from contracts.vm.operations import (
+    ARITHMETIC,
     BINARY,
     COMPARE,
     ORDER,
@@ -36,7 +42,9 @@ from contracts.vm.operations import (
     equal,
     get_item,
     get_slice,
+    is_short_text,
     iterate,
+    not_equal,
     unpack,
 )
 from contracts.vm.values import (
@@ -142,7 +150,7 @@ class ExpressionCompiler:
         """Compile a constant; one that holds lists or dicts is made anew each time."""
         if is_mutable(value):
             return Code(lambda frame: fresh_constant(frame[0], value))
-        return read_slot(self.scope.constant(value))
+        return read_slot(self.scope.constant(value), value)
 
     def _constant(self, node: ast.Constant) -> Code:
         return self.constant(node.value)
@@ -156,7 +164,10 @@ class ExpressionCompiler:
     def _binop(self, node: ast.BinOp) -> Code:
         operation = BINARY[type(node.op).__name__]
         left, right = self.expression(node.left), self.expression(node.right)
-        return fast_add(operation, left, right) if operation is add else binary(operation, left, right)
+        if operation is add and type(left.constant) is bytes:
+            return add_to_bytes(operation, left.constant, right)
+        of_ints = ARITHMETIC.get(operation)
+        return binary(operation, left, right) if of_ints is None else fast_arithmetic(operation, of_ints, left, right)
 
     def _unaryop(self, node: ast.UnaryOp) -> Code:
         operand = self.expression(node.operand)
@@ -209,6 +220,8 @@ class ExpressionCompiler:
         if isinstance(op, ast.Is | ast.IsNot):
             return is_none(left, wanted=isinstance(op, ast.Is))
         operation = COMPARE[type(op).__name__]
+        if operation in (equal, not_equal) and is_short_text(right.constant):
+            return equals_text(left, right.constant, wanted=operation is equal)
         of_ints = operator.eq if operation is equal else ORDER.get(type(op).__name__)
         return binary(operation, left, right) if of_ints is None else fast_compare(operation, of_ints, left, right)
 
@@ -217,12 +230,15 @@ class ExpressionCompiler:
         return Code(lambda frame: body(frame) if test(frame) else orelse(frame))
 
     def _attribute(self, node: ast.Attribute) -> Code:
-        return unary_context(CONTEXT_FIELDS[node.attr])
+        return Code(CONTEXT_FIELDS[node.attr])
 
     def _subscript(self, node: ast.Subscript) -> Code:
         container = self.expression(node.value)
         if not isinstance(node.slice, ast.Slice):
-            return binary(get_item, container, self.expression(node.slice))
+            key = self.expression(node.slice)
+            if type(key.constant) is str:
+                return get_named(get_item, container, key.constant)
+            return binary(get_item, container, key)
         nothing = read_slot(self.scope.constant(None))
         start = nothing if node.slice.lower is None else self.expression(node.slice.lower)
         stop = nothing if node.slice.upper is None else self.expression(node.slice.upper)
@@ -235,7 +251,11 @@ class ExpressionCompiler:
         runs, size = self._items(node.elts)
 
         def run(frame: Frame) -> list[Any]:
-            frame[0].allocate(size)
+            runtime = frame[0]
+            runtime.memory -= size
+            runtime.gas -= size >> 6
+            if runtime.memory < 0 or runtime.gas < 0:
+                runtime.exhausted()
             return [part(frame) for part in runs]
 
         return Code(run)
@@ -254,11 +274,16 @@ class ExpressionCompiler:
         values = [self.expression(value) for value in node.values]
         if all(_is_plain_key(key) for key in node.keys):
             self.cost += len(node.keys)
-            pairs = [(key.value, value.run) for key, value in zip(node.keys, values, strict=True)]  # type: ignore[union-attr]
+            names = [key.value for key in node.keys if isinstance(key, ast.Constant)]
+            read = gather(values, self.scope.new_slot)
 
             def run_named(frame: Frame) -> dict[Any, Any]:
-                frame[0].allocate(size)
-                return {name: value(frame) for name, value in pairs}
+                runtime = frame[0]
+                runtime.memory -= size
+                runtime.gas -= size >> 6
+                if runtime.memory < 0 or runtime.gas < 0:
+                    runtime.exhausted()
+                return dict(zip(names, read(frame), strict=True))
 
             return Code(run_named)
         entries = [(self.expression(key).run, value.run) for key, value in zip(node.keys, values, strict=True) if key]
@@ -352,6 +377,9 @@ class ExpressionCompiler:
             builtin = CALLABLES[name]
             bound = bind(builtin.params, builtin.required, node, variadic=builtin.variadic)
             assert isinstance(bound, Bound)
+            if name == "len":
+                assert bound.arguments[0] is not None
+                return length_of(builtin.run, self.expression(bound.arguments[0]))
             return call_function(builtin.run, [self.expression(part) for part in bound.arguments if part is not None])
         if name is not None and name in self.functions:
             return self._function_call(node, name)
@@ -437,8 +465,3 @@ def bind_many(slots: list[int]) -> Callable[[Frame, Any], None]:
             frame[slot] = values[place]
 
     return run
-
-
-def unary_context(read: Callable[[Any], Any]) -> Code:
-    """Read a field of `ctx`."""
-    return Code(lambda frame: read(frame[0]))

@@ -24,6 +24,7 @@ BREAK: Final = Mark("break")
 CONTINUE: Final = Mark("continue")
 LOOP_STEP_GAS = 1
 FRAMES_PER_CALL = 12
+_PLAIN_STATEMENTS = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Delete)
 
 
 class StatementCompiler(ExpressionCompiler):
@@ -38,6 +39,7 @@ class StatementCompiler(ExpressionCompiler):
         steps: list[Run] = []
         lines: dict[Run, int] = {}
         leaves = False
+        plain_count = 0
         for statement in body:
             if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
                 continue
@@ -45,12 +47,14 @@ class StatementCompiler(ExpressionCompiler):
             step, leaves_here = self._statement(statement)
             leaves = leaves or leaves_here
             if step is not None:
+                if plain_count == len(steps) and isinstance(statement, _PLAIN_STATEMENTS):
+                    plain_count += 1
                 if self.watch is not None:
                     place = Place(self.function_name, statement.lineno, self.cost - before, self.scope.slots)
                     step = watched(step, place, self.watch)
                 steps.append(step)
                 lines[step] = statement.lineno
-        run = _run_block(steps, lines, self.cost, body[0].lineno)
+        run = _run_block(steps, plain_count, lines, self.cost, body[0].lineno)
         self.cost = outer_cost
         return run, leaves
 
@@ -305,7 +309,9 @@ def _for_many(source: Run, bind_items: Callable[[Frame, Any], None], body: Run) 
     return loop
 
 
-def _run_block(steps: list[Run], lines: dict[Run, int], cost: int, first_line: int) -> Run:
+def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: int, first_line: int) -> Run:
+    """Return what runs the steps in order; the first `plain_count` of them never give a signal."""
+    plain, others = steps[:plain_count], steps[plain_count:]
     if len(steps) == 1:
         only, line = steps[0], lines[steps[0]]
 
@@ -330,7 +336,9 @@ def _run_block(steps: list[Run], lines: dict[Run, int], cost: int, first_line: i
             raise Fault(OUT_OF_GAS, "The call used up its gas.", first_line)
         step = None
         try:
-            for step in steps:
+            for step in plain:
+                step(frame)
+            for step in others:
                 signal = step(frame)
                 if signal is not None:
                     return signal

@@ -6,13 +6,13 @@ Every key a contract names is put under that contract's own prefix here; there i
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
 from contracts.vm.builtins_table import Builtin
+from contracts.vm.closures import Run
 from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
 from contracts.vm.source_functions import SOURCE_FUNCTIONS
@@ -70,7 +70,9 @@ def _state_get(runtime: Runtime, key: Any, default: Any = None) -> Any:
 def _state_has(runtime: Runtime, key: Any) -> bool:
     if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
         raise _key_fault(key)
-    runtime.charge(HAS_GAS)
+    runtime.gas -= HAS_GAS
+    if runtime.gas < 0:
+        runtime.exhausted()
     return runtime.host.get(runtime.prefix + key) is not None
 
 
@@ -79,7 +81,9 @@ def _state_put(runtime: Runtime, key: Any, value: Any) -> None:
         raise _key_fault(key)
     runtime.check_write()
     data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
-    runtime.charge(PUT_GAS + len(key) + len(data))
+    runtime.gas -= PUT_GAS + len(key) + len(data)
+    if runtime.gas < 0:
+        runtime.exhausted()
     runtime.host.put(runtime.prefix + key, data)
 
 
@@ -168,13 +172,14 @@ HOST_FUNCTIONS: dict[str, Builtin] = {
     "recover": Builtin(_recover, ("tag", "signature", "message"), 3),
     **SOURCE_FUNCTIONS,
 }
-CONTEXT_FIELDS: dict[str, Callable[[Runtime], Any]] = {
-    "caller": lambda runtime: runtime.context.caller,
-    "height": lambda runtime: runtime.context.height,
-    "time": lambda runtime: runtime.context.time_ms,
-    "txid": lambda runtime: runtime.context.txid,
-    "chain": lambda runtime: runtime.context.chain_id,
-    "contract": lambda runtime: runtime.contract,
-    "calling_contract": lambda runtime: runtime.calling_contract,
+CONTEXT_FIELDS: dict[str, Run] = {
+    "caller": lambda frame: frame[0].context.caller,
+    "height": lambda frame: frame[0].context.height,
+    "time": lambda frame: frame[0].context.time_ms,
+    "txid": lambda frame: frame[0].context.txid,
+    "chain": lambda frame: frame[0].context.chain_id,
+    "contract": lambda frame: frame[0].contract,
+    "calling_contract": lambda frame: frame[0].calling_contract,
 }
+"""What `ctx.<name>` reads: closures of a frame, whose first slot is the runtime."""
 WRITING = frozenset({"state.put", "state.delete", "emit"})

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, Literal
+
+import msgspec
 
 from contracts.vm.abi import check_arguments
 from contracts.vm.compiled import CompiledContract, CompiledEntry
@@ -47,12 +48,14 @@ _WRITES_MAX_COUNT: dict[Mode, int] = {
     "migrate": MIGRATE_WRITES_MAX_COUNT,
 }
 
+_PLAIN = frozenset((bytes, bool, type(None)))
+"""The types of values that cross from one contract to another as they are, and leave one as a result."""
+
 if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
     sys.setrecursionlimit(_RECURSION_LIMIT_FRAMES)
 
 
-@dataclass(frozen=True, slots=True)
-class Outcome:
+class Outcome(msgspec.Struct, frozen=True):
     """What a call came to. `code` is "OK" or an error code; `line` is the contract line of a failure, where known."""
 
     ok: bool
@@ -105,7 +108,9 @@ def invoke(
 
 
 def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -> CompiledEntry:
-    runtime.charge(ENTRY_GAS)
+    runtime.gas -= ENTRY_GAS
+    if runtime.gas < 0:
+        runtime.exhausted()
     compiled = runtime.contracts.get(contract)
     if compiled is None:
         raise Fault(ENTRY_UNKNOWN, f"There is no contract {contract[:32]}.")
@@ -131,12 +136,14 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
     """Run an entry as the contract on top of the stack and return its result, copied."""
     runtime.stack.append(compiled.name)
     runtime.contract, runtime.prefix = compiled.name, compiled.prefix
-    check_arguments(runtime, found.entry, found.accepts, arguments)
+    check_arguments(runtime, found.entry, found.accepts, found.plain, arguments)
     missing = len(found.accepts) - len(arguments)
     if missing:
         defaults = found.defaults[len(found.defaults) - missing :]
         arguments = [*arguments, *[fresh_constant(runtime, value) for value in defaults]]
-    result = copy_across(runtime, found.function.call(runtime, arguments), "A result")
+    result = found.function.call(runtime, arguments)
+    if type(result) not in _PLAIN:
+        result = copy_across(runtime, result, "A result")
     if found.accepts_result is not None and not found.accepts_result(result):
         message = f"{found.entry.name} did not return {found.entry.returns}."
         raise Fault(TYPE_ERROR, message, found.entry.line)
@@ -146,14 +153,16 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
 
 def _enter_by_call(runtime: Runtime, contract: str, entry: str, arguments: list[Any]) -> Any:
     """What `call` does: run another contract's export or view with the same caller, gas and budgets."""
-    runtime.charge(CROSS_CALL_GAS)
+    runtime.gas -= CROSS_CALL_GAS
+    if runtime.gas < 0:
+        runtime.exhausted()
     runtime.depth -= CROSS_CALL_FRAMES
     if runtime.depth < 0:
         raise Fault(CALL_DEPTH, "Contracts call each other too deep.")
     if contract in runtime.stack:
         raise Fault(REENTRANT, f"The contract {contract} is already running in this call.")
     found = _find(runtime, contract, entry, ("export", "view"))
-    given = _copy_arguments(runtime, arguments)
+    given = arguments if _PLAIN.issuperset(map(type, arguments)) else _copy_arguments(runtime, arguments)
     before = runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only
     runtime.calling_contract = runtime.contract
     runtime.read_only = runtime.read_only or found.entry.kind == "view"

@@ -7,8 +7,9 @@ charges the same. Running out cannot be caught by a contract.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NoReturn, Protocol
+
+import msgspec
 
 from contracts.vm.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WRITES, WRITE_BUDGET, Fault
 
@@ -45,8 +46,7 @@ class HostInterface(Protocol):
         """Note an event."""
 
 
-@dataclass(frozen=True, slots=True)
-class CallContext:
+class CallContext(msgspec.Struct, frozen=True, gc=False):
     """What a contract may know of the transaction and block it runs in."""
 
     caller: bytes

@@ -29,6 +29,7 @@ from contracts.vm.values import (
 Operation = Callable[[Runtime, Any, Any], Any]
 
 COMPARE_DEPTH_MAX = 30
+FREE_COMPARE_MAX_BYTES = 127
 RANGE_LIMIT = 1 << 60
 SHIFT_MAX_BITS = 256
 
@@ -160,13 +161,18 @@ def invert(runtime: Runtime, value: Any) -> int:
     return check_int(~need_int(value, "'~'"))
 
 
+def is_short_text(value: Any) -> bool:
+    """Whether comparing something to this costs nothing more: a text of at most 127 characters or bytes."""
+    return (type(value) is str or type(value) is bytes) and len(value) <= FREE_COMPARE_MAX_BYTES
+
+
 def equal(runtime: Runtime, left: Any, right: Any) -> bool:
     """`left == right`; values of different types are never equal."""
     kind = type(left)
     if kind is not type(right):
         return False
     if kind is bytes or kind is str:
-        if len(left) > 127 and len(left) == len(right):
+        if len(left) > FREE_COMPARE_MAX_BYTES and len(left) == len(right):
             runtime.charge(len(left) >> 7)
         return bool(left == right)
     if kind is list or kind is tuple or kind is dict:
@@ -369,6 +375,12 @@ BINARY: dict[str, Operation] = {
     "BitOr": _bitwise("'|'", operator.or_),
     "BitXor": _bitwise("'^'", operator.xor),
 }
+ARITHMETIC: dict[Operation, Callable[[int, int], int]] = {
+    add: operator.add,
+    subtract: operator.sub,
+    multiply: operator.mul,
+}
+"""What these come to for two ints: the operator itself, and the check that 256 bits hold the result."""
 UNARY: dict[str, Callable[[Runtime, Any], Any]] = {"USub": negate, "UAdd": plus, "Invert": invert}
 ORDER: dict[str, Callable[[Any, Any], bool]] = {
     "Lt": operator.lt,

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.primitives.encoding import VALUE_DEPTH_MAX, decode_stored_value, encode_flat_dict, encode_value
+from consensus.primitives.encoding import VALUE_DEPTH_MAX, decode_stored_value, encode_ordered, encode_value
 from contracts.vm.faults import INT_OVERFLOW, TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
+from contracts.vm.shapes import encode_by_shape
 
 INT_LIMIT = 1 << 256
 DICT_KEY_INT_LIMIT = 1 << 60
@@ -190,32 +191,24 @@ def _template(value: Any) -> Any:
 
 def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
     """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
-    if type(value) is dict:
-        data = _encode_dict(runtime, value, size_max, what)
-    else:
-        _walk(runtime, value, 0, size_max, what)
-        data = encode_value(value)
+    kind = type(value)
+    if kind is dict:
+        found = encode_by_shape(value, size_max)
+        if found is not None:
+            data, gas = found
+            runtime.gas -= gas
+            if runtime.gas < 0:
+                runtime.exhausted()
+            if len(data) > size_max:
+                raise _too_large(what)
+            return data
+    elif kind is int or kind is bool:
+        return encode_ordered(value) or encode_value(value)
+    _walk(runtime, value, 0, size_max, what)
+    data = encode_value(value)
     if len(data) > size_max:
         raise _too_large(what)
     return data
-
-
-def _encode_dict(runtime: Runtime, value: dict[Any, Any], left: int, what: str) -> bytes:
-    """As `_walk` does for a dict on top, noting whether the quick way of encoding will do."""
-    runtime.charge(2 + 3 * len(value))
-    flat = True
-    for key, item in value.items():
-        left -= 1 if type(key) is int else len(key)
-        kind = type(item)
-        if kind is bytes or kind is str:
-            left -= len(item)
-        elif kind is not int:
-            left = _walk(runtime, item, 1, left, what)
-            if item and kind is not bool:
-                flat = False
-    if left < 0:
-        raise _too_large(what)
-    return encode_flat_dict(value) if flat else encode_value(value)
 
 
 def _too_large(what: str) -> Fault:
@@ -265,10 +258,10 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
     if value is None or kind is bool:
         return value
     if kind is int:
-        return check_int(value)
+        return value if -INT_LIMIT < value < INT_LIMIT else check_int(value)
     if kind is str:
         runtime.allocate(text_bytes(value))
-        return _check_text(value, what)
+        return value if value.isascii() else _check_text(value, what)
     if depth >= VALUE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
     if kind is list or kind is tuple:

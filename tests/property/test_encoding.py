@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from consensus.block import Header, IndexedSignature, QuorumCertificate, TimeoutCertificate, TimeoutSignature
 from consensus.errors import BlockRobotError
 from consensus.messages import CertificateNotice, Timeout, Vote
-from consensus.primitives.encoding import Wire, decode, decode_value, encode, encode_flat_dict, encode_value
+from consensus.primitives.encoding import Wire, decode, decode_value, encode, encode_value
 from consensus.transaction import TransactionBody, decode_transaction
 
 integers = st.integers(-(2**256) + 1, 2**256 - 1)
@@ -68,15 +68,6 @@ def is_same(first, second):
 @given(values)
 def test_every_value_comes_back(value):
     assert is_same(decode_value(encode_value(value)), value)
-
-
-@given(
-    st.dictionaries(
-        keys, st.one_of(st.none(), st.booleans(), integers, texts, st.sampled_from([[], {}, ()])), max_size=40
-    )
-)
-def test_the_quick_way_to_encode_a_flat_dict_gives_the_same_bytes(value):
-    assert encode_flat_dict(value) == encode_value(value)
 
 
 @given(values, values)
