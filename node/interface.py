@@ -14,6 +14,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from consensus.transaction import Transaction, decode_transaction
 from node.api.services import Clock, PoolStatus, SubmitResult, TransactionPlace
+from node.call_check import CallCheck
 from node.engine import Engine
 from node.finality import FinalityFeed
 from node.gossip import Gossip
@@ -127,12 +128,16 @@ class FinalizedLedger:
 class Pool:
     """`TransactionPool` over the node's mempool: admits, passes on, wakes the engine."""
 
-    def __init__(self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: Clock) -> None:
+    def __init__(
+        self, *, mempool: Mempool, engine: Engine, gossip: Gossip, feed: FinalityFeed, clock: Clock, calls: CallCheck
+    ) -> None:
+        """`calls` looks at what clients submit; what peers pass on was looked at where it was submitted."""
         self._mempool = mempool
         self._engine = engine
         self._gossip = gossip
         self._feed = feed
         self._clock = clock
+        self._calls = calls
         self._expired: OrderedDict[bytes, None] = OrderedDict()
 
     async def submit(self, wires: Sequence[bytes]) -> Sequence[SubmitResult]:
@@ -149,7 +154,7 @@ class Pool:
         fresh: list[Transaction] = []
         for wire in wires:
             try:
-                transaction, is_new = self._mempool.admit(wire, now_ms)
+                transaction, is_new = self._mempool.admit(wire, now_ms, self._calls.require)
             except BlockRobotError as error:
                 results.append(SubmitResult(txid=_txid_of(wire), error=error))
                 continue

@@ -79,8 +79,10 @@ class Mempool:
 
     # Admission
 
-    def admit(self, wire: bytes, now_ms: int) -> tuple[Transaction, bool]:
-        """Check a transaction and let it wait; return it and whether it is new here.
+    def admit(
+        self, wire: bytes, now_ms: int, also: Callable[[Transaction], None] | None = None
+    ) -> tuple[Transaction, bool]:
+        """Check a transaction and let it wait; return it and whether it is new here. `also` may refuse it by raising.
 
         Raises ENCODING_*, TRANSACTION_TOO_LARGE, TRANSACTION_WRONG_CHAIN, TRANSACTION_EXPIRED,
         TRANSACTION_TOO_FAR_AHEAD, TRANSACTION_REPLAYED, SENDER_LIMIT, MEMPOOL_FULL, SIGNATURE_*,
@@ -99,6 +101,8 @@ class Mempool:
             transaction.verify_sender()
         if not self._has_standing(transaction):
             raise BlockRobotError("SENDER_WITHOUT_STANDING")
+        if also is not None:
+            also(transaction)
         if known is None:
             self._cache.add(transaction)
         self._insert(transaction, reserved=reserved)

@@ -15,7 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import ActiveContracts
-from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_misfit
+from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_call
 from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits
 from contracts.state.trie import apply_batch
 from contracts.state.view import StateView
@@ -81,7 +81,7 @@ def execute_transaction(
         mode="export",
     )
     if outcome.code in (ENTRY_UNKNOWN, ARGUMENTS_INVALID) and isinstance(contracts, ActiveContracts):
-        told = explain_misfit(host, contracts, body.contract, body.entry, transaction.arguments())
+        told = explain_call(host, contracts, body.contract, body.entry, transaction.arguments())
         if told is not None:
             outcome = replace(outcome, message=told[1])
     return _receipt_of(transaction, outcome)

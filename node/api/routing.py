@@ -47,8 +47,8 @@ class Parameter:
 
     @property
     def required(self) -> bool:
-        """Numbers with a default and texts with a pattern may be left out."""
-        return self.default is None and self.pattern is None
+        """In the query, numbers with a default and texts with a pattern may be left out."""
+        return self.place == "path" or (self.default is None and self.pattern is None)
 
 
 @dataclass(frozen=True, slots=True)

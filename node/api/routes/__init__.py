@@ -7,6 +7,7 @@ from node.api.routes import (
     backgrounds,
     blocks,
     clips,
+    contracts,
     event_pages,
     events,
     finality,
@@ -33,4 +34,5 @@ ROUTES: tuple[Route, ...] = (
     *clips.ROUTES,
     *backgrounds.ROUTES,
     *blocks.ROUTES,
+    *contracts.ROUTES,
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from contracts.execution.changed_calls import explain_misfit
+from contracts.execution.changed_calls import explain_call
 from contracts.execution.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
 from tests.unit.contracts.system.deploying import (
@@ -158,7 +158,7 @@ def test_calls_of_an_old_interface_are_told_what_changed(chain: Consortium) -> N
     agree(chain, "activate", activation("visitors", 1))
     newer = chain.send(ANYONE, "visitors", "enter", "Bob", 3)
     assert newer.message.endswith("enter takes (str). Version 2 took (str, int).")
-    assert explain_misfit(chain.state, chain.contracts, "visitors", "enter", ["Bob"]) is None
+    assert explain_call(chain.state, chain.contracts, "visitors", "enter", ["Bob"]) is None
 
 
 def test_nobody_else_may_have_sources_compiled(chain: Consortium) -> None:

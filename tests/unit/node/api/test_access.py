@@ -44,6 +44,8 @@ ALLOWED = {
     "putBackground": {"robot"},
     "getBackground": EVERYBODY_KNOWN,
     "listBlocks": MEMBERS,
+    "listContracts": MEMBERS,
+    "getContract": MEMBERS,
     "getBlock": MEMBERS,
 }
 FORBIDDEN = [
