@@ -29,7 +29,6 @@ from contracts.execution.machine import ContractMachine
 from contracts.execution.standing import require_standing
 from node.accuser import Accuser
 from node.api.services import Clock
-from node.call_check import CallCheck
 from node.candidacy import Candidacy
 from node.custody import Custody
 from node.directory import Directory
@@ -83,7 +82,8 @@ class Surroundings:
     `stopwatch` gives seconds that only grow, also while a callback runs; `randomness` that many fresh bytes.
     `open_network` makes the links for a handler. `machine`, `check` and `transactions` may be shared between nodes of
     one process, and `wrap_outbox` may put something between the engine and the peers. `directory` is the one that the
-    network follows too; without one it begins with the genesis file.
+    network follows too; without one it begins with the genesis file. `waits_for_machine` says that the machine works in
+    another process.
     """
 
     genesis: Genesis
@@ -102,6 +102,7 @@ class Surroundings:
     wrap_outbox: Callable[[Outbox], Outbox] | None = None
     directory: Directory | None = None
     keep_blocks: int = 0
+    waits_for_machine: bool = False
 
 
 async def begin_ledger(ledger: LedgerStore, genesis: Genesis) -> None:
@@ -154,7 +155,12 @@ class Assembly:
         core, start = restore_core(around)
         machine = around.machine or ContractMachine.of_genesis(genesis)
         self.executor = Executor(
-            genesis=genesis, ledger=around.ledger, machine=machine, cache=around.transactions, key=around.key
+            genesis=genesis,
+            ledger=around.ledger,
+            machine=machine,
+            cache=around.transactions,
+            key=around.key,
+            waits=around.waits_for_machine,
         )
         self.executor.begin_epoch(start.schedule)
         try:
@@ -207,12 +213,7 @@ class Assembly:
         self.engine.add_epoch_listener(self.peers.begin_epoch)
         self.directory.add_listener(lambda _directory: self.peers.name_producers())
         self.pool = Pool(
-            mempool=self.mempool,
-            engine=self.engine,
-            gossip=self.peers.gossip,
-            feed=self.feed,
-            clock=around.clock,
-            calls=CallCheck(lambda: self.executor.reader),
+            mempool=self.mempool, engine=self.engine, gossip=self.peers.gossip, feed=self.feed, clock=around.clock
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
@@ -283,7 +284,7 @@ class Assembly:
         """Connect, and begin to take part. Raises PORT_IN_USE, STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
         stack = self._stack
         self.writer.add_listener(self._follow_directory)
-        self.writer.add_listener(self.engine.note_stored)
+        self.writer.add_listener(self._note_stored)
         self.writer.add_listener(self.feed.publish)
         self.writer.add_listener(self._metrics.note_finalized)
         self.writer.add_listener(self._after_stored)
@@ -330,6 +331,9 @@ class Assembly:
         writes = (block.overlay.writes for block in blocks)
         if self._directory_is_behind or self.directory.needs_refresh(writes, position.height):
             self._catch_up_with_directory()
+
+    def _note_stored(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
+        self.engine.note_stored(blocks, proof, position, self.writer.take_stored())
 
     def _catch_up_with_directory(self) -> None:
         self._directory_is_behind = True

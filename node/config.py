@@ -23,6 +23,7 @@ SNAPSHOT_LAG_MIN_BLOCKS = 100
 OPERATOR_HOST = "127.0.0.1"
 """Where the operator's listener is, wherever the node listens for peers and clients: it asks nobody for a password."""
 _PORT_MAX = 65_535
+_WALLS = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
 _SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
@@ -32,6 +33,7 @@ _SECTIONS: dict[str, frozenset[str]] = {
     "log": frozenset({"level"}),
     "faults": frozenset({"enabled"}),
     "storage": frozenset({"keep_blocks", "snapshot_lag_blocks"}),
+    "contracts": frozenset({"wall"}),
 }
 
 
@@ -57,6 +59,8 @@ class NodeConfig:
     """How many of the newest blocks keep their bodies; 0: all."""
     snapshot_lag_blocks: int = SNAPSHOT_LAG_BLOCKS
     """From how many blocks behind on a snapshot is preferred to blocks; 0: only where there is no other way."""
+    contract_wall: str = "on"
+    """Whether contracts run in worker processes behind a wall: "on", "require" (all of the wall, or no start), "off"."""
     organisation: str = ""
     """Only for a node that joined later: whose it is. The genesis file says so of the first ones."""
 
@@ -160,13 +164,16 @@ def load_config(data_dir: Path) -> NodeConfig:
     unknown = sorted(set(document) - set(_SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log, faults, storage = (_Section(document, name) for name in _SECTIONS)
+    node, listen, keys, custody, log, faults, storage, contracts = (_Section(document, name) for name in _SECTIONS)
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")
     level = log.text("level", "info")
     if level not in _LOG_LEVELS:
         raise _invalid(f"[log] level is one of {', '.join(_LOG_LEVELS)}.")
+    wall = contracts.text("wall", "on")
+    if wall not in _WALLS:
+        raise _invalid(f"[contracts] wall is one of {', '.join(_WALLS)}.")
     producer, custodian = keys.optional_text("producer"), keys.optional_text("custodian")
     return NodeConfig(
         data_dir=data_dir,
@@ -185,6 +192,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         faults_enabled=faults.flag("enabled"),
         keep_blocks=storage.count("keep_blocks", KEEP_BLOCKS_MIN_COUNT),
         snapshot_lag_blocks=storage.count("snapshot_lag_blocks", SNAPSHOT_LAG_MIN_BLOCKS, SNAPSHOT_LAG_BLOCKS),
+        contract_wall=wall,
         organisation=node.optional_text("organisation") or "",
     )
 
@@ -222,6 +230,9 @@ def config_to_toml(config: NodeConfig) -> str:
         "[storage]",
         f"keep_blocks = {config.keep_blocks}",
         f"snapshot_lag_blocks = {config.snapshot_lag_blocks}",
+        "",
+        "[contracts]",
+        f'wall = "{config.contract_wall}"',
     ]
     return "\n".join(lines) + "\n"
 

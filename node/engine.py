@@ -1,7 +1,8 @@
 """Drives the consensus core: carries its effects out in order. Must never send what stands behind an unsynced record.
 
-Events are handled one after another on the event loop. A block small enough is executed at once; a large one in a
-thread, and until it is done the core waits (the loop, and with it the network and the HTTP interface, does not).
+Events are handled one after another on the event loop. A block small enough is executed at once; a large one, or any
+one if another process executes it, in a thread, and until it is done the core waits (the loop, and with it the network
+and the HTTP interface, does not).
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Protocol
 
@@ -60,7 +61,7 @@ from node.epochs import EpochStart, Head
 from node.execution import ExecutedBlock, Executor
 from node.mempool import Mempool
 from node.recording import Recorder, VotingJournal
-from node.storage.ledger_store import Position
+from node.storage.ledger_store import LedgerSnapshot, Position
 
 INLINE_TRANSACTIONS_MAX_COUNT = 24
 DRAIN_MAX_MS = 20
@@ -296,10 +297,13 @@ class Engine:
     # Executing
 
     def _execute(self, effect: ExecuteBlock) -> None:
-        if len(effect.block.transactions) <= INLINE_TRANSACTIONS_MAX_COUNT:
+        if self._is_quick(effect.block.transactions):
             self._events.append(self._verify(effect))
         else:
             self._run_in_thread(lambda: self._verify(effect))
+
+    def _is_quick(self, transactions: Sequence[object]) -> bool:
+        return not self._executor.waits and len(transactions) <= INLINE_TRANSACTIONS_MAX_COUNT
 
     def _run_in_thread(self, work: Callable[[], Event | None]) -> None:
         """Do the work in the executor's thread; no effect and no event is touched before it is done."""
@@ -333,7 +337,7 @@ class Engine:
     def _build(self, effect: BuildBlock) -> None:
         timestamp_ms = max(effect.parent_timestamp_ms + 1, self._clock())
         transactions = [] if effect.empty else self._executor.choose(self._mempool, effect.parent_id, timestamp_ms)
-        if len(transactions) <= INLINE_TRANSACTIONS_MAX_COUNT:
+        if self._is_quick(transactions):
             self._events.append(self._built(effect, timestamp_ms, transactions))
         else:
             self._run_in_thread(lambda: self._built(effect, timestamp_ms, transactions))
@@ -384,16 +388,23 @@ class Engine:
         """Tell whether a transaction is in a certified block that is not stored yet."""
         return txid in self._branch_txids or any(txid in txids for txids in self._unstored.values())
 
-    def note_stored(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
+    def note_stored(
+        self,
+        blocks: list[ExecutedBlock],
+        proof: FinalityProof,
+        position: Position,
+        stored: LedgerSnapshot | None = None,
+    ) -> None:
         """The ledger store holds everything up to this position: the journal need not, and execution stands on it.
 
         Blocks that the core did not finalize itself came by sync; it hears of them before the base moves. A stored
-        boundary ends the core and its epoch. Only between events.
+        boundary ends the core and its epoch. `stored` is the ledger at this position, and is taken over. Only between
+        events.
         """
         head = blocks[-1]
         if head.header.height > self.core.finalized.height and head.next_epoch is None:
             self._take(FinalizedElsewhere(head=head.block, qc=certificate_of(proof), now_ms=self._clock()))
-        self._executor.move_base()
+        self._executor.move_base(stored)
         self.core.forget_journalled(position.height)
         self._unstored = {
             block_id: txids for block_id, txids in self._unstored.items() if self._executor.find(block_id) is not None

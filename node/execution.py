@@ -155,7 +155,10 @@ class Executor:
         machine: Machine,
         cache: TransactionCache,
         key: PrivateKey | None,
+        waits: bool = False,
     ) -> None:
+        """`waits` says that the machine works in another process, so that the event loop must not wait for it."""
+        self.waits = waits
         self.schedule: Schedule = genesis.schedule
         self.thread = ThreadPoolExecutor(max_workers=1, thread_name_prefix="execution")
         self._chain_id = genesis.chain_id
@@ -351,12 +354,13 @@ class Executor:
             block_id: executed for block_id, executed in self._blocks.items() if executed.header.epoch == schedule.epoch
         }
 
-    def move_base(self) -> None:
+    def move_base(self, stored: LedgerSnapshot | None = None) -> None:
         """The ledger store has moved: stand on its newest block, and forget what is stored or dead.
 
-        Only while nothing is being executed.
+        `stored` is the ledger as the core has heard of it, and is taken over: the store may be further by now, and the
+        core would go on from a block that is not known here any more. Only while nothing is being executed.
         """
-        newest = self._ledger.snapshot()
+        newest = self._ledger.snapshot() if stored is None else stored
         position = newest.position
         if position is None or position.height <= self.base_height:
             newest.close()

@@ -6,6 +6,7 @@ A waiter is told only after the store holds the block durably, so that what a cl
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 from collections.abc import Callable
 from functools import partial
 
@@ -98,6 +99,8 @@ class LedgerWriter:
         self._ledger = ledger
         self._listeners: list[FinalizedListener] = []
         self._waiting: list[tuple[ExecutedBlock, FinalityProof]] = []
+        self._unpublished: deque[LedgerSnapshot | None] = deque()
+        self._stored: LedgerSnapshot | None = None
         self._wake = asyncio.Event()
         self._idle = asyncio.Event()
         self._idle.set()
@@ -141,6 +144,16 @@ class LedgerWriter:
             await self._idle.wait()
         self._task.cancel()
         await asyncio.gather(self._task, return_exceptions=True)
+        while self._unpublished:
+            _close(self._unpublished.popleft())
+
+    def take_stored(self) -> LedgerSnapshot | None:
+        """Return the ledger exactly as the listeners that run now hear of it; the store may be further by now.
+
+        The first one to ask takes it over; None for all others.
+        """
+        stored, self._stored = self._stored, None
+        return stored
 
     def store(self, blocks: list[ExecutedBlock], proof: FinalityProof) -> None:
         """Queue finalized blocks, oldest first; those that are queued or stored already are left out."""
@@ -162,11 +175,20 @@ class LedgerWriter:
                 batch = self._take_batch()
                 blocks = [block for block, _ in batch]
                 position = await self._commit(batch)
+                self._unpublished.append(self._open_stored())
                 del self._waiting[: len(batch)]
                 self._pass_milestone(position.height)
                 if not self._waiting:
                     self._idle.set()
                 self._between_events(partial(self._publish, blocks, batch[-1][1], position))
+
+    def _open_stored(self) -> LedgerSnapshot | None:
+        """Open what was just stored, before anything more is."""
+        try:
+            return self._ledger.snapshot()
+        except BlockRobotError as error:
+            log.warning("stored_unreadable", code=error.code, detail=error.detail)
+            return None
 
     def _pass_milestone(self, height: int) -> None:
         """What is done at a milestone is for others: blocks are stored whether it can be done or not."""
@@ -214,11 +236,14 @@ class LedgerWriter:
 
     def _publish(self, blocks: list[ExecutedBlock], proof: FinalityProof, position: Position) -> None:
         """Tell everybody; may be called from anywhere in the node, so nothing is thrown there."""
+        self._stored = self._unpublished.popleft()
         try:
             for listener in self._listeners:
                 listener(blocks, proof, position)
         except Exception as error:  # noqa: BLE001 - whatever it is: some have heard of the blocks and some have not
             self._break(error)
+        finally:
+            _close(self.take_stored())
 
     def _take_batch(self) -> list[tuple[ExecutedBlock, FinalityProof]]:
         """Return the oldest blocks that wait, ending where a commit of the core ended (there the proof belongs).
@@ -241,3 +266,8 @@ class LedgerWriter:
             if self._milestone and has_own_proof and (first + place - 1) % self._milestone == 0:
                 return place
         return end
+
+
+def _close(snapshot: LedgerSnapshot | None) -> None:
+    if snapshot is not None:
+        snapshot.close()

@@ -30,7 +30,6 @@ from node.disk import SystemDisk
 from node.engine import Outbox
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
 from node.interface import WallClock
-from node.machine import ViewRunner
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
@@ -41,6 +40,7 @@ from node.restoring import open_journal
 from node.snapshot.joining import Joiner
 from node.snapshot.shelf import SnapshotShelf
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
+from node.walled_contracts import open_contracts
 
 API_BODY_MAX_BYTES = 32 * 1024 * 1024
 HTTP_STOP_MS = 500
@@ -126,6 +126,8 @@ class Node:
         disk = None if faults is None else FillableDisk(SystemDisk(), faults, "journal")
         journal = open_journal(config.journal_path, restored=self._restored, disk=disk)
         stack.callback(journal.close)
+        self._contracts = await open_contracts(config, genesis, ledger)
+        stack.push_async_callback(self._contracts.close)
         directory = Directory(newest_beginning(config.data_dir, genesis))
         with ledger.snapshot() as snapshot:
             directory.refresh(snapshot, 0 if snapshot.position is None else snapshot.position.height)
@@ -142,6 +144,8 @@ class Node:
                 custody=await self._open_custody(directory),
                 keep_blocks=config.keep_blocks,
                 wrap_outbox=None if wrap is None else lambda outbox: wrap(outbox, self._parts),
+                machine=self._contracts.machine,
+                waits_for_machine=self._contracts.machine is not None,
             )
         )
         stack.push_async_callback(self._parts.stop)
@@ -196,7 +200,8 @@ class Node:
     def describe(self) -> Mapping[str, Any]:
         """Return how the node is doing, ready for JSON."""
         links = self._network.describe()
-        return {**self._parts.describe(), **links, "ready": self.is_ready(), "now_ms": self._clock.now_ms()}
+        own = {"ready": self.is_ready(), "now_ms": self._clock.now_ms(), "contracts": self._contracts.describe()}
+        return {**self._parts.describe(), **links, **own}
 
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""
@@ -250,7 +255,7 @@ class Node:
             node_name=config.name,
             clock=self._clock,
             ledger=parts.finalized,
-            views=ViewRunner(self.genesis),
+            views=self._contracts.views,
             pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
         )

@@ -337,6 +337,8 @@ class Synchroniser:
         self._has_proof = True
         weight = sum(1 + len(checked.transactions) for checked in run.blocks)
         try:
+            if self._executor.waits:
+                weight = max(weight, INLINE_WEIGHT_MAX + 1)
             executed = await _work(self._executor.thread, partial(work.execute, run), weight)
         except BlockRobotError:
             self._distrust(run.peer)

@@ -105,10 +105,11 @@ class LedgerReader(Protocol):
 class ViewRunner(Protocol):
     """Runs the read-only entries of contracts."""
 
-    def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
         """Return the encoded result of a view on this snapshot.
 
-        Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CALL_REFUSED if the contract refuses.
+        The snapshot must stay open until then. Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view,
+        REQUEST_INVALID if the contract refuses, VIEWS_BUSY if too many wait, CONTRACT_WORKER_FAILED.
         """
         ...
 

@@ -21,11 +21,15 @@ from node.storage.lmdb_store import DATA_FILE_NAME, MAP_SIZE_LEAST_BYTES, MAP_SI
 class LedgerFile:
     """A ledger opened for reading only; a context manager."""
 
-    def __init__(self, directory: Path) -> None:
-        """Open it. Raises DATA_DIRECTORY_INVALID if there is none or it has another format, STORAGE_DAMAGED."""
+    def __init__(self, directory: Path, *, held: bool = False) -> None:
+        """Open it. Raises DATA_DIRECTORY_INVALID if there is none or it has another format, STORAGE_DAMAGED.
+
+        `held`: somebody else holds an older snapshot for as long as one from here is open, so that no page is reused;
+        then LMDB's lock file is not touched, and nothing at all of the ledger is opened for writing.
+        """
         if not (directory / DATA_FILE_NAME).is_file():
             raise BlockRobotError("DATA_DIRECTORY_INVALID", f"{directory} holds no ledger.")
-        self._environment = _open(directory)
+        self._environment = _open(directory, lock=not held)
         try:
             self._tables = layout.Tables.open(self._environment, None, create=False)
             with self._environment.begin() as transaction:
@@ -61,13 +65,14 @@ class LedgerFile:
         self.close()
 
 
-def _open(directory: Path) -> lmdb.Environment:
+def _open(directory: Path, *, lock: bool) -> lmdb.Environment:
     size_bytes = MAP_SIZE_START_BYTES
     while True:
         try:
             return lmdb.open(
                 str(directory),
                 readonly=True,
+                lock=lock,
                 create=False,
                 map_size=size_bytes,
                 max_dbs=layout.TABLES_MAX_COUNT,

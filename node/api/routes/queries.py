@@ -17,7 +17,7 @@ async def _query(call: Call) -> web.StreamResponse:
     if not isinstance(arguments, list):
         raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
     with call.services.ledger.snapshot() as snapshot:
-        result = call.services.views.run_view(snapshot, asked.contract, asked.view, arguments)
+        result = await call.services.views.run_view(snapshot, asked.contract, asked.view, arguments)
         return json_answer(QueryAnswer(result=result.hex(), height=snapshot.header.height))
 
 
@@ -31,6 +31,13 @@ ROUTES = (
         _query,
         Answer(JSON, QueryAnswer, "The encoded result."),
         Body(JSON, QueryRequest, "Contract, view and encoded arguments."),
-        errors=("TRANSACTION_CONTRACT_UNKNOWN", "CALL_REFUSED", "ENCODING_INVALID", "ENCODING_NOT_CANONICAL"),
+        errors=(
+            "TRANSACTION_CONTRACT_UNKNOWN",
+            "CALL_REFUSED",
+            "ENCODING_INVALID",
+            "ENCODING_NOT_CANONICAL",
+            "VIEWS_BUSY",
+            "CONTRACT_WORKER_FAILED",
+        ),
     ),
 )

@@ -30,6 +30,15 @@ def _position(height: int) -> Position:
     return Position(height=height, block_id=bytes(32), state_root=bytes(32), timestamp_ms=height)
 
 
+class Snapshot(str):
+    """Stands for the ledger at one position."""
+
+    __slots__ = ("closed",)
+
+    def close(self) -> None:
+        self.closed = True
+
+
 class SlowLedger:
     """A store whose commits end when the test says so."""
 
@@ -46,8 +55,8 @@ class SlowLedger:
             raise BlockRobotError("STORAGE_UNWRITABLE")
         return _position(blocks[-1].height)
 
-    def snapshot(self) -> str:
-        return "snapshot"
+    def snapshot(self) -> Snapshot:
+        return Snapshot("snapshot")
 
 
 def _start(ledger: SlowLedger) -> tuple[LedgerWriter, list[tuple[list[int], int]], list[str]]:
@@ -195,3 +204,27 @@ async def test_a_waiter_whose_time_is_over_leaves_nothing_behind() -> None:
     assert await feed.wait_above(2, 1) is True
     assert not feed._transactions
     assert not feed._heights
+
+
+async def test_one_listener_may_take_the_ledger_as_it_was_stored_and_else_it_is_closed() -> None:
+    ledger = SlowLedger()
+    ledger.may_commit.set()
+    opened: list[Snapshot] = []
+    ledger.snapshot = lambda: opened.append(Snapshot("s")) or opened[-1]  # type: ignore[func-returns-value,method-assign]
+    writer, told, _ = _start(ledger)
+    taken: list[object] = []
+    writer.add_listener(
+        lambda blocks, _, __: taken.append(writer.take_stored()) if blocks[0].header.height == 1 else None
+    )
+    writer.add_listener(lambda *_: taken.append(writer.take_stored()))
+    writer.store([_block(1)], PROOF)
+    await _let_run()
+    assert taken == [opened[0], None]
+    assert not hasattr(opened[0], "closed")
+    writer._listeners.pop()
+    writer.store([_block(2)], PROOF)
+    await _let_run()
+    assert opened[1].closed
+    assert len(told) == 2
+    await writer.stop()
+    assert writer.take_stored() is None

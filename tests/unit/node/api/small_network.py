@@ -297,7 +297,7 @@ class FakePool:
 class EchoViews:
     """`echo.back` returns its arguments; every other call is refused or unknown."""
 
-    def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
+    async def run_view(self, snapshot: LedgerSnapshot, contract: str, view: str, arguments: list[Any]) -> bytes:
         if (contract, view) == ("echo", "back"):
             return encode_value(arguments)
         if contract == "echo":

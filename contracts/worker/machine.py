@@ -1,0 +1,328 @@
+"""The contracts of one chain, run in worker processes. Must never let a worker's end decide what a block does.
+
+`WorkerMachine` builds and verifies blocks as `ContractMachine` does, with the same results; `WorkerViews` answers
+views in a worker of its own, so that they never delay blocks. A worker that dies, hangs or takes too much memory is
+replaced, and what was asked is asked again; only what fails in new workers too counts as the interpreter's own failure.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode_value
+from consensus.primitives.trie import hash_page
+from consensus.transaction import Transaction
+from contracts.execution.results import BlockResult
+from contracts.state.view import StateReader, StateView
+from contracts.vm import InternalFault
+from contracts.worker.handle import STALLED_MAX_MS, WorkerHandle, WorkerLostError
+from contracts.worker.wall import REQUIRED_PARTS
+from contracts.worker.wire import Begin, Broken, Execute, Executed, Refused, View, Viewed, WallPart
+
+ATTEMPTS_MAX_COUNT = 3
+CULPRITS_MAX_COUNT = 8
+_RENEWAL_DIVISOR = 4
+"""The ledger is read anew once it took a quarter of the blocks that the worker keeps above it."""
+
+
+class Hold(Protocol):
+    """A snapshot of the ledger: while it is open, no page that a worker reads is used for anything else."""
+
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class Ledger(Protocol):
+    """The ledger that blocks are executed on; the worker reads the same one."""
+
+    def height(self) -> int:
+        """Return the height of the newest block that is stored (-1: none)."""
+        ...
+
+    def hold(self) -> Hold:
+        """Open a snapshot."""
+        ...
+
+
+class _StuckError(InternalFault):
+    """One block could not be executed by any worker; `place` is the transaction that the last one had in hand."""
+
+    def __init__(self, reason: str, place: int | None) -> None:
+        self.place = place
+        super().__init__(reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Staff:
+    """How workers are started: the command, what they are told first, and who hears why one was replaced."""
+
+    command: Sequence[str]
+    begin: Begin
+    note_loss: Callable[[str], None] = lambda _reason: None
+    stalled_max_ms: int = STALLED_MAX_MS
+
+
+class _Post:
+    """A place that always has a worker when one is needed."""
+
+    def __init__(self, staff: Staff) -> None:
+        self._staff = staff
+        self._handle: WorkerHandle | None = None
+        self._closed = False
+        self.parts: tuple[WallPart, ...] = ()
+        self.replaced_count = 0
+
+    @property
+    def pid(self) -> int | None:
+        return None if self._handle is None else self._handle.pid
+
+    def worker(self) -> WorkerHandle:
+        """Return the worker, a new one if there is none. Raises WorkerLostError."""
+        if self._closed:
+            raise InternalFault("the node is closing")
+        if self._handle is None:
+            staff = self._staff
+            self._handle = WorkerHandle(staff.command, staff.begin, stalled_max_ms=staff.stalled_max_ms)
+        return self._handle
+
+    def greet(self) -> None:
+        """Wait until the worker is behind its wall. Raises WorkerLostError."""
+        self.parts = self.worker().hello().parts
+
+    def dismiss(self, reason: str) -> None:
+        """End the worker; the next one is started when it is needed."""
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            handle.end()
+        self.replaced_count += 1
+        self._staff.note_loss(reason)
+
+    def close(self) -> None:
+        self._closed = True
+        handle, self._handle = self._handle, None
+        if handle is not None:
+            handle.end()
+
+    def describe(self) -> dict[str, Any]:
+        return {
+            "pid": self.pid,
+            "replaced": self.replaced_count,
+            "missing": {part.name: part.detail for part in self.parts if not part.had},
+        }
+
+
+class WorkerMachine:
+    """Builds and verifies blocks in a worker; any thread may ask, one at a time is served."""
+
+    def __init__(self, staff: Staff, ledger: Ledger) -> None:
+        """Start the worker, but do not wait for it."""
+        self._post = _Post(staff)
+        self._ledger = ledger
+        self._lock = threading.Lock()
+        self._hold: Hold | None = ledger.hold()
+        self._base_height: int | None = None
+        self._layers_count = 0
+        try:
+            self._post.worker()
+        except WorkerLostError as error:
+            self._post.dismiss(error.reason)
+
+    def greet(self) -> tuple[WallPart, ...]:
+        """Wait for the worker's wall; return its parts. Raises CONTRACT_WORKER_FAILED if no worker can be had."""
+        with self._lock:
+            for _ in range(ATTEMPTS_MAX_COUNT):
+                try:
+                    self._post.greet()
+                except WorkerLostError as error:
+                    self._dismiss(error.reason)
+                    reason = error.reason
+                else:
+                    return self._post.parts
+        raise BlockRobotError("CONTRACT_WORKER_FAILED", f"The worker that runs contracts could not start: {reason}.")
+
+    def describe(self) -> dict[str, Any]:
+        """Return the worker's process id, how often it was replaced, and what its wall lacks."""
+        return self._post.describe()
+
+    def close(self) -> None:
+        """End the worker. Closing twice is harmless."""
+        with self._lock:
+            self._post.close()
+            if self._hold is not None:
+                self._hold.close()
+                self._hold = None
+
+    def build(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+    ) -> tuple[BlockResult, list[bytes]]:
+        """Execute what fits into a block, in order; return that and the txids that no block should ever hold.
+
+        What ends every worker that executes it is among these.
+        """
+        left = list(transactions)
+        culprits: list[bytes] = []
+        while True:
+            try:
+                result = self._execute(parent, height, time_ms, left, culprits, leader=True)
+            except _StuckError as error:
+                if error.place is None or error.place >= len(left) or len(culprits) == CULPRITS_MAX_COUNT:
+                    raise
+                culprits.append(left.pop(error.place).txid)
+            else:
+                return result, list(result.faulty)
+
+    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+        """Execute exactly these transactions. Raises BLOCK_INVALID if they do not fit into one block.
+
+        Raises InternalFault if the interpreter fails on one, or ends every worker: no verdict, and no vote.
+        """
+        return self._execute(parent, height, time_ms, transactions, [], leader=False)
+
+    def _execute(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        culprits: Sequence[bytes],
+        *,
+        leader: bool,
+    ) -> BlockResult:
+        reason, place = "", None
+        wires = tuple((transaction.txid, transaction.wire) for transaction in transactions)
+        with self._lock:
+            for attempt in range(1, ATTEMPTS_MAX_COUNT + 1):
+                is_last = attempt == ATTEMPTS_MAX_COUNT
+                renew = self._is_renewal_due()
+                question = Execute(
+                    parent.state_root, height, time_ms, wires, leader=leader, renew=renew, careful=leader and is_last
+                )
+                try:
+                    answer, is_new = self._ask(question, parent)
+                except WorkerLostError as error:
+                    reason, place = error.reason, error.place
+                    self._dismiss(reason)
+                    continue
+                if isinstance(answer, Executed) and (is_new or not answer.faulty):
+                    return _result_of(answer, culprits)
+                if isinstance(answer, Refused) and (is_last or not answer.code.startswith("STORAGE_")):
+                    raise BlockRobotError(answer.code, answer.detail)
+                if isinstance(answer, Broken) and is_new:
+                    raise InternalFault(answer.text)
+                self._dismiss(answer.text if isinstance(answer, Broken) else "it failed within")
+        raise _StuckError(f"the block ended {ATTEMPTS_MAX_COUNT} workers, one after another: {reason}", place)
+
+    def _is_renewal_due(self) -> bool:
+        if self._base_height is None:
+            return True
+        return self._ledger.height() - self._base_height > self._layers_count // _RENEWAL_DIVISOR
+
+    def _ask(self, question: Execute, parent: StateView) -> tuple[Executed | Refused | Broken, bool]:
+        """Return the answer, and whether it is the first one of this worker."""
+        hold = self._ledger.hold() if question.renew else None
+        try:
+            worker = self._post.worker()
+            is_new = worker.answers_count == 0
+            if is_new:
+                self._post.greet()
+            answer = worker.ask(question, parent)
+        except BaseException as error:
+            if hold is not None:
+                hold.close()
+            if not isinstance(error, WorkerLostError):
+                self._dismiss("what it asked for could not be read")  # it still waits for the answer
+            raise
+        if hold is not None:
+            if self._hold is not None:
+                self._hold.close()
+            self._hold = hold
+        if isinstance(answer, Viewed):
+            raise WorkerLostError("it answered a view, and was asked for a block")
+        if isinstance(answer, Executed):
+            _require_sound(answer)
+            self._base_height, self._layers_count = answer.base_height, answer.layers_count
+        return answer, is_new
+
+    def _dismiss(self, reason: str) -> None:
+        self._base_height, self._layers_count = None, 0
+        self._post.dismiss(reason)
+
+
+class WorkerViews:
+    """Answers views in a worker, which is started with the first one. One thread at a time is served."""
+
+    def __init__(self, staff: Staff) -> None:
+        self._post = _Post(staff)
+        self._lock = threading.Lock()
+
+    def run_view(
+        self, state: StateReader, root: bytes, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]
+    ) -> bytes:
+        """Return the encoded result of a view on an open snapshot of the ledger, whose state has this root.
+
+        Raises what `contracts.execution.views.run_view` raises, CONTRACT_WORKER_FAILED if it ends the workers.
+        """
+        question, reason = View(root, height, time_ms, contract, view, encode_value(arguments)), ""
+        with self._lock:
+            for _ in range(ATTEMPTS_MAX_COUNT):
+                try:
+                    worker = self._post.worker()
+                    is_new = worker.answers_count == 0
+                    if is_new:
+                        self._post.greet()
+                    answer = worker.ask(question, state)
+                except WorkerLostError as error:
+                    reason = error.reason
+                    self._post.dismiss(reason)
+                    continue
+                except BaseException:
+                    self._post.dismiss("what it asked for could not be read")
+                    raise
+                if isinstance(answer, Viewed):
+                    return answer.result
+                if isinstance(answer, Refused) and not answer.code.startswith("STORAGE_"):
+                    raise BlockRobotError(answer.code, answer.detail)
+                reason = answer.text if isinstance(answer, Broken) else "it could not read the ledger"
+                self._post.dismiss(reason)
+                if is_new:
+                    break
+        raise BlockRobotError("CONTRACT_WORKER_FAILED", f"The view could not be run: {reason}.")
+
+    def describe(self) -> dict[str, Any]:
+        """Return the worker's process id, how often it was replaced, and what its wall lacks."""
+        return self._post.describe()
+
+    def close(self) -> None:
+        """End the worker, once what it does is done."""
+        with self._lock:
+            self._post.close()
+
+
+def missing_parts(parts: Sequence[WallPart]) -> dict[str, str]:
+    """Return the required parts that a wall lacks, and why."""
+    return {part.name: part.detail for part in parts if not part.had and part.name in REQUIRED_PARTS}
+
+
+def _require_sound(answer: Executed) -> None:
+    """Hold an answer's root against its own root page. Raises WorkerLostError."""
+    page = answer.page_writes.get(b"")
+    if page is not None and hash_page(page) != answer.state_root:
+        raise WorkerLostError("it spoke nonsense: the state root is not that of its page")
+
+
+def _result_of(answer: Executed, culprits: Sequence[bytes]) -> BlockResult:
+    return BlockResult(
+        receipts=answer.receipts,
+        writes=answer.writes,
+        page_writes=answer.page_writes,
+        state_root=answer.state_root,
+        receipt_root=answer.receipt_root,
+        gas_used=answer.gas_used,
+        left_out=(*answer.left_out, *culprits),
+        faulty=(*answer.faulty, *culprits),
+    )

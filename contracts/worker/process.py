@@ -1,0 +1,219 @@
+"""Inside a contract worker: reads messages, executes, answers, until the pipe ends. Must never run a contract unwalled.
+
+`serve` is given what makes the contracts' machine and opens the ledger, since this package knows no storage. All that
+is needed is loaded before the wall closes; afterwards no file can be opened.
+"""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.transaction import Transaction, TransactionBody, TransactionWire
+from contracts.execution.results import BlockResult
+from contracts.state.view import StateReader, StateView
+from contracts.worker.layers import Layers
+from contracts.worker.wall import close_wall
+from contracts.worker.wire import (
+    FROM_NODE,
+    Begin,
+    Broken,
+    Doing,
+    Execute,
+    Executed,
+    FromNode,
+    Get,
+    Hello,
+    Page,
+    Pipe,
+    Refused,
+    Rows,
+    Scan,
+    Value,
+    View,
+    Viewed,
+)
+
+_WIRE = msgspec.msgpack.Decoder(TransactionWire)
+_BODY = msgspec.msgpack.Decoder(TransactionBody)
+
+
+class LedgerView(StateView, Protocol):
+    """The stored ledger at one position, open until it is closed."""
+
+    @property
+    def height(self) -> int:
+        """The height of the newest block that it holds."""
+        ...
+
+    def close(self) -> None:
+        """Let go of it."""
+        ...
+
+
+class BlockMachine(Protocol):
+    """What executes blocks: `contracts.execution.machine.ContractMachine`."""
+
+    def build(
+        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+    ) -> tuple[BlockResult, list[bytes]]:
+        """Execute what fits into a block."""
+        ...
+
+    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+        """Execute exactly these transactions."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Workplace:
+    """What a worker works with. `run_view(state, height, time_ms, contract, view, arguments)` gives encoded bytes."""
+
+    machine: BlockMachine
+    run_view: Callable[[StateReader, int, int, str, str, list[Any]], bytes]
+    open_ledger: Callable[[], LedgerView]
+    kept_files: tuple[Path, ...]
+
+
+class AskedState:
+    """The parent's state as the node has it, asked for row by row: right always, and slow."""
+
+    def __init__(self, pipe: Pipe, state_root: bytes) -> None:
+        self._pipe = pipe
+        self.state_root = state_root
+
+    def _ask(self, question: Get | Page | Scan) -> FromNode:
+        self._pipe.send(question)
+        return self._pipe.receive(FROM_NODE)
+
+    def _value(self, question: Get | Page) -> bytes | None:
+        answer = self._ask(question)
+        if not isinstance(answer, Value):
+            raise BlockRobotError("STORAGE_DAMAGED", "The node answered something else than a value.")
+        return answer.data
+
+    def get(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key, or None."""
+        return self._value(Get(key))
+
+    def page(self, path: bytes) -> bytes | None:
+        """Return the trie page under a nibble path, or None."""
+        return self._value(Page(path))
+
+    def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
+        """Yield up to `limit` pairs under the prefix, in key order."""
+        answer = self._ask(Scan(prefix, limit))
+        if not isinstance(answer, Rows):
+            raise BlockRobotError("STORAGE_DAMAGED", "The node answered something else than rows.")
+        yield from answer.rows
+
+
+class _Announcing(list[Transaction]):
+    """Transactions that say, when they are gone through, which one comes next."""
+
+    def __init__(self, transactions: list[Transaction], pipe: Pipe) -> None:
+        super().__init__(transactions)
+        self._pipe = pipe
+
+    def __iter__(self) -> Iterator[Transaction]:
+        for place in range(len(self)):
+            self._pipe.send(Doing(place))
+            yield self[place]
+
+
+class _Worker:
+    def __init__(self, pipe: Pipe, place: Workplace) -> None:
+        self._pipe = pipe
+        self._place = place
+        self._layers = Layers()
+        self._ledger: LedgerView | None = None
+
+    def answer(self, message: FromNode) -> Executed | Viewed | Refused | Broken:
+        try:
+            if isinstance(message, Execute):
+                return self._execute(message)
+            if isinstance(message, View):
+                return self._view(message)
+        except BlockRobotError as error:
+            return Refused(error.code, error.detail)
+        except (EOFError, BrokenPipeError):
+            raise
+        except Exception as error:  # noqa: BLE001 - whatever it was, it is no verdict, and the node decides what to do
+            return Broken(f"{type(error).__name__}: {error}"[:1000])
+        raise AssertionError("the node answers only what it was asked")
+
+    def _renew(self) -> LedgerView:
+        if self._ledger is not None:
+            self._ledger.close()
+            self._ledger = None
+        self._ledger = ledger = self._place.open_ledger()
+        self._layers.stand_on(ledger.state_root)
+        return ledger
+
+    def _execute(self, message: Execute) -> Executed:
+        ledger = self._renew() if message.renew or self._ledger is None else self._ledger
+        parent: StateView = self._layers.view(ledger, message.parent_root) or AskedState(
+            self._pipe, message.parent_root
+        )
+        transactions = [_read_transaction(txid, wire) for txid, wire in message.transactions]
+        if message.careful:
+            transactions = _Announcing(transactions, self._pipe)
+        machine, height, time_ms = self._place.machine, message.height, message.time_ms
+        if message.leader:
+            result, faulty = machine.build(parent, height, time_ms, transactions)
+        else:
+            result, faulty = machine.verify(parent, height, time_ms, transactions), []
+        writes, pages = dict(result.writes), dict(result.page_writes)
+        self._layers.add(ledger.state_root, message.parent_root, result.state_root, writes, pages)
+        return Executed(
+            receipts=result.receipts,
+            writes=writes,
+            page_writes=pages,
+            state_root=result.state_root,
+            receipt_root=result.receipt_root,
+            gas_used=result.gas_used,
+            left_out=result.left_out,
+            faulty=tuple(faulty),
+            base_height=ledger.height,
+            layers_count=self._layers.count,
+        )
+
+    def _view(self, message: View) -> Viewed:
+        ledger = self._renew()
+        state: StateView = ledger if ledger.state_root == message.root else AskedState(self._pipe, message.root)
+        arguments = decode_value(message.arguments)
+        if not isinstance(arguments, list):
+            raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
+        run = self._place.run_view
+        return Viewed(run(state, message.height, message.time_ms, message.contract, message.view, arguments))
+
+
+def _read_transaction(txid: bytes, wire: bytes) -> Transaction:
+    """Decode what the node has checked already."""
+    outer = _WIRE.decode(wire)
+    body = _BODY.decode(outer.body)
+    return Transaction(wire=wire, body=body, signature=outer.signature, txid=txid, body_bytes=outer.body)
+
+
+def serve(pipe: Pipe, prepare: Callable[[Begin], Workplace]) -> None:
+    """Work until the pipe ends: first `Begin`, then `Hello` from behind the wall, then one answer a message."""
+    begin = pipe.receive(FROM_NODE)
+    if not isinstance(begin, Begin):
+        raise ValueError("the first message of a node is the beginning")
+    place = prepare(begin)
+    gc.collect()
+    gc.freeze()
+    pipe.send(Hello(close_wall(place.kept_files, begin.memory_max_bytes)))
+    worker = _Worker(pipe, place)
+    while True:
+        try:
+            pipe.send(worker.answer(pipe.receive(FROM_NODE)))
+        except (EOFError, BrokenPipeError):
+            return

@@ -1,0 +1,147 @@
+"""The wall around a contract worker, closed from inside before the first contract runs. Must never open again.
+
+Each part is taken as far as the system gives it, and what it does not give is said: the parts do not depend on one
+another, so that one missing does not take the others along. The order matters: the last part forbids what the earlier
+ones need.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from contracts.worker.system_calls import allow_only_listed
+from contracts.worker.wire import WallPart
+
+PARTS = (
+    "environment",
+    "descriptors",
+    "memory",
+    "limits",
+    "network",
+    "capabilities",
+    "undumpable",
+    "no_new_privileges",
+    "system_calls",
+)
+"""All parts, in the order in which they are closed."""
+REQUIRED_PARTS = frozenset(PARTS) - {"network"}
+"""What must stand where a node requires the wall. Without a network namespace the filter of system calls still stands."""
+
+_PR_SET_DUMPABLE = 4
+_PR_SET_NO_NEW_PRIVS = 38
+_CLONE_NEWUSER = 0x10000000
+_CLONE_NEWNET = 0x40000000
+_CAPABILITY_VERSION_3 = 0x20080522
+_PROC = Path("/proc/self")
+_PAGE_BYTES = resource.getpagesize()
+
+
+def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[WallPart, ...]:
+    """Close the wall; return its parts. What is open on `kept_files` stays, beside the three standard descriptors.
+
+    `memory_max_bytes` is what the process may take beyond what it has now.
+    """
+    libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
+    steps: tuple[Callable[[], str], ...] = (
+        _empty_environment,
+        lambda: _close_descriptors(kept_files),
+        lambda: _limit_memory(memory_max_bytes),
+        _limit_resources,
+        lambda: _leave_network(libc),
+        lambda: _drop_capabilities(libc),
+        lambda: _control(libc, _PR_SET_DUMPABLE, 0),
+        lambda: _control(libc, _PR_SET_NO_NEW_PRIVS, 1),
+        lambda: _filter_calls(libc),
+    )
+    return tuple(_close(name, step) for name, step in zip(PARTS, steps, strict=True))
+
+
+def _close(name: str, step: Callable[[], str]) -> WallPart:
+    try:
+        trouble = step()
+    except (OSError, ValueError) as error:
+        trouble = f"{type(error).__name__}: {error}"
+    return WallPart(name, not trouble, trouble)
+
+
+def _empty_environment() -> str:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the node is told to stop, and closes the pipe
+    os.environ.clear()
+    return "" if not os.environ else "the environment cannot be emptied"
+
+
+def _close_descriptors(kept_files: tuple[Path, ...]) -> str:
+    folder = _PROC / "fd"
+    if not folder.is_dir():
+        return "the system does not say which descriptors are open"
+    kept = {str(path.resolve()) for path in kept_files}
+    for name in os.listdir(folder):  # noqa: PTH208 - a live folder
+        number = int(name)
+        try:
+            target = str((folder / name).readlink())
+        except FileNotFoundError:  # the folder's own, closed by now
+            continue
+        if number > 2 and target not in kept:
+            os.close(number)
+    return ""
+
+
+def _limit_resources() -> str:
+    for limit in (resource.RLIMIT_NOFILE, resource.RLIMIT_FSIZE, resource.RLIMIT_CORE, resource.RLIMIT_NPROC):
+        resource.setrlimit(limit, (0, 0))
+    if sys.platform == "linux":
+        for limit in (resource.RLIMIT_MEMLOCK, resource.RLIMIT_MSGQUEUE, resource.RLIMIT_SIGPENDING):
+            resource.setrlimit(limit, (0, 0))
+    return ""
+
+
+def _limit_memory(memory_max_bytes: int) -> str:
+    """Limit private memory by itself, and the address space, which holds the ledger's map too."""
+    path = _PROC / "statm"
+    if not path.is_file():
+        return "the system does not say how much memory is taken"
+    fields = path.read_text(encoding="ascii").split()
+    for limit, pages in ((resource.RLIMIT_DATA, fields[5]), (resource.RLIMIT_AS, fields[0])):
+        size_bytes = int(pages) * _PAGE_BYTES + memory_max_bytes
+        _, hard = resource.getrlimit(limit)
+        if hard != resource.RLIM_INFINITY:
+            size_bytes = min(size_bytes, hard)
+        resource.setrlimit(limit, (size_bytes, size_bytes))
+    return ""
+
+
+def _leave_network(libc: ctypes.CDLL | None) -> str:
+    """Go into a network namespace with nothing in it; who may not do that goes into one of users first."""
+    if libc is None:
+        return "only Linux has network namespaces"
+    if libc.unshare(_CLONE_NEWNET) and libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNET):
+        return f"the system permits no network namespace (errno {ctypes.get_errno()})"
+    return ""
+
+
+def _drop_capabilities(libc: ctypes.CDLL | None) -> str:
+    """Give up what root, or the first user of a namespace, may do beyond others."""
+    if libc is None:
+        return "only Linux has capabilities"
+    header = (ctypes.c_uint32 * 2)(_CAPABILITY_VERSION_3, 0)
+    if libc.capset(header, (ctypes.c_uint32 * 6)()):
+        return f"the kernel refused (errno {ctypes.get_errno()})"
+    return ""
+
+
+def _control(libc: ctypes.CDLL | None, option: int, value: int) -> str:
+    if libc is None:
+        return "only Linux knows this"
+    if libc.prctl(option, value, 0, 0, 0):
+        return f"the kernel refused (errno {ctypes.get_errno()})"
+    return ""
+
+
+def _filter_calls(libc: ctypes.CDLL | None) -> str:
+    return "only Linux can filter system calls" if libc is None else allow_only_listed(libc)

@@ -1,0 +1,62 @@
+"""A chain on disk, and worker processes that execute its blocks: real processes, real walls."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from consensus.genesis import genesis_to_json
+from contracts.worker.machine import Staff, WorkerMachine
+from contracts.worker.wire import Begin
+from node.machine import genesis_block
+from node.storage.lmdb_store import LmdbStore
+from node.walled_contracts import WORKER_COMMAND, StoreOfWorkers
+from tests.worker.written_blocks import Chain
+
+MEMORY_MAX_BYTES = 512 * 1024**2
+
+Start = Callable[..., WorkerMachine]
+
+
+@pytest.fixture
+async def chain(tmp_path: Path) -> AsyncIterator[Chain]:
+    store = LmdbStore.create(tmp_path / "ledger")
+    chain = Chain(store)
+    await store.commit([genesis_block(chain.genesis)], b"")
+    try:
+        yield chain
+    finally:
+        chain.close()
+        await store.close()
+
+
+@pytest.fixture
+def lost() -> list[str]:
+    """Why workers were replaced, in order."""
+    return []
+
+
+@pytest.fixture
+def staff(chain: Chain, tmp_path: Path, lost: list[str]) -> Staff:
+    begin = Begin(genesis_to_json(chain.genesis), str(tmp_path / "ledger"), MEMORY_MAX_BYTES)
+    return Staff(WORKER_COMMAND, begin, lost.append)
+
+
+@pytest.fixture
+def start(chain: Chain, staff: Staff) -> Iterator[Start]:
+    """Start a machine with a worker behind its wall; what is given replaces parts of how it is started."""
+    machines: list[WorkerMachine] = []
+
+    def start_machine(**changes: Any) -> WorkerMachine:
+        machine = WorkerMachine(replace(staff, **changes), StoreOfWorkers(chain.store))
+        machines.append(machine)
+        machine.greet()
+        return machine
+
+    yield start_machine
+    for machine in machines:
+        machine.close()
