@@ -29,6 +29,7 @@ from contracts.execution.machine import ContractMachine
 from contracts.execution.standing import require_standing
 from node.accuser import Accuser
 from node.api.services import Clock
+from node.call_check import CallCheck
 from node.candidacy import Candidacy
 from node.custody import Custody
 from node.directory import Directory
@@ -213,7 +214,12 @@ class Assembly:
         self.engine.add_epoch_listener(self.peers.begin_epoch)
         self.directory.add_listener(lambda _directory: self.peers.name_producers())
         self.pool = Pool(
-            mempool=self.mempool, engine=self.engine, gossip=self.peers.gossip, feed=self.feed, clock=around.clock
+            mempool=self.mempool,
+            engine=self.engine,
+            gossip=self.peers.gossip,
+            feed=self.feed,
+            clock=around.clock,
+            calls=CallCheck(lambda: self.executor.reader),
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
