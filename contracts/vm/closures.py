@@ -35,6 +35,11 @@ def read_slot(slot: int, constant: Any = MISSING) -> Code:
     return Code(itemgetter(slot), slot, constant)
 
 
+def read_constant(value: Any) -> Code:
+    """Give a constant that cannot change."""
+    return Code(lambda _: value)
+
+
 def read_variable(slot: int, name: str) -> Code:
     """Read a variable that may not hold a value yet. Raises NAME_UNSET then."""
 
@@ -107,10 +112,12 @@ def fast_arithmetic(
 
 def add_to_bytes(operation: Callable[[Any, Any, Any], Any], prefix: bytes, right: Code) -> Code:
     """`b"prefix/" + right`, as most keys of the state are made."""
-    second, header = right.run, HEADER_BYTES + len(prefix)
+    header, j = HEADER_BYTES + len(prefix), right.slot
+    if j is None:
+        return binary(operation, read_constant(prefix), right)
 
     def run(frame: Frame) -> Any:
-        runtime, rest = frame[0], second(frame)
+        runtime, rest = frame[0], frame[j]
         if type(rest) is not bytes:
             return operation(runtime, prefix, rest)
         size = header + len(rest)
@@ -152,10 +159,12 @@ def equals_text(left: Code, text: str | bytes, *, wanted: bool) -> Code:
 
 def get_named(get_item: Callable[[Any, Any, Any], Any], container: Code, name: str) -> Code:
     """`container["name"]`: a dict is asked on the spot."""
-    inner = container.run
+    i = container.slot
+    if i is None:
+        return binary(get_item, container, read_constant(name))
 
     def run(frame: Frame) -> Any:
-        value = inner(frame)
+        value = frame[i]
         if type(value) is dict and name in value:
             return value[name]
         return get_item(frame[0], value, name)
@@ -165,10 +174,12 @@ def get_named(get_item: Callable[[Any, Any, Any], Any], container: Code, name: s
 
 def length_of(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
     """`len(operand)`: bytes are measured on the spot."""
-    inner = operand.run
+    i = operand.slot
+    if i is None:
+        return unary(operation, operand)
 
     def run(frame: Frame) -> Any:
-        value = inner(frame)
+        value = frame[i]
         return len(value) if type(value) is bytes else operation(frame[0], value)
 
     return Code(run)
@@ -213,9 +224,9 @@ def call_function(function: Callable[..., Any], arguments: list[Code]) -> Code:
         return unary(function, arguments[0])
     if len(runs) == 2:
         return binary(function, arguments[0], arguments[1])
-    if None not in slots and len(runs) == 3:
-        i, j, k = slots
-        return Code(lambda frame: function(frame[0], frame[i], frame[j], frame[k]))  # type: ignore[index]
+    if None not in slots:
+        read = itemgetter(*[slot for slot in slots if slot is not None])
+        return Code(lambda frame: function(frame[0], *read(frame)))
     if len(runs) == 3:
         first, second, third = runs
         return Code(lambda frame: function(frame[0], first(frame), second(frame), third(frame)))

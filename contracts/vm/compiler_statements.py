@@ -49,6 +49,8 @@ class StatementCompiler(ExpressionCompiler):
             if step is not None:
                 if plain_count == len(steps) and isinstance(statement, _PLAIN_STATEMENTS):
                     plain_count += 1
+                elif isinstance(statement, ast.Expr):
+                    step = _without_value(step)
                 if self.watch is not None:
                     place = Place(self.function_name, statement.lineno, self.cost - before, self.scope.slots)
                     step = watched(step, place, self.watch)
@@ -143,12 +145,7 @@ class StatementCompiler(ExpressionCompiler):
     def _effect(self, node: ast.expr) -> Run:
         if isinstance(node, ast.Call) and dotted_name(node.func) == "require":
             return self._require(node)
-        run = self.expression(node).run
-
-        def effect(frame: Frame) -> None:
-            run(frame)
-
-        return effect
+        return self.expression(node).run
 
     def _require(self, node: ast.Call) -> Run:
         self.cost += 3
@@ -256,6 +253,15 @@ class StatementCompiler(ExpressionCompiler):
         return delete
 
 
+def _without_value(step: Run) -> Run:
+    """Evaluate an expression for what it does, where its value could be taken for a signal."""
+
+    def run(frame: Frame) -> None:
+        step(frame)
+
+    return run
+
+
 def _fixed(signal: Mark) -> Run:
     def run(frame: Frame) -> Mark:  # noqa: ARG001 - a statement takes the frame
         return signal
@@ -312,7 +318,7 @@ def _for_many(source: Run, bind_items: Callable[[Frame, Any], None], body: Run) 
 def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: int, first_line: int) -> Run:
     """Return what runs the steps in order; the first `plain_count` of them never give a signal."""
     plain, others = steps[:plain_count], steps[plain_count:]
-    if len(steps) == 1:
+    if len(steps) == 1 and not plain:
         only, line = steps[0], lines[steps[0]]
 
         def run_one(frame: Frame) -> Any:

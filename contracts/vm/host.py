@@ -24,6 +24,7 @@ from contracts.vm.values import (
     need_int,
     need_str,
     read_stored,
+    type_fault,
     type_name,
 )
 
@@ -79,7 +80,9 @@ def _state_has(runtime: Runtime, key: Any) -> bool:
 def _state_put(runtime: Runtime, key: Any, value: Any) -> None:
     if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
         raise _key_fault(key)
-    runtime.check_write()
+    if runtime.read_only or runtime.writes_left < 1:
+        runtime.check_write()
+    runtime.writes_left -= 1
     data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
     runtime.gas -= PUT_GAS + len(key) + len(data)
     if runtime.gas < 0:
@@ -154,8 +157,8 @@ def _recover(runtime: Runtime, tag: Any, signature: Any, message: Any) -> bytes 
 
 
 def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:
-    need_str(contract, "call")
-    need_str(fn, "call")
+    if type(contract) is not str or type(fn) is not str:
+        raise type_fault("call", fn if type(contract) is str else contract)
     return runtime.enter(runtime, contract, fn, list(arguments))
 
 
