@@ -63,6 +63,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_WOULD_STOP_CHAIN", 409, "The change would leave the network without what it cannot do without.", "Add what is to take its place first."),
     ErrorEntry("GOVERNANCE_QUORUM_UNWELL", 409, "Too few of the producers that would be left are well: nothing could become final any more.", "Start or mend the nodes it names first (`blockrobot status`); with --anyway it is done all the same."),
     ErrorEntry("GOVERNANCE_SETTING_REFUSED", 409, "The setting does not exist or does not take this value.", "See names, values and ranges with `blockrobot settings list`."),
+    ErrorEntry("GOVERNANCE_CONTRACT_REFUSED", 409, "The contract lifecycle refused the change of a contract.", "Compare with `blockrobot contract list` and `blockrobot contract show NAME`, and mend what the message names."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
     ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
     # API and sessions
@@ -165,6 +166,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NOT_REGISTERED", 409, "This wallet is not registered yet.", "Register with the code on your card: `blockrobot wallet register CODE`."),
     ErrorEntry("CONTRACT_SOURCE_INVALID", 400, "The contract's source is not in the contract language.", "See the diagnostics: each has a line and a fix."),
     ErrorEntry("CONTRACT_ARGUMENTS_INVALID", 400, "The arguments do not fit what the entry takes.", "Give one argument for each parameter: numbers, text, bytes as 0x..., lists and objects as JSON; -- before the first if one begins with a minus."),
+    ErrorEntry("CONTRACT_KIT_INCOMPLETE", 400, "Something that the author's kit needs is not installed.", "Install it: pip install 'blockrobot[kit]', or pytest beside BlockRobot."),
 )
 
 

@@ -1,1 +1,8 @@
 """The author's kit: what one needs to write, test and look into contracts. Must never be needed to run a chain."""
+
+from __future__ import annotations
+
+from contracts.kit.chain import Called, Caller, CallFailedError, Chain, Contract, Event
+from contracts.kit.tracing import Trace
+
+__all__ = ["CallFailedError", "Called", "Caller", "Chain", "Contract", "Event", "Trace"]

@@ -7,7 +7,9 @@ import click
 from network.cli.lazy_group import LazyGroup
 
 _COMMANDS = {
+    "new": ("network.cli.contract_author_commands", "new"),
     "check": ("network.cli.contract_check_commands", "check"),
+    "test": ("network.cli.contract_author_commands", "test"),
     "call": ("network.cli.contract_chain_commands", "call"),
     "query": ("network.cli.contract_chain_commands", "query"),
     "events": ("network.cli.contract_events_command", "events"),

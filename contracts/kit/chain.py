@@ -1,0 +1,330 @@
+"""A chain of one's own for tests: the real interpreter, the real state, no nodes. Must never differ from what a node does.
+
+    chain = Chain()
+    log = chain.deploy("visitor_log.py")
+    alice = chain.caller("alice")
+    log.call("sign_in", "Bob", caller=alice)
+    assert log.view("present") == ["Bob"]
+    log.expect_failure("ALREADY_IN", "sign_in", "Bob", caller=alice)
+
+Each call is a transaction in a block of its own: it has a height, a time and a transaction id. Arguments and results
+cross the same border as on a network. A failed call leaves nothing; why it failed is told with the lines that ran.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from consensus.limits import CALL_GAS_MAX
+from consensus.primitives.encoding import decode_value, encode_value
+from consensus.primitives.hashing import tagged_hash
+from consensus.primitives.keys import PrivateKey
+from contracts.execution.call_host import CallHost
+from contracts.execution.views import VIEW_GAS_MAX
+from contracts.kit.recorder import Recorder
+from contracts.kit.telling import told_short
+from contracts.kit.tracing import Trace
+from contracts.state.view import MemoryState
+from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
+from contracts.vm.invoke import Mode
+
+FIRST_HEIGHT = 1
+FIRST_TIME_MS = 1_767_225_600_000
+BLOCK_MS = 1_000
+SCAN_MAX_COUNT = 100_000
+# A watched statement stands on the stack twice.
+_RECURSION_LIMIT_FRAMES = 15_000
+
+
+class CallFailedError(AssertionError):
+    """A call that should have succeeded failed, or the other way round, or with another code. Shows the trace."""
+
+    def __init__(self, sentence: str, trace: Trace) -> None:
+        self.trace = trace
+        super().__init__(f"{sentence}\n{trace.text()}")
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """Somebody who signs: the same name is always the same key."""
+
+    name: str
+    private_key: PrivateKey = field(repr=False)
+
+    @property
+    def key(self) -> bytes:
+        """What a contract sees as `ctx.caller`: 33 bytes."""
+        return self.private_key.public_key
+
+    def sign(self, tag: str, message: bytes) -> bytes:
+        """Return the 65-byte signature that `recover(tag, signature, message)` leads back to `key`."""
+        return self.private_key.sign(tag, message)
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """An event that a call left: which contract told it, its name, its data, and in which block."""
+
+    contract: str
+    name: str
+    data: dict[Any, Any]
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class Called:
+    """What a call came to. `code` is "OK" for one that succeeded; `line` is the line of the source that failed."""
+
+    result: Any
+    events: tuple[Event, ...]
+    gas_used: int
+    code: str
+    message: str
+    line: int | None
+    height: int
+    txid: bytes
+
+
+class Contract:
+    """A deployed contract, for calls without its name."""
+
+    def __init__(self, chain: Chain, name: str, path: Path | None) -> None:
+        self.chain = chain
+        self.name = name
+        self.path = path
+
+    def call(self, entry: str, *arguments: Any, caller: Caller | str | None = None, gas: int = CALL_GAS_MAX) -> Any:
+        """Call an entry in a transaction and return its result. Raises CallFailedError."""
+        return self.chain.call(self.name, entry, *arguments, caller=caller, gas=gas).result
+
+    def view(self, view: str, *arguments: Any) -> Any:
+        """Ask a view. Raises CallFailedError."""
+        return self.chain.view(self.name, view, *arguments)
+
+    def expect_failure(self, code: str, entry: str, *arguments: Any, caller: Caller | str | None = None) -> Called:
+        """Call an entry that has to fail with a code. Raises CallFailedError."""
+        return self.chain.expect_failure(code, self.name, entry, *arguments, caller=caller)
+
+    @property
+    def state(self) -> dict[bytes, Any]:
+        """What the contract has stored, by key."""
+        return self.chain.state(self.name)
+
+    def events(self, name: str | None = None) -> list[dict[Any, Any]]:
+        """Return the data of all its events so far, or of those of one name, in order."""
+        return [event.data for event in self.chain.events if event.contract == self.name and name in {None, event.name}]
+
+
+class Chain:
+    """A chain with whatever contracts are deployed on it. `height` and `time_ms` may be set at will.
+
+    `folder` is where sources are looked for whose path is relative.
+    """
+
+    def __init__(self, *, folder: Path | None = None, height: int = FIRST_HEIGHT, time_ms: int = FIRST_TIME_MS) -> None:
+        if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
+            sys.setrecursionlimit(_RECURSION_LIMIT_FRAMES)
+        self.folder = folder or Path()
+        self.height = height
+        self.time_ms = time_ms
+        self.chain_id = tagged_hash("blockrobot/kit-chain")
+        self.recorder = Recorder()
+        self.sources: dict[str, str] = {}
+        self.paths: dict[str, Path] = {}
+        self.gas: dict[tuple[str, str], list[int]] = {}
+        self.events: list[Event] = []
+        self._contracts: dict[str, CompiledContract] = {}
+        self._callers: dict[str, Caller] = {}
+        self._state = MemoryState()
+        self._numbers = itertools.count(1)
+
+    # Setting up
+
+    def deploy(self, path: str | Path, name: str | None = None) -> Contract:
+        """Deploy a source file; its contract is called `name`, or as the file. Raises CONTRACT_SOURCE_INVALID.
+
+        Deploying again under the same name replaces the contract, and runs its @migrate entry, if it has one.
+        """
+        place = self.folder / path
+        called = name or place.stem
+        self.paths[called] = place.resolve()
+        return self.deploy_source(place.read_text(encoding="utf-8"), called)
+
+    def deploy_source(self, source: str, name: str) -> Contract:
+        """Deploy a source text. Raises CONTRACT_SOURCE_INVALID, CallFailedError if its migration fails."""
+        compiled = compile_contract(source, name, watch=self.recorder.watch(name))
+        before = (self._contracts.get(name), self.sources.get(name))
+        self._contracts[name], self.sources[name] = compiled, source
+        entry = next((one for one in compiled.abi.entries if one.kind == "migrate"), None)
+        if before[0] is not None and before[1] is not None and entry is not None:
+            try:
+                self._transact(name, entry.name, (), None, "migrate", CALL_GAS_MAX)
+            except CallFailedError:
+                self._contracts[name], self.sources[name] = before[0], before[1]
+                raise
+        return Contract(self, name, self.paths.get(name))
+
+    def caller(self, name: str) -> Caller:
+        """Return somebody who signs; the same name is always the same key, on every chain."""
+        if name not in self._callers:
+            self._callers[name] = Caller(name, PrivateKey(tagged_hash("blockrobot/kit-caller", name.encode())))
+        return self._callers[name]
+
+    def advance(
+        self, *, blocks: int = 0, ms: int = 0, seconds: int = 0, minutes: int = 0, hours: int = 0, days: int = 0
+    ) -> None:
+        """Let time pass: so many blocks, so much time."""
+        self.height += blocks
+        self.time_ms += ms + 1_000 * (seconds + 60 * (minutes + 60 * (hours + 24 * days)))
+
+    # Calling
+
+    def call(
+        self, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None, gas: int = CALL_GAS_MAX
+    ) -> Called:
+        """Call an entry in a transaction of its own block and return what it came to. Raises CallFailedError."""
+        return self._transact(contract, entry, arguments, caller, "export", gas)
+
+    def genesis(self, contract: str, entry: str, *arguments: Any) -> Called:
+        """Run a @genesis entry, as the machine does when it builds the first block. Raises CallFailedError."""
+        return self._transact(contract, entry, arguments, None, "genesis", 100 * CALL_GAS_MAX)
+
+    def expect_failure(
+        self, code: str, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None
+    ) -> Called:
+        """Call an entry that has to fail with this code; nothing is changed by it. Raises CallFailedError."""
+        context, given = self._context(caller), _across(list(arguments))
+        called = self._run(contract, entry, given, context, CallHost(self._state), "export", CALL_GAS_MAX)
+        self._next_block()
+        if called.code != code:
+            trace = self._trace(contract, entry, given, context, caller, "export", CALL_GAS_MAX)
+            raise CallFailedError(f"{contract}.{entry} came to {called.code} instead of {code}.", trace)
+        return called
+
+    def view(self, contract: str, view: str, *arguments: Any) -> Any:
+        """Ask a view on the present state. Raises CallFailedError."""
+        given, context = _across(list(arguments)), self._context(None, empty=True)
+        called = self._run(contract, view, given, context, CallHost(self._state), "view", VIEW_GAS_MAX)
+        if called.code != "OK":
+            trace = self._trace(contract, view, given, context, None, "view", VIEW_GAS_MAX)
+            raise CallFailedError(f"The view {contract}.{view} refused.", trace)
+        return called.result
+
+    def trace(self, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None) -> Trace:
+        """Return how a call would go, statement by statement, without making it."""
+        return self._trace(
+            contract, entry, _across(list(arguments)), self._context(caller), caller, "export", CALL_GAS_MAX
+        )
+
+    # Looking
+
+    def state(self, contract: str) -> dict[bytes, Any]:
+        """Return what a contract has stored, by its own keys."""
+        prefix = contract.encode() + b"\x00"
+        rows = self._state.scan(prefix, SCAN_MAX_COUNT)
+        return {key[len(prefix) :]: decode_value(value) for key, value in rows}
+
+    @property
+    def state_root(self) -> bytes:
+        """The 32-byte root of the whole state."""
+        return self._state.state_root
+
+    # Inside
+
+    def _context(self, caller: Caller | str | None, *, empty: bool = False) -> CallContext:
+        who = self.caller(caller) if isinstance(caller, str) else caller or self.caller("somebody")
+        txid = bytes(32) if empty else tagged_hash("blockrobot/kit-tx", next(self._numbers).to_bytes(8, "big"))
+        key = bytes(33) if empty else who.key
+        return CallContext(caller=key, height=self.height, time_ms=self.time_ms, txid=txid, chain_id=self.chain_id)
+
+    def _next_block(self) -> None:
+        self.height += 1
+        self.time_ms += BLOCK_MS
+
+    def _transact(
+        self, contract: str, entry: str, arguments: tuple[Any, ...], caller: Caller | str | None, mode: Mode, gas: int
+    ) -> Called:
+        context, given, host = self._context(caller), _across(list(arguments)), CallHost(self._state)
+        called = self._run(contract, entry, given, context, host, mode, gas)
+        self._next_block()
+        if called.code != "OK":
+            trace = self._trace(contract, entry, given, context, caller, mode, gas)
+            raise CallFailedError(f"{contract}.{entry} failed.", trace)
+        host.keep()
+        self._state.apply(host.writes)
+        self.events.extend(called.events)
+        return called
+
+    def _run(
+        self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
+    ) -> Called:
+        self.recorder.begin(tracing=False)
+        outcome = self._invoke(contract, entry, given, context, host, mode, gas)
+        self.recorder.finish(contract, self._line_of(contract, entry), outcome.gas_used)
+        if outcome.ok:
+            self.gas.setdefault((contract, entry), []).append(outcome.gas_used)
+        return Called(
+            result=_across(outcome.result),
+            events=tuple(
+                Event(where, name, decode_value(data), context.height) for where, name, data in outcome.events
+            ),
+            gas_used=outcome.gas_used,
+            code=outcome.code,
+            message=outcome.message,
+            line=outcome.line,
+            height=context.height,
+            txid=context.txid,
+        )
+
+    def _trace(
+        self,
+        contract: str,
+        entry: str,
+        given: list[Any],
+        context: CallContext,
+        caller: Caller | str | None,
+        mode: Mode,
+        gas: int,
+    ) -> Trace:
+        """Run a call again, with the state as it is, and keep its steps."""
+        self.recorder.begin(tracing=True)
+        outcome = self._invoke(contract, entry, given, context, CallHost(self._state), mode, gas)
+        self.recorder.finish(contract, 0, outcome.gas_used)
+        who = caller if isinstance(caller, str) else caller.name if caller is not None else "somebody"
+        shown = ", ".join(told_short(value) for value in given)
+        title = f"{contract}.{entry}({shown}) by {who} in block {context.height}"
+        return make_trace(title, outcome, self.recorder, self.sources)
+
+    def _invoke(
+        self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
+    ) -> Outcome:
+        return invoke(self._contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
+
+    def _line_of(self, contract: str, entry: str) -> int:
+        compiled = self._contracts.get(contract)
+        found = None if compiled is None else compiled.abi.entry(entry)
+        return 0 if found is None else found.line
+
+
+def make_trace(title: str, outcome: Outcome, recorder: Recorder, sources: Mapping[str, str]) -> Trace:
+    """Join an outcome with the steps that led to it."""
+    return Trace(
+        title=title,
+        code=outcome.code,
+        message=outcome.message,
+        line=outcome.line,
+        gas_used=outcome.gas_used,
+        steps=tuple(recorder.steps),
+        left_out_count=recorder.left_out_count,
+        sources=dict(sources),
+    )
+
+
+def _across(value: Any) -> Any:
+    """Return a value as it arrives on the other side of the border. Raises VALUE_INVALID for what cannot cross it."""
+    return decode_value(encode_value(value))

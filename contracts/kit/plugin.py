@@ -1,0 +1,49 @@
+"""The pytest plugin of the author's kit: the fixture `chain`, and a report of gas and coverage. Must never touch results.
+
+`pytest` finds it by itself where BlockRobot is installed. `--contract-report FILE` writes what `blockrobot contract test`
+shows: for each source the runs and gas of each line, for each entry the gas of its calls.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from contracts.kit.chain import Chain
+from contracts.kit.report import Report
+
+_REPORT = pytest.StashKey[Report]()
+_FILE = pytest.StashKey[Path]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add --contract-report."""
+    group = parser.getgroup("blockrobot")
+    group.addoption("--contract-report", metavar="FILE", help="write gas and coverage of contracts to FILE, as JSON")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Make an empty report, if one is asked for."""
+    place = config.getoption("--contract-report", default=None)
+    if place:
+        config.stash[_REPORT] = Report()
+        config.stash[_FILE] = Path(str(place))
+
+
+@pytest.fixture
+def chain(request: pytest.FixtureRequest) -> Iterator[Chain]:
+    """A fresh chain whose sources are looked for beside the test's file."""
+    made = Chain(folder=request.path.parent)
+    yield made
+    if _REPORT in request.config.stash:
+        request.config.stash[_REPORT].add(made)
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Write the report."""
+    if _REPORT in session.config.stash:
+        document = session.config.stash[_REPORT].document()
+        session.config.stash[_FILE].write_text(json.dumps(document), encoding="utf-8")

@@ -1,0 +1,74 @@
+"""Gas and coverage of tests, over all chains of a run. Must never mix two sources under one name."""
+
+from __future__ import annotations
+
+from statistics import median
+from typing import Any
+
+from contracts.kit.chain import Chain
+from contracts.kit.recorder import LineFigures
+
+
+class SourceFigures:
+    """One source: its file (an empty text if it was none), its lines that can run, its entries' gas by call."""
+
+    def __init__(self, contract: str, file: str, source: str) -> None:
+        self.contract = contract
+        self.file = file
+        self.source = source
+        self.lines: dict[int, LineFigures] = {}
+        self.gas: dict[str, list[int]] = {}
+
+    @property
+    def covered_count(self) -> int:
+        """How many of its lines ran."""
+        return sum(1 for figures in self.lines.values() if figures.runs)
+
+    def document(self) -> dict[str, Any]:
+        """Return the figures for JSON."""
+        return {
+            "contract": self.contract,
+            "file": self.file,
+            "covered": self.covered_count,
+            "lines_count": len(self.lines),
+            "missing": [number for number, figures in sorted(self.lines.items()) if not figures.runs],
+            "lines": [
+                {"line": number, "runs": figures.runs, "gas": figures.gas}
+                for number, figures in sorted(self.lines.items())
+            ],
+            "entries": [
+                {
+                    "name": name,
+                    "calls": len(gas),
+                    "gas_min": min(gas),
+                    "gas_median": int(median(gas)),
+                    "gas_max": max(gas),
+                }
+                for name, gas in sorted(self.gas.items())
+            ],
+        }
+
+
+class Report:
+    """All sources that the chains of a test run have seen."""
+
+    def __init__(self) -> None:
+        self._sources: dict[tuple[str, str, str], SourceFigures] = {}
+
+    def add(self, chain: Chain) -> None:
+        """Add what one chain gathered."""
+        for contract, source in chain.sources.items():
+            file = str(chain.paths.get(contract, ""))
+            key = (contract, file, source)
+            figures = self._sources.setdefault(key, SourceFigures(contract, file, source))
+            for number, line in chain.recorder.lines[contract].items():
+                found = figures.lines.setdefault(number, LineFigures())
+                found.runs += line.runs
+                found.gas += line.gas
+            for (name, entry), gas in chain.gas.items():
+                if name == contract:
+                    figures.gas.setdefault(entry, []).extend(gas)
+
+    def document(self) -> dict[str, Any]:
+        """Return the report for JSON, source by source."""
+        return {"sources": [figures.document() for _, figures in sorted(self._sources.items(), key=lambda row: row[0])]}

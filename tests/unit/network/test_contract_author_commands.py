@@ -1,0 +1,120 @@
+"""`contract new` and `contract test`: a contract begins as something that works, and what its tests ran is shown."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from contracts.kit.template import read_dialect_stub
+from contracts.vm.names import RESERVED
+from network.cli.contract_author_commands import ranges
+from network.cli.contract_commands import contract
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "docs" / "examples"
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(contract, list(arguments))
+
+
+def outcome_of(*arguments: str) -> dict[str, Any]:
+    result = run("test", *arguments, "--json")
+    document: dict[str, Any] = json.loads(result.stdout)
+    assert result.exit_code == (0 if document["ok"] else 1)
+    return document
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.chdir(tmp_path)
+    assert run("new", "notes").exit_code == 0
+    return tmp_path / "notes"
+
+
+def test_a_new_contract_works_and_its_tests_run_every_line(project: Path) -> None:
+    document = outcome_of("notes")
+    assert (document["ok"], "4 passed" in document["output"]) == (True, True)
+    (source,) = document["sources"]
+    assert (source["contract"], source["file"]) == ("notes", str(project / "notes.py"))
+    assert (source["missing"], source["covered"]) == ([], source["lines_count"])
+    entries = {entry["name"]: entry for entry in source["entries"]}
+    assert set(entries) == {"write", "read", "erase"}
+    assert entries["write"]["calls"] == 2
+    assert sum(line["gas"] for line in source["lines"]) > sum(entry["gas_max"] for entry in entries.values())
+
+
+def test_what_no_test_ran_is_shown(project: Path) -> None:
+    result = run("test", "notes", "-k", "can_be_read", "--lines")
+    assert "│ notes.write │ 1 " in result.output
+    assert "20-24" in result.output
+    assert "      0       0    23      state.delete(" in result.output
+    assert "      1 " in result.output
+
+
+def test_a_failed_test_shows_the_lines_that_ran(project: Path) -> None:
+    path = project / "test_notes.py"
+    path.write_text(path.read_text(encoding="utf-8").replace('caller="bob")', 'caller="alice")'), encoding="utf-8")
+    document = outcome_of("notes")
+    assert (document["ok"], document["exit_code"]) == (False, 1)
+    assert "notes.erase came to OK instead of NOT_AUTHOR." in document["output"]
+    assert 'require(note["author"] == ctx.caller' in document["output"]
+
+
+def test_nothing_is_written_over(project: Path) -> None:
+    (project / "notes.py").write_text("mine", encoding="utf-8")
+    again = run("new", "notes")
+    assert (again.exit_code, "FILE_UNUSABLE" in again.stderr) == (1, True)
+    assert (project / "notes.py").read_text(encoding="utf-8") == "mine"
+    assert json.loads(run("new", "other", "--dir", "elsewhere", "--json").stdout)["folder"] == "elsewhere"
+
+
+def test_a_name_is_one_that_a_chain_takes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.chdir(tmp_path)
+    for wrong in ("Notes", "1st", "a/b", "x" * 40):
+        assert "CONTRACT_SOURCE_INVALID" in run("new", wrong).stderr
+    assert list(tmp_path.iterdir()) == []
+    assert run("new", "lost-notes").exit_code == 0
+    assert outcome_of("lost-notes")["ok"]
+
+
+def test_mypy_knows_the_language(project: Path) -> None:
+    """A contract is clean as it is written; a wrong name or type in it is found."""
+
+    def mypy() -> str:
+        command = [sys.executable, "-m", "mypy", "--no-incremental", "--no-error-summary", "notes.py"]
+        return subprocess.run(command, cwd=project, check=False, capture_output=True, text=True).stdout
+
+    assert mypy() == ""
+    path = project / "notes.py"
+    source = path.read_text(encoding="utf-8")
+    path.write_text(source.replace("u64(number), {", "u46(number), {").replace('(b"last", number', '("last", number'))
+    found = mypy()
+    assert 'Name "u46" is not defined' in found
+    assert 'has incompatible type "str"; expected "bytes"' in found
+
+
+def test_the_stub_names_all_that_the_language_adds() -> None:
+    stub = read_dialect_stub()
+    builtin = set(dir(__builtins__)) if not isinstance(__builtins__, dict) else set(__builtins__)
+    names = RESERVED - builtin - {"charge_source", "check_source"}
+    assert [name for name in sorted(names) if f"def {name}(" not in stub and f"\n{name}: " not in stub] == []
+
+
+def test_the_examples_pass_their_tests_and_leave_no_line_out() -> None:
+    document = outcome_of(str(EXAMPLES))
+    assert document["ok"], document["output"]
+    names = {source["contract"]: source["missing"] for source in document["sources"]}
+    assert names == {"visitor_log": [], "medication": [], "lost_property": []}
+
+
+def test_numbers_are_told_in_runs() -> None:
+    assert ranges([1, 2, 3, 5, 7, 8]) == "1-3, 5, 7-8"
+    assert ranges([]) == ""
