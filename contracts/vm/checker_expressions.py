@@ -8,7 +8,16 @@ from contracts.vm.builtins_table import TYPES
 from contracts.vm.faults import Diagnostic, is_author_code
 from contracts.vm.host import CONTEXT_FIELDS, WRITING
 from contracts.vm.methods import METHODS
-from contracts.vm.names import CALLABLES, RESERVED, FunctionFacts, SourceFacts, bind, bind_method, dotted_name
+from contracts.vm.names import (
+    CALLABLES,
+    RESERVED,
+    FunctionFacts,
+    SourceFacts,
+    bind,
+    bind_method,
+    dotted_name,
+    naming_problem,
+)
 from contracts.vm.operations import BINARY, COMPARE
 from contracts.vm.prelex import WORDS
 from contracts.vm.values import INT_LIMIT
@@ -285,8 +294,10 @@ class ExpressionChecker:
                 )
             else:
                 found = bind_method(node.func.attr, node)
-                if isinstance(found, str):
-                    self.report(node, "ARGUMENTS", f"{node.func.attr} {found}", "See the reference.")
+                params = next(iter(METHODS[node.func.attr].values())).params
+                problem = found if isinstance(found, str) else naming_problem(node.func.attr, params, node)
+                if problem:
+                    self.report(node, "ARGUMENTS", f"{node.func.attr} {problem}", "See the reference.")
         self._arguments(node)
 
     def _isinstance(self, node: ast.Call) -> None:
@@ -303,6 +314,8 @@ class ExpressionChecker:
             self.report(node, "ARGUMENTS", f"{name} {bound}", f"Its parameters are {', '.join(builtin.params)}.")
         elif None in bound.arguments:
             self.report(node, "ARGUMENTS", f"{name} must get its arguments in order.", "Give those before it too.")
+        elif problem := naming_problem(name, builtin.params, node):
+            self.report(node, "ARGUMENTS", f"{name} {problem}", "See the reference.")
         elif name == "require":
             code = bound.arguments[1]
             if isinstance(code, ast.Constant) and not (type(code.value) is str and is_author_code(code.value)):

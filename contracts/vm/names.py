@@ -17,6 +17,12 @@ CALLABLES: dict[str, Builtin] = {**BUILTINS, **HOST_FUNCTIONS}
 NAMESPACES = frozenset({"ctx", "state"})
 RESERVED = frozenset({name.split(".")[0] for name in CALLABLES}) | NAMESPACES | frozenset(TYPES) | {"isinstance"}
 KINDS = ("export", "view", "genesis", "migrate")
+ONLY_BY_NAME = frozenset({"reverse", "signed"})
+BY_NAME: dict[str, tuple[str, ...]] = {
+    "sorted": ("reverse",), "sort": ("reverse",), "enumerate": ("start",), "int.from_bytes": ("byteorder", "signed"),
+    "to_bytes": ("length", "byteorder", "signed"), "u32": ("number",), "u64": ("number",),
+    "require": ("condition", "code", "message"), **{name: one.params for name, one in HOST_FUNCTIONS.items()},
+}  # fmt: skip
 KIND_HELP = "Use @export, @view, @genesis or @migrate."
 
 
@@ -100,6 +106,7 @@ def bind(  # noqa: PLR0911 - each return is another way not to fit
     if len(call.args) > len(params):
         return f"takes at most {len(params)} arguments, not {len(call.args)}."
     slots: list[ast.expr | None] = [*call.args, *[None] * (len(params) - len(call.args))]
+    last = -1
     for keyword in call.keywords:
         if keyword.arg is None:
             return "does not take '**'."
@@ -108,13 +115,30 @@ def bind(  # noqa: PLR0911 - each return is another way not to fit
         place = list(params).index(keyword.arg)
         if slots[place] is not None:
             return f"gets {keyword.arg} twice."
+        if place < last:
+            return f"gets {keyword.arg} after {params[last]}: arguments come in the order of the parameters."
         slots[place] = keyword.value
+        last = place
     missing = [name for name, given in zip(params[:required], slots, strict=False) if given is None]
     if missing:
         return f"lacks {', '.join(missing)}."
     while slots and slots[-1] is None:
         slots.pop()
     return Bound(tuple(slots))
+
+
+def naming_problem(name: str, params: Sequence[str], call: ast.Call) -> str:
+    """Return what Python has against giving these arguments by name, or by place; "" if nothing.
+
+    What Python's own functions and methods call their parameters, and which it takes by name alone, holds here too.
+    """
+    for place, param in enumerate(params[: len(call.args)]):
+        if param in ONLY_BY_NAME:
+            return f"takes {param} by name only, and gets {place + 1} arguments by place."
+    for keyword in call.keywords:
+        if keyword.arg is not None and keyword.arg in params and keyword.arg not in BY_NAME.get(name, ()):
+            return f"does not take {keyword.arg} by name."
+    return ""
 
 
 def bind_method(name: str, call: ast.Call) -> dict[type, tuple[Method, Bound]] | str:

@@ -223,7 +223,7 @@ def even(n, step=1):
 def odd(n, step=1):
     if n == 0:
         return False
-    return even(step=step, n=n - step)
+    return even(n=n - step, step=step)
 
 def nothing(items=[]):
     items.append(1)
