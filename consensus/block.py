@@ -8,13 +8,14 @@ two-chain rule, arXiv 2106.10362).
 from __future__ import annotations
 
 from consensus.primitives.encoding import Wire, decode, encode
-from consensus.primitives.hashing import sha256, tagged_hash
+from consensus.primitives.hashing import sha256, tagged_hash, tagged_hasher
 from consensus.primitives.merkle import merkle_root
 from consensus.settings import Epoch
 
 HEADER_VERSION = 2
 GENESIS_ROUND = 0
 NO_BLOCK = bytes(32)
+_hash_receipt = tagged_hasher("blockrobot/receipt-leaf")
 
 
 class IndexedSignature(Wire, frozen=True):
@@ -165,7 +166,7 @@ def compute_transactions_root(txids: list[bytes]) -> bytes:
 
 def compute_receipts_root(receipts: tuple[Receipt, ...]) -> bytes:
     """Return the Merkle root over the receipts' canonical bytes, in block order."""
-    return merkle_root([tagged_hash("blockrobot/receipt-leaf", encode(receipt)) for receipt in receipts])
+    return merkle_root([_hash_receipt(encode(receipt)) for receipt in receipts])
 
 
 def certificate_of(proof: FinalityProof) -> QuorumCertificate:

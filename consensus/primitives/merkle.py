@@ -10,16 +10,18 @@ from collections.abc import Sequence
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
-from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
+from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash, tagged_hasher
 
 _LEAF = "blockrobot/merkle-leaf"
 _NODE = "blockrobot/merkle-node"
 _ROOT = "blockrobot/merkle-root"
+_hash_leaf = tagged_hasher(_LEAF)
+_hash_node = tagged_hasher(_NODE)
 _EMPTY = b"\x00" * HASH_SIZE_BYTES
 
 
 def _level_above(level: Sequence[bytes]) -> list[bytes]:
-    above = [tagged_hash(_NODE, level[i], level[i + 1]) for i in range(0, len(level) - 1, 2)]
+    above = [_hash_node(level[i] + level[i + 1]) for i in range(0, len(level) - 1, 2)]
     if len(level) % 2:
         above.append(level[-1])
     return above
@@ -29,7 +31,7 @@ def _leaf_level(leaves: Sequence[bytes]) -> list[bytes]:
     for leaf in leaves:
         if len(leaf) != HASH_SIZE_BYTES:
             raise BlockRobotError("VALUE_INVALID", f"A Merkle leaf has {len(leaf)} bytes instead of 32.")
-    return [tagged_hash(_LEAF, leaf) for leaf in leaves]
+    return [_hash_leaf(leaf) for leaf in leaves]
 
 
 def merkle_root(leaves: Sequence[bytes]) -> bytes:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire
-from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hash
+from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256, tagged_hasher
 
 PAGE_TAG = "blockrobot/trie-page"
 VALUE_TAG = "blockrobot/trie-value"
@@ -29,15 +29,11 @@ class Proof(Wire, frozen=True):
     pages: tuple[bytes, ...]
 
 
-def hash_page(page: bytes) -> bytes:
-    """Return the 32-byte hash by which the page above (or a header) refers to this page."""
-    return tagged_hash(PAGE_TAG, page)
+hash_page = tagged_hasher(PAGE_TAG)
+"""The 32-byte hash by which the page above (or a header) refers to a page."""
 
-
-def hash_value(value: bytes) -> bytes:
-    """Return the 32-byte hash that stands for a value in a leaf."""
-    return tagged_hash(VALUE_TAG, value)
-
+hash_value = tagged_hasher(VALUE_TAG)
+"""The 32-byte hash that stands for a value in a leaf."""
 
 EMPTY_ROOT = hash_page(EMPTY_PAGE)
 """The root of a state without keys."""

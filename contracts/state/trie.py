@@ -57,9 +57,22 @@ class EmptyPages:
         return None
 
 
+_OWN_PAGES_MAX_COUNT = 8192
+_own_pages: dict[bytes, bytes] = {}
+"""Hash -> page, of pages that were made and hashed in this process. The very same object needs no second hashing."""
+
+
+def _hash_own_page(page: bytes) -> bytes:
+    digest = hash_page(page)
+    if len(_own_pages) >= _OWN_PAGES_MAX_COUNT:
+        _own_pages.clear()
+    _own_pages[digest] = page
+    return digest
+
+
 def _load_page(pages: PageReader, path: bytes, expected: bytes) -> bytes:
     page = pages.page(path)
-    if page is None or hash_page(page) != expected:
+    if page is None or (_own_pages.get(expected) is not page and hash_page(page) != expected):
         what = "is missing" if page is None else "is not the one that is referred to"
         raise BlockRobotError("STORAGE_DAMAGED", f"The state's page at path '{path.decode()}' {what}.")
     return page
@@ -134,7 +147,7 @@ class _Batch:
                 self.written[path] = None
             return None if size == _NO_PAGE else page[PAGE_HEADER_BYTES:]
         self.written[path] = page
-        return hash_page(page)
+        return _hash_own_page(page)
 
 
 def apply_batch(pages: PageReader, root: bytes, writes: Mapping[bytes, bytes | None]) -> TrieUpdate:

@@ -7,6 +7,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.trie import EMPTY_ROOT, Proof, hash_page, verify_proof
+from contracts.state import trie
 from contracts.state.trie import EmptyPages, apply_batch, compute_root, prove
 from contracts.state.view import MemoryState
 
@@ -141,3 +142,19 @@ def test_the_root_of_given_content_is_the_one_that_batches_lead_to():
     state = state_of(content(250))
     assert compute_root(state.scan(b"", 1000)) == state.state_root
     assert compute_root([]) == EMPTY_ROOT
+
+
+def test_a_page_that_changed_on_its_way_is_found_out_even_where_its_maker_knew_it() -> None:
+    state = MemoryState()
+    state.apply({b"key %d" % number: b"value" for number in range(40)})
+    path, page = next((path, page) for path, page in state.pages.items() if path)
+    state._pages[path] = bytes([page[0] ^ 1]) + page[1:]
+    touching = {b"key %d" % number: b"other" for number in range(40)}
+    with pytest.raises(BlockRobotError, match="is not the one that is referred to"):
+        state.apply(touching)
+
+
+def test_the_memory_of_pages_made_here_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trie, "_OWN_PAGES_MAX_COUNT", 10)
+    MemoryState().apply({b"key %d" % number: b"value" for number in range(400)})
+    assert len(trie._own_pages) <= 10
