@@ -15,7 +15,8 @@ from __future__ import annotations
 
 import itertools
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -37,7 +38,6 @@ FIRST_HEIGHT = 1
 FIRST_TIME_MS = 1_767_225_600_000
 BLOCK_MS = 1_000
 SCAN_MAX_COUNT = 100_000
-# A watched statement stands on the stack twice.
 _RECURSION_LIMIT_FRAMES = 15_000
 
 
@@ -127,8 +127,6 @@ class Chain:
     """
 
     def __init__(self, *, folder: Path | None = None, height: int = FIRST_HEIGHT, time_ms: int = FIRST_TIME_MS) -> None:
-        if sys.getrecursionlimit() < _RECURSION_LIMIT_FRAMES:
-            sys.setrecursionlimit(_RECURSION_LIMIT_FRAMES)
         self.folder = folder or Path()
         self.height = height
         self.time_ms = time_ms
@@ -303,12 +301,24 @@ class Chain:
     def _invoke(
         self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
     ) -> Outcome:
-        return invoke(self._contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
+        with watched_stack():
+            return invoke(self._contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
 
     def _line_of(self, contract: str, entry: str) -> int:
         compiled = self._contracts.get(contract)
         found = None if compiled is None else compiled.abi.entry(entry)
         return 0 if found is None else found.line
+
+
+@contextmanager
+def watched_stack() -> Iterator[None]:
+    """Give watched contracts room on the stack: each of their statements stands there twice."""
+    before = sys.getrecursionlimit()
+    sys.setrecursionlimit(max(before, _RECURSION_LIMIT_FRAMES))
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(before)
 
 
 def make_trace(title: str, outcome: Outcome, recorder: Recorder, sources: Mapping[str, str]) -> Trace:

@@ -10,6 +10,7 @@ _COMMANDS = {
     "new": ("network.cli.contract_author_commands", "new"),
     "check": ("network.cli.contract_check_commands", "check"),
     "test": ("network.cli.contract_author_commands", "test"),
+    "trace": ("network.cli.contract_trace_command", "trace"),
     "call": ("network.cli.contract_chain_commands", "call"),
     "query": ("network.cli.contract_chain_commands", "query"),
     "events": ("network.cli.contract_events_command", "events"),

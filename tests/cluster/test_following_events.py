@@ -12,7 +12,7 @@ from typing import Any
 
 from clients.sdk import NetworkClient
 from consensus.primitives.keys import PrivateKey
-from tests.cluster.commands import must
+from tests.cluster.commands import blockrobot, must
 from tests.cluster.network_under_test import NetworkUnderTest
 
 TIMEOUT_S = 60
@@ -89,3 +89,10 @@ async def test_a_contract_is_asked_and_called_from_the_command_line(network: Net
     assert [event["name"] for event in called["events"]] == ["proposed"]
     asked = await must(network, "contract", "query", "settings", "in_force", "--as", "university")
     assert asked["result"]["heartbeat_ms"] > 0
+    code, refused = await blockrobot(
+        network, "contract", "call", "settings", "propose", "colour", "1", "--as", "hospital"
+    )
+    assert (code, refused["code"]) == (1, "SETTING_UNKNOWN")
+    traced = await must(network, "contract", "trace", refused["txid"], "--as", "hospital")
+    assert (traced["code"], traced["gas_used"]) == (refused["code"], refused["gas_used"])
+    assert traced["steps"][-1]["line"] == refused["line"]
