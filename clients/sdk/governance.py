@@ -241,7 +241,8 @@ def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
 class Decision:
     """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.
 
-    `executed` tells that a proposal took effect with this call; `epoch` is the number of the epoch that the block at
+    `executed` tells that a proposal took effect with this call; `due_height` is that at which a contract then changes;
+    `epoch` is the number of the epoch that the block at
     `height` decides, if it does: the producers and settings of that epoch hold for every block after it.
     """
 
@@ -250,17 +251,20 @@ class Decision:
     proposal_id: bytes | None
     executed: bool
     epoch: int | None
+    due_height: int | None = None
 
 
 def _decision_of(receipt: FinalReceipt) -> Decision:
     proposed = receipt.event_data("membership", "proposed")
     epochs = receipt.event_data("producers", "epoch")
+    scheduled = receipt.event_data("lifecycle", "scheduled")
     return Decision(
         height=receipt.height,
         txid=receipt.txid,
         proposal_id=proposed[0]["proposal_id"] if proposed else None,
         executed=bool(receipt.event_data("membership", "executed")),
         epoch=epochs[-1]["number"] if epochs else None,
+        due_height=scheduled[-1]["height"] if scheduled else None,
     )
 
 
@@ -282,7 +286,8 @@ class Governor:
             raise
         if not receipt.ok:
             sentence = _CONTRACT_NAMED.sub("", receipt.message)
-            code = _ERROR_OF.get(receipt.code, "GOVERNANCE_REFUSED")
+            otherwise = "GOVERNANCE_CONTRACT_REFUSED" if contract == "lifecycle" else "GOVERNANCE_REFUSED"
+            code = _ERROR_OF.get(receipt.code, otherwise)
             raise BlockRobotError(code, sentence or receipt.code, contract_code=receipt.code)
         return _decision_of(receipt)
 
@@ -293,6 +298,14 @@ class Governor:
     async def propose_setting(self, name: str, value: int | str) -> Decision:
         """Propose a value for a setting."""
         return await self._call("settings", "propose", [name, value])
+
+    async def upload_part(self, source_hash: bytes, parts: int, place: int, data: bytes) -> Decision:
+        """Upload one part of a contract's source (at most 6,000 bytes); `source_hash` is that of the whole."""
+        return await self._call("lifecycle", "upload", [source_hash, parts, place, data])
+
+    async def propose_contract(self, kind: str, arguments: dict[str, Any]) -> Decision:
+        """Propose to deploy, activate, disable or keep a contract (see the reference of the system contracts)."""
+        return await self._call("lifecycle", "propose", [kind, arguments])
 
     async def approve(self, proposal: ProposalRow) -> Decision:
         """Stand behind an open proposal."""

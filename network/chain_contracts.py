@@ -1,0 +1,178 @@
+"""The chain's contracts as proofs show them: versions, interfaces, sources, also of what is proposed. Must never believe
+a node: every value is proved, every source has the hash that the state names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.governance import MembershipView, ProposalRow, read_membership
+from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u32
+from consensus.primitives.keys import PrivateKey
+from contracts.execution.catalogue import SOURCE_PREFIX, TABLE_KEY
+from contracts.execution.describing import (
+    DUE_KEY,
+    VERSIONS_PREFIX,
+    ChangeDue,
+    ContractRow,
+    EntryRow,
+    VersionRow,
+    contract_rows,
+    due_rows,
+    version_key,
+    version_row,
+)
+from contracts.execution.registry import compute_source_hash, find_shipped_source
+from contracts.vm import compile_contract
+
+LIFECYCLE = b"lifecycle\x00"
+
+
+@dataclass(frozen=True, slots=True)
+class ContractsView:
+    """All contracts at a height, the changes that are due, and the open proposals about contracts."""
+
+    height: int
+    contracts: tuple[ContractRow, ...]
+    due: tuple[ChangeDue, ...]
+    membership: MembershipView
+
+    @property
+    def proposals(self) -> list[ProposalRow]:
+        """The open proposals about contracts."""
+        return [row for row in self.membership.proposals if row.contract == "lifecycle"]
+
+    def find(self, name: str) -> ContractRow | None:
+        """Return a contract, or None."""
+        return next((row for row in self.contracts if row.name == name), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Edition:
+    """A source with what is known of it: a version of the chain, a proposed one, or a file (both without a row)."""
+
+    title: str
+    source: str
+    abi: tuple[EntryRow, ...]
+    row: VersionRow | None = None
+
+
+async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey) -> tuple[dict[bytes, Any], int]:
+    wanted, found, height = list(dict.fromkeys(keys)), {}, 0
+    for first in range(0, len(wanted), PROOF_KEYS_MAX_COUNT):
+        part = await client.state_values(wanted[first : first + PROOF_KEYS_MAX_COUNT], key)
+        found.update(part.values)
+        height = part.height
+    return found, height
+
+
+async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
+    """Return all contracts with what is due and proposed. Raises NOT_FOUND on a chain without a lifecycle."""
+    membership = await read_membership(client, key)
+    found, _ = await _values(client, [TABLE_KEY, DUE_KEY], key)
+    table = found[TABLE_KEY]
+    if table is None:
+        raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
+    numbers = {name: VERSIONS_PREFIX + name.encode() for name in table}
+    versions, height = await _values(client, numbers.values(), key)
+    return ContractsView(
+        height=height,
+        contracts=tuple(contract_rows(table, {name: versions[place] or 0 for name, place in numbers.items()})),
+        due=tuple(due_rows(found[DUE_KEY] or [])),
+        membership=membership,
+    )
+
+
+async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
+    """Return a version of a contract with its source; 0 is the one in force. Raises CONTRACT_NOT_FOUND."""
+    count_key = VERSIONS_PREFIX + name.encode()
+    found, _ = await _values(client, [TABLE_KEY, count_key], key)
+    newest = found[count_key] or 0
+    number = version or (found[TABLE_KEY] or {}).get(name, [newest])[0]
+    place = version_key(name, number) if 0 < number <= newest else b""
+    record = (await _values(client, [place], key))[0][place] if place else None
+    if record is None:
+        what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
+        raise BlockRobotError("CONTRACT_NOT_FOUND", f"The chain has no {what}.")
+    row = version_row(name, number, record)
+    source = find_shipped_source(row.source_hash)
+    if source is None:
+        prefix = SOURCE_PREFIX + row.source_hash
+        entry = (await _values(client, [prefix], key))[0][prefix]
+        source = await _join(client, key, prefix + b"/", 0 if entry is None else entry["parts"], row.source_hash)
+    return Edition(f"{name} version {number}", source, row.abi, row)
+
+
+async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
+    """Return the source that a proposal would deploy, as its organisation uploaded it. Raises CONTRACT_NOT_FOUND."""
+    if proposal.kind != "deploy":
+        raise BlockRobotError("CONTRACT_NOT_FOUND", "The proposal brings no source.")
+    source_hash, name = proposal.arguments["source_hash"], str(proposal.arguments["name"])
+    organisation = proposal.organisation.encode()
+    place = LIFECYCLE + b"uploads/" + organisation
+    uploads = (await _values(client, [place], key))[0][place] or []
+    parts = next((entry["parts"] for entry in uploads if entry["source_hash"] == source_hash), 0)
+    prefix = LIFECYCLE + b"upload/" + organisation + b"/" + source_hash
+    source = await _join(client, key, prefix, parts, source_hash)
+    return edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
+
+
+async def _join(client: NetworkClient, key: PrivateKey, prefix: bytes, parts: int, source_hash: bytes) -> str:
+    keys = [prefix + u32(place) for place in range(parts)]
+    found = (await _values(client, keys, key))[0] if keys else {}
+    try:
+        source = b"".join(found[place] or b"" for place in keys).decode()
+    except UnicodeDecodeError:
+        source = ""
+    if not keys or compute_source_hash(source) != source_hash:
+        raise BlockRobotError("CONTRACT_NOT_FOUND", "The source is not (or no longer) on the chain.")
+    return source
+
+
+def edition_of_source(source: str, name: str, title: str) -> Edition:
+    """Return a source of one's own as an edition. Raises CONTRACT_SOURCE_INVALID."""
+    entries = compile_contract(source, name).abi.entries
+    abi = tuple(
+        EntryRow(entry.name, entry.kind, entry.params, entry.required, entry.returns)
+        for entry in entries
+        if entry.kind in ("export", "view")
+    )
+    return Edition(title, source, abi)
+
+
+def signature_of(entry: EntryRow) -> str:
+    """Return how an entry is called: `name(a: int, b: str = ...) -> list`."""
+    params = [
+        f"{name}: {kind}" + ("" if place < entry.required else " = ...")
+        for place, (name, kind) in enumerate(entry.params)
+    ]
+    return f"{entry.name}({', '.join(params)}) -> {entry.returns}"
+
+
+def compare_interfaces(old: Edition, new: Edition) -> list[tuple[str, str]]:
+    """Return what a caller has to know, as (added | removed | changed | compatible, sentence), in order of names.
+
+    `compatible` is a change that takes every call which was taken before.
+    """
+    before, after = ({entry.name: entry for entry in edition.abi} for edition in (old, new))
+    changes: list[tuple[str, str]] = []
+    for name in sorted(before.keys() | after.keys()):
+        one, other = before.get(name), after.get(name)
+        if one is None and other is not None:
+            changes.append(("added", f"{other.kind} {signature_of(other)}"))
+        elif other is None and one is not None:
+            changes.append(("removed", f"{one.kind} {signature_of(one)}"))
+        elif one is not None and other is not None and one != other:
+            kind = "compatible" if _takes_all(one, other) else "changed"
+            changes.append((kind, f"{one.kind} {signature_of(one)}  ->  {other.kind} {signature_of(other)}"))
+    return changes
+
+
+def _takes_all(old: EntryRow, new: EntryRow) -> bool:
+    types = [kind for _, kind in old.params]
+    same = [kind for _, kind in new.params][: len(types)] == types
+    return old.kind == new.kind and old.returns == new.returns and same and new.required <= old.required

@@ -1,0 +1,219 @@
+"""`blockrobot contract propose | approve | ...`: how organisations change contracts. Must never decide what the chain does.
+
+What may be deployed, and when it takes effect, is the contract `lifecycle`'s to say.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.governance import Decision, Governor
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from contracts.execution.registry import compute_source_hash
+from contracts.vm import compile_contract
+from network.cli.governing import (
+    Told,
+    decide,
+    decide_on_proposal,
+    governing_options,
+    proposal_json,
+    report_decision,
+    summary_of,
+    take_seat,
+)
+
+PART_BYTES = 6000
+
+height_option = click.option(
+    "--height", type=click.IntRange(min=0), default=0, help="Not before this height (it also waits for the approval)."
+)
+delay_option = click.option(
+    "--delay", type=click.IntRange(min=0), default=0, help="So many blocks after the approval, at least one."
+)
+note_option = click.option("--note", default="", help="Why; kept on the chain, at most 280 characters.")
+
+
+def when_options(command: Any) -> Any:
+    """Add --height, --delay and --note."""
+    for option in (note_option, delay_option, height_option):
+        command = option(command)
+    return command
+
+
+def _report(told: Told, what: str, name: str, *, as_json: bool) -> None:
+    """Tell what a call came to: proposed, or decided and at which height the contract changes."""
+    decision = told.decision
+    if as_json:
+        needed = told.membership.majority
+        print_json(
+            {
+                "ok": True,
+                "height": decision.height,
+                "txid": decision.txid.hex(),
+                "executed": decision.executed,
+                "due_height": decision.due_height,
+                "proposal": None if told.proposal is None else proposal_json(told.proposal, needed),
+            }
+        )
+        return
+    if told.proposal is not None or decision.due_height is None:
+        report_decision(told, what, "contract", as_json=False)
+        return
+    console.print(
+        f"{escape(what)}: decided at height {decision.height}, takes effect with block {decision.due_height}."
+    )
+    console.print(f"Next step: blockrobot contract show {escape(name)}")
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@click.option("--name", help="The contract's name, if it is not the file's.")
+@when_options
+@governing_options
+@json_option
+@plain_errors
+def propose(
+    file: Path,
+    name: str | None,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Upload a source and propose it: a new contract, or a new version of one.
+
+    The source is checked here first; every part of at most 6,000 bytes is a transaction of its own. With the approval of
+    a majority the version takes effect at the beginning of a block; if it has a @migrate entry, that runs then.
+
+    \b
+    Example: blockrobot contract propose visitors.py --as hospital
+    Example: blockrobot contract propose visitors.py --as hospital --height 5000 --note "floors"
+    """
+    source, contract = file.read_text(encoding="utf-8"), name or file.stem
+    compile_contract(source, contract)
+    data, source_hash = source.encode(), compute_source_hash(source)
+    parts = [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]
+
+    async def work(governor: Governor) -> Decision:
+        for place, part in enumerate(parts):
+            await governor.upload_part(source_hash, len(parts), place, part)
+        arguments = {"name": contract, "source_hash": source_hash, "height": height, "delay": delay, "note": note}
+        return await governor.propose_contract("deploy", arguments)
+
+    told = decide(take_seat(folder, organisation, key_file), work)
+    _report(told, f"deploy {contract}", contract, as_json=as_json)
+    if told.proposal is not None and not as_json:
+        shown = told.proposal.id.hex()[:12]
+        console.print(f"They can read it first: blockrobot contract show {contract} --proposal {shown} --source")
+
+
+@click.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Stand behind a proposed change of a contract; with a majority it is decided.
+
+    Example: blockrobot contract approve 3fa2c19b07de --as university
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.approve(found))
+    _report(told, summary_of(row), row.arguments["name"], as_json=as_json)
+
+
+@click.command()
+@click.argument("proposal")
+@governing_options
+@json_option
+@plain_errors
+def withdraw(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Take back a change of a contract that your own organisation proposed.
+
+    Example: blockrobot contract withdraw 3fa2c19b07de --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.withdraw(found))
+    report_decision(told, f"Withdrawal of {summary_of(row)}", "contract", as_json=as_json, needs_others=False)
+
+
+@click.command()
+@click.argument("name")
+@click.argument("version", type=click.IntRange(min=1))
+@when_options
+@governing_options
+@json_option
+@plain_errors
+def activate(
+    name: str,
+    version: int,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
+
+    If that version has a @migrate entry it runs again, on the state as it is then.
+
+    Example: blockrobot contract activate visitors 1 --as hospital
+    """
+    arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
+    seat = take_seat(folder, organisation, key_file)
+    told = decide(seat, lambda governor: governor.propose_contract("activate", arguments))
+    _report(told, f"activate {name} version {version}", name, as_json=as_json)
+
+
+@click.command()
+@click.argument("name")
+@when_options
+@governing_options
+@json_option
+@plain_errors
+def disable(
+    name: str,
+    height: int,
+    delay: int,
+    note: str,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Propose that a contract answers nobody any more; what it keeps stays, and changes of it that wait are dropped.
+
+    Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
+    """
+    arguments = {"name": name, "height": height, "delay": delay, "note": note}
+    seat = take_seat(folder, organisation, key_file)
+    told = decide(seat, lambda governor: governor.propose_contract("disable", arguments))
+    _report(told, f"disable {name}", name, as_json=as_json)
+
+
+@click.command()
+@click.argument("name")
+@governing_options
+@json_option
+@plain_errors
+def keep(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership or producers.
+
+    A new version of these goes by itself after 24 hours unless a majority keeps it.
+
+    Example: blockrobot contract keep membership --as hospital
+    """
+    seat = take_seat(folder, organisation, key_file)
+    told = decide(seat, lambda governor: governor.propose_contract("keep", {"name": name}))
+    _report(told, f"keep {name}", name, as_json=as_json)

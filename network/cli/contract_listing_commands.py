@@ -1,0 +1,268 @@
+"""`blockrobot contract list | show | diff`: what the chain has, what is proposed, what differs. Must never show a value
+that was not proved.
+"""
+
+from __future__ import annotations
+
+import difflib
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+from rich.syntax import Syntax
+
+from clients.sdk.governance import ID_PREFIX_MIN_CHARS, find_proposal
+from clients.sdk.http import NetworkClient
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.primitives.keys import PrivateKey
+from contracts.execution.describing import ChangeDue, EntryRow, VersionRow
+from network.chain_contracts import (
+    ContractsView,
+    Edition,
+    compare_interfaces,
+    edition_of_source,
+    read_contracts,
+    read_edition,
+    read_proposed,
+    signature_of,
+)
+from network.cli.governing import (
+    governing_options,
+    plain_table,
+    print_proposals,
+    proposal_json,
+    read_with_any,
+    shown_id,
+    shown_time,
+)
+
+
+def _due_json(change: ChangeDue) -> dict[str, Any]:
+    return {name: getattr(change, name) for name in ChangeDue.__dataclass_fields__}
+
+
+def _due_text(change: ChangeDue) -> str:
+    when = f"with block {change.from_height}" if change.from_height else f"at {shown_time(change.from_ms)}"
+    words = {"activate": f"version {change.version}", "disable": "disabled", "return": f"back to {change.version}"}
+    return f"{words[change.kind]} {when}"
+
+
+@click.command("list")
+@governing_options
+@json_option
+@plain_errors
+def list_contracts(folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+    """Show the chain's contracts, their versions, what is due and what is proposed, checked against proofs.
+
+    Example: blockrobot contract list --json
+    """
+    view: ContractsView = read_with_any(folder, organisation, key_file, read_contracts)
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "height": view.height,
+                "contracts": [
+                    {
+                        "name": row.name,
+                        "version": row.version,
+                        "versions": row.versions,
+                        "enabled": row.enabled,
+                        "since_height": row.since_height,
+                        "source_hash": row.source_hash.hex(),
+                    }
+                    for row in view.contracts
+                ],
+                "due": [_due_json(change) for change in view.due],
+                "proposals": [proposal_json(row, view.membership.majority) for row in view.proposals],
+            }
+        )
+        return
+    columns = ["contract", "version", "of", "state", "since", "source", "due"]
+    table = plain_table(f"Contracts, as of height {view.height}", columns)
+    known = {row.name for row in view.contracts}
+    for row in view.contracts:
+        due = ", ".join(_due_text(change) for change in view.due if change.name == row.name)
+        state = "answers" if row.enabled else "disabled"
+        cells = [row.name, str(row.version), str(row.versions), state, str(row.since_height), shown_id(row.source_hash)]
+        table.add_row(*map(escape, cells), due)
+    for change in view.due:
+        if change.name not in known:
+            table.add_row(escape(change.name), "", "", "to come", "", "", _due_text(change))
+    console.print(table)
+    print_proposals(view.proposals, view.membership.majority, "contract")
+
+
+def _entry_json(entry: EntryRow) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "kind": entry.kind,
+        "parameters": [{"name": name, "type": kind} for name, kind in entry.params],
+        "required": entry.required,
+        "returns": entry.returns,
+    }
+
+
+def _row_json(row: VersionRow) -> dict[str, Any]:
+    plain = ("version", "status", "since_height", "failure", "size_bytes", "migrates", "note", "organisation")
+    return {name: getattr(row, name) for name in plain} | {
+        "source_hash": row.source_hash.hex(),
+        "proposal_id": row.proposal_id.hex(),
+        "approved_height": row.approved_height,
+    }
+
+
+@click.command()
+@click.argument("name")
+@click.option("--version", type=click.IntRange(min=1), help="Another version than the one in force.")
+@click.option("--proposal", help="What this open proposal would deploy.")
+@click.option("--source", "with_source", is_flag=True, help="Print the source and nothing else.")
+@click.option("--abi", "with_abi", is_flag=True, help="Print the entries and nothing else.")
+@governing_options
+@json_option
+@plain_errors
+def show(
+    name: str,
+    version: int | None,
+    proposal: str | None,
+    with_source: bool,
+    with_abi: bool,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Show a contract: its version, who proposed it, its entries; with --source its text. All of it is proved.
+
+    \b
+    Example: blockrobot contract show visitors
+    Example: blockrobot contract show visitors --version 1 --source
+    """
+
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, ContractsView]:
+        view = await read_contracts(client, key)
+        if proposal is not None:
+            return await read_proposed(client, key, find_proposal(view.proposals, proposal)), view
+        return await read_edition(client, key, name, version or 0), view
+
+    edition, view = read_with_any(folder, organisation, key_file, read)
+    due = [change for change in view.due if change.name == name]
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "name": name,
+                "height": view.height,
+                **({} if edition.row is None else _row_json(edition.row)),
+                "due": [_due_json(change) for change in due],
+                "abi": [_entry_json(entry) for entry in edition.abi],
+                "source": edition.source,
+            }
+        )
+        return
+    if with_source:
+        click.echo(edition.source, nl=not edition.source.endswith("\n"))
+        return
+    if not with_abi:
+        _print_facts(edition, view, due)
+    for entry in edition.abi:
+        console.print(escape(f"  {entry.kind:<6}  {signature_of(entry)}"), soft_wrap=True)
+
+
+def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) -> None:
+    console.print(f"[bold]{escape(edition.title)}[/bold], as of height {view.height}")
+    row = edition.row
+    if row is not None:
+        since = f" since height {row.since_height}" if row.since_height or row.status == "active" else ""
+        console.print(f"{row.status}{since}; {row.size_bytes} bytes, source {shown_id(row.source_hash)}")
+        origin = "shipped with BlockRobot" if not row.organisation else f"proposed by {row.organisation}"
+        note = "" if row.note in ("", "Shipped with BlockRobot.") else f": {row.note}"
+        console.print(escape(f"{origin}, decided at height {row.approved_height}{note}"))
+        if row.failure:
+            console.print(escape(f"It did not take effect: {row.failure}"))
+            console.print("Next step: mend the source and propose it anew.")
+    for change in due:
+        console.print(escape(f"Due: {_due_text(change)}"))
+        if change.kind == "return":
+            console.print(f"Next step: blockrobot contract keep {change.name} --as ORG, if it is to stay.")
+
+
+@click.command()
+@click.argument("name")
+@click.argument("old")
+@click.argument("new", required=False)
+@governing_options
+@json_option
+@plain_errors
+def diff(
+    name: str,
+    old: str,
+    new: str | None,
+    folder: Path | None,
+    organisation: str | None,
+    key_file: Path | None,
+    as_json: bool,
+) -> None:
+    """Compare two versions of a contract: what changes for callers, and the sources line by line.
+
+    OLD and NEW are version numbers, files, or the ids of open proposals. With one of them only, it is compared with the
+    version in force. Exit code 0: also if they differ.
+
+    \b
+    Example: blockrobot contract diff visitors 1 2
+    Example: blockrobot contract diff visitors visitors.py
+    Example: blockrobot contract diff visitors 3fa2c19b07de
+    """
+
+    files = {text: _read_file(name, text) for text in (old, new or "")}
+
+    async def find(client: NetworkClient, key: PrivateKey, text: str) -> Edition:
+        return files[text] or await _find_edition(client, key, name, text)
+
+    async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, Edition]:
+        if new is None:
+            return await read_edition(client, key, name, 0), await find(client, key, old)
+        return await find(client, key, old), await find(client, key, new)
+
+    before, after = read_with_any(folder, organisation, key_file, read)
+    changes = compare_interfaces(before, after)
+    lines = list(
+        difflib.unified_diff(
+            before.source.splitlines(), after.source.splitlines(), before.title, after.title, lineterm=""
+        )
+    )
+    if as_json:
+        print_json(
+            {
+                "ok": True,
+                "name": name,
+                "old": before.title,
+                "new": after.title,
+                "equal": not lines,
+                "abi": [{"change": kind, "entry": text} for kind, text in changes],
+                "diff": lines,
+            }
+        )
+        return
+    if not lines:
+        console.print(escape(f"{before.title} and {after.title} are equal."))
+        return
+    console.print("[bold]For callers[/bold]" if changes else "Nothing changes for callers.")
+    for kind, text in changes:
+        console.print(escape(f"  {kind:<10}  {text}"), soft_wrap=True)
+    console.print(Syntax("\n".join(lines), "diff", background_color="default", word_wrap=True))
+
+
+def _read_file(name: str, text: str) -> Edition | None:
+    """Return a file's source, or None if there is no such file."""
+    path = Path(text)
+    return edition_of_source(path.read_text(encoding="utf-8"), name, text) if text and path.is_file() else None
+
+
+async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
+    """Return what is named: a version by its number, or an open proposal by the first digits of its id."""
+    if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
+        return await read_edition(client, key, name, int(text))
+    view = await read_contracts(client, key)
+    return await read_proposed(client, key, find_proposal(view.proposals, text))
