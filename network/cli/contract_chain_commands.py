@@ -16,6 +16,7 @@ from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.telling import told
+from contracts.vm.abi import Entry
 from network.cli.contract_forms import ContractForm, find_form
 from network.cli.contract_signers import find_signers, read_with_first, signer_options, take_signer, with_network
 from network.cli.governing import to_json
@@ -24,7 +25,7 @@ source_option = click.option(
     "--source",
     "source_file",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="The contract's source, if the chain cannot be asked for it.",
+    help="Read the arguments by this source, not by the version that the chain has.",
 )
 
 
@@ -54,10 +55,11 @@ def query(
     Example: blockrobot contract query settings in_force --json
     """
     signers = find_signers(folder, officer, key_file, wallet_profile)
-    form = find_form(contract, source_file)
-    values = read_arguments(find_entry(form.abi, view, "view"), arguments)
+    source = _read_source(source_file)
 
     async def read(client: NetworkClient, key: PrivateKey) -> Any:
+        form = await find_form(client, key, contract, source)
+        values = read_arguments(find_entry(form.abi, view, "view"), arguments)
         return await client.query(contract, view, values, key)
 
     result = read_with_first(signers, read)
@@ -93,20 +95,26 @@ def call(
     Example: blockrobot contract call settings propose heartbeat_ms 9000 --as hospital
     """
     signer = take_signer(find_signers(folder, officer, key_file, wallet_profile))
-    form = find_form(contract, source_file)
-    found = find_entry(form.abi, entry, "export")
-    values = read_arguments(found, arguments)
+    source = _read_source(source_file)
 
-    async def send(client: NetworkClient) -> FinalReceipt:
-        return await client.submit_and_wait(client.transactions.build(signer.key, contract, entry, values))
+    async def send(client: NetworkClient) -> tuple[FinalReceipt, ContractForm, Entry]:
+        form = await find_form(client, signer.key, contract, source)
+        found = find_entry(form.abi, entry, "export")
+        values = read_arguments(found, arguments)
+        transaction = client.transactions.build(signer.key, contract, entry, values)
+        return await client.submit_and_wait(transaction), form, found
 
-    receipt = with_network(signer, send)
+    receipt, form, found = with_network(signer, send)
     if as_json:
         print_json(_receipt_json(receipt))
     else:
         _print_receipt(receipt, form, signature_of(found))
     if not receipt.ok:
         raise click.exceptions.Exit(1)
+
+
+def _read_source(path: Path | None) -> str | None:
+    return None if path is None else path.read_text(encoding="utf-8")
 
 
 def _receipt_json(receipt: FinalReceipt) -> dict[str, Any]:
@@ -146,4 +154,4 @@ def _next_step(receipt: FinalReceipt, signature: str) -> str:
             return "let one call do less: give it less data, or split the entry."
         case "ARGUMENTS_INVALID" | "ENTRY_UNKNOWN" | "CONTRACT_UNKNOWN":
             return f"compare with what the chain has: {signature}."
-    return "nothing was changed; look at that line for what it asks for, and call again."
+    return f"nothing was changed; see why: blockrobot contract trace {receipt.txid.hex()}"

@@ -6,12 +6,12 @@ The chain checks every call itself; here the ABI only turns texts into values, a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-from consensus.errors import BlockRobotError
-from contracts.execution.registry import SHIPPED_CONTRACTS, read_source
+from clients.sdk.http import NetworkClient
+from consensus.primitives.keys import PrivateKey
 from contracts.vm import compile_contract
 from contracts.vm.abi import Abi
+from network.chain_contracts import read_edition
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +32,11 @@ def form_of(source: str, name: str) -> ContractForm:
     return ContractForm(source, compile_contract(source, name).abi)
 
 
-def find_form(name: str, source_file: Path | None) -> ContractForm:
-    """Return the form of a contract: of the file that is named, or of the one that ships under this name.
+async def find_form(client: NetworkClient, key: PrivateKey, name: str, source: str | None) -> ContractForm:
+    """Return the form of a contract: of the source that is given, or of the version in force, proved.
 
-    Raises TRANSACTION_CONTRACT_UNKNOWN, CONTRACT_SOURCE_INVALID.
+    Raises CONTRACT_NOT_FOUND, CONTRACT_SOURCE_INVALID.
     """
-    if source_file is not None:
-        return form_of(source_file.read_text(encoding="utf-8"), name)
-    if name in SHIPPED_CONTRACTS:
-        return form_of(read_source(name), name)
-    raise BlockRobotError(
-        "TRANSACTION_CONTRACT_UNKNOWN", f"There is no contract {name!r} here; give its --source FILE."
-    )
+    if source is not None:
+        return form_of(source, name)
+    return form_of((await read_edition(client, key, name, 0)).source, name)

@@ -104,7 +104,7 @@ def test_what_does_not_fit_is_never_signed(chain: Consortium) -> None:
     for wrong in (["propose", "heartbeat_ms"], ["approve", "12"], ["approve", "one"]):
         assert refusal("call", "settings", *wrong, "--as", "org-01") == "CONTRACT_ARGUMENTS_INVALID"
     assert refusal("call", "settings", "in_force", "--as", "org-01") == "TRANSACTION_CONTRACT_UNKNOWN"
-    assert refusal("call", "nothing", "at_all", "--as", "org-01") == "TRANSACTION_CONTRACT_UNKNOWN"
+    assert refusal("call", "nothing", "at_all", "--as", "org-01") == "CONTRACT_NOT_FOUND"
     assert run("call", "settings", "approve", "0x00").exit_code == 2
     assert chain.height == 0
 
