@@ -79,7 +79,7 @@ def _extreme(name: str, reverse: bool) -> Callable[..., Any]:
 
 def _sum(runtime: Runtime, values: Any) -> int:
     items = list_of(runtime, values)
-    runtime.charge(3 * len(items))
+    runtime.charge(1 + 2 * len(items))
     total = 0
     for item in items:
         total = check_int(total + need_int(item, "sum"))
@@ -92,13 +92,13 @@ def _absolute(runtime: Runtime, value: Any) -> int:
 
 def _any(runtime: Runtime, values: Any) -> bool:
     items = list_of(runtime, values)
-    runtime.charge(len(items))
+    runtime.charge(len(items) >> 3)
     return any(items)
 
 
 def _all(runtime: Runtime, values: Any) -> bool:
     items = list_of(runtime, values)
-    runtime.charge(len(items))
+    runtime.charge(len(items) >> 3)
     return all(items)
 
 
@@ -116,7 +116,7 @@ def _enumerate(runtime: Runtime, values: Any, start: Any = 0) -> list[Any]:
     items = list_of(runtime, values)
     first = need_int(start, "enumerate")
     check_int(first + len(items))
-    runtime.charge(2 * len(items))
+    runtime.charge(2 + len(items))
     runtime.allocate((HEADER_BYTES + 3 * ITEM_BYTES) * len(items))
     return list(enumerate(items, first))
 
@@ -124,7 +124,7 @@ def _enumerate(runtime: Runtime, values: Any, start: Any = 0) -> list[Any]:
 def _zip(runtime: Runtime, *sequences: Any) -> list[Any]:
     columns = [list_of(runtime, sequence) for sequence in sequences]
     shortest = min(len(column) for column in columns)
-    runtime.charge(2 * shortest)
+    runtime.charge(4 + shortest)
     runtime.allocate((HEADER_BYTES + ITEM_BYTES * len(columns)) * shortest)
     return list(zip(*columns, strict=False))
 
@@ -178,6 +178,7 @@ def _dict(runtime: Runtime, value: Any = MISSING) -> dict[Any, Any]:
         if type(pair) not in (list, tuple) or len(pair) != 2:
             raise Fault(VALUE_ERROR, "A dict is made of another dict or of pairs.")
         check_dict_key(pair[0])
+        runtime.charge(3)
         runtime.allocate(DICT_ENTRY_BYTES)
         result[pair[0]] = pair[1]
     return result
@@ -194,6 +195,7 @@ def _bytes(runtime: Runtime, value: Any = MISSING) -> bytes:
         runtime.allocate(HEADER_BYTES + value)
         return bytes(value)
     items = list_of(runtime, value)
+    runtime.charge(2 * len(items))
     for item in items:
         if not 0 <= need_int(item, "bytes") < 256:
             raise Fault(VALUE_ERROR, "A byte is 0 to 255.")
@@ -202,7 +204,7 @@ def _bytes(runtime: Runtime, value: Any = MISSING) -> bytes:
 
 def _bytes_from_hex(runtime: Runtime, text: Any) -> bytes:
     need_str(text, "bytes.fromhex")
-    runtime.charge(len(text) >> 3)
+    runtime.charge(3 + (len(text) >> 2))
     runtime.allocate(HEADER_BYTES + len(text))
     if _HEX_TEXT.fullmatch(text) is None:
         raise Fault(VALUE_ERROR, "The text is not pairs of hexadecimal digits.")
@@ -246,7 +248,7 @@ def require_fault(code: Any, message: Any = MISSING) -> Fault:
 
 def join_texts(runtime: Runtime, parts: list[str]) -> str:
     """Return the parts of an f-string as one text, charged."""
-    runtime.charge(2 * len(parts))
+    runtime.charge(2 + 2 * len(parts))
     text = "".join(parts)
     runtime.allocate(text_bytes(text))
     return text

@@ -60,7 +60,7 @@ from contracts.vm.values import (
 )
 
 CALL_NODE_GAS = 2
-FUNCTION_GAS = 40
+FUNCTION_GAS = 10
 COMPREHENSION_STEP_GAS = 3
 _FIRST_SLOT = 2
 

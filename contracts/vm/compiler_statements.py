@@ -23,6 +23,8 @@ RETURN: Final = Mark("return")
 BREAK: Final = Mark("break")
 CONTINUE: Final = Mark("continue")
 LOOP_STEP_GAS = 1
+LOOP_GAS = 1
+ITEM_UPDATE_GAS = 2
 FRAMES_PER_CALL = 12
 _PLAIN_STATEMENTS = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Delete)
 
@@ -134,6 +136,7 @@ class StatementCompiler(ExpressionCompiler):
         assert isinstance(node.target, ast.Subscript)
         container, key = self.expression(node.target.value).run, self.expression(node.target.slice).run
         value = self.expression(node.value).run
+        self.cost += ITEM_UPDATE_GAS
 
         def update_item(frame: Frame) -> None:
             runtime, whole, place = frame[0], container(frame), key(frame)
@@ -148,7 +151,6 @@ class StatementCompiler(ExpressionCompiler):
         return self.expression(node).run
 
     def _require(self, node: ast.Call) -> Run:
-        self.cost += 3
         bound = bind(CALLABLES["require"].params, 2, node)
         assert isinstance(bound, Bound)
         parts = [self.expression(part).run for part in bound.arguments if part is not None]
@@ -226,6 +228,7 @@ class StatementCompiler(ExpressionCompiler):
         return loop
 
     def _for(self, node: ast.For) -> Run:
+        self.cost += LOOP_GAS
         source = self.expression(node.iter).run
         before = set(self.scope.definite)
         if isinstance(node.target, ast.Name):

@@ -33,15 +33,17 @@ SCAN_MAX_COUNT = 256
 TAG_MAX_CHARS = 64
 _EVENT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", re.ASCII)
 
-GET_GAS = 100
-HAS_GAS = 100
-PUT_GAS = 200
-DELETE_GAS = 200
-SCAN_GAS = 200
-SCAN_ITEM_GAS = 20
-EMIT_GAS = 150
-HASH_GAS = 60
-RECOVER_GAS = 1500
+GET_GAS = 20
+HAS_GAS = 20
+PUT_GAS = 120
+DELETE_GAS = 120
+SCAN_GAS = 60
+SCAN_ITEM_GAS = 16
+SCAN_DELETED_GAS = 4
+EMIT_GAS = 50
+HASH_GAS = 15
+RECOVER_GAS = 100
+RECOVERED_GAS = 600
 
 
 def flat_prefix(contract: str) -> bytes:
@@ -64,7 +66,7 @@ def _state_get(runtime: Runtime, key: Any, default: Any = None) -> Any:
     data = runtime.host.get(runtime.prefix + key)
     if data is None:
         return default
-    runtime.gas -= len(data) >> 1
+    runtime.gas -= len(data) >> 8
     return read_stored(runtime, data)
 
 
@@ -84,7 +86,7 @@ def _state_put(runtime: Runtime, key: Any, value: Any) -> None:
         runtime.check_write()
     runtime.writes_left -= 1
     data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
-    runtime.gas -= PUT_GAS + len(key) + len(data)
+    runtime.gas -= PUT_GAS + (len(key) + len(data) >> 3)
     if runtime.gas < 0:
         runtime.exhausted()
     runtime.host.put(runtime.prefix + key, data)
@@ -94,6 +96,7 @@ def _state_delete(runtime: Runtime, key: Any) -> None:
     if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
         raise _key_fault(key)
     runtime.check_write()
+    runtime.deleted += 1
     runtime.charge(DELETE_GAS)
     runtime.host.delete(runtime.prefix + key)
 
@@ -103,11 +106,11 @@ def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
         raise _key_fault(prefix)
     if not 0 < need_int(limit, "state.scan") <= SCAN_MAX_COUNT:
         raise Fault(VALUE_ERROR, f"A scan returns 1 to {SCAN_MAX_COUNT} entries.")
-    runtime.charge(SCAN_GAS + SCAN_ITEM_GAS * limit)
+    runtime.charge(SCAN_GAS + SCAN_DELETED_GAS * runtime.deleted)
     skipped = len(runtime.prefix)
     found: list[Any] = []
     for key, data in runtime.host.scan(runtime.prefix + prefix, limit):
-        runtime.charge(SCAN_ITEM_GAS + (len(data) >> 1))
+        runtime.charge(SCAN_ITEM_GAS + (len(data) >> 8))
         runtime.allocate(2 * HEADER_BYTES + 3 * ITEM_BYTES + len(key))
         found.append([key[skipped:], read_stored(runtime, data)])
     return found
@@ -120,13 +123,13 @@ def _emit(runtime: Runtime, name: Any, data: Any) -> None:
         raise Fault(TYPE_ERROR, f"An event's data is a dict, not {type_name(data)}.")
     runtime.check_event()
     encoded = encode_checked(runtime, data, EVENT_DATA_MAX_BYTES, "An event's data")
-    runtime.charge(EMIT_GAS + len(name) + len(encoded))
+    runtime.charge(EMIT_GAS + (len(name) + len(encoded) >> 4))
     runtime.events.append((runtime.contract, name, encoded))
     runtime.host.emit(name, encoded)
 
 
 def _sha256(runtime: Runtime, data: Any) -> bytes:
-    runtime.charge(HASH_GAS + (len(need_bytes(data, "sha256")) >> 4))
+    runtime.charge(HASH_GAS + (len(need_bytes(data, "sha256")) >> 6))
     runtime.allocate(HEADER_BYTES + 32)
     return hashing.sha256(data)
 
@@ -140,7 +143,7 @@ def _check_tag(tag: Any, what: str) -> str:
 
 def _tagged_hash(runtime: Runtime, tag: Any, data: Any) -> bytes:
     _check_tag(tag, "tagged_hash")
-    runtime.charge(2 * HASH_GAS + (len(need_bytes(data, "tagged_hash")) >> 4))
+    runtime.charge(2 * HASH_GAS + (len(need_bytes(data, "tagged_hash")) >> 6))
     runtime.allocate(HEADER_BYTES + 32)
     return hashing.tagged_hash(tag, data)
 
@@ -148,12 +151,14 @@ def _tagged_hash(runtime: Runtime, tag: Any, data: Any) -> bytes:
 def _recover(runtime: Runtime, tag: Any, signature: Any, message: Any) -> bytes | None:
     _check_tag(tag, "recover")
     need_bytes(signature, "recover")
-    runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 4))
+    runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 6))
     runtime.allocate(HEADER_BYTES + 33)
     try:
-        return keys.recover(tag, signature, message)
+        found = keys.recover(tag, signature, message)
     except BlockRobotError:
         return None
+    runtime.charge(RECOVERED_GAS)
+    return found
 
 
 def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:

@@ -37,8 +37,8 @@ from contracts.vm.values import copy_across, fresh_constant
 
 Mode = Literal["export", "view", "genesis", "migrate"]
 
-ENTRY_GAS = 50
-CROSS_CALL_GAS = 100
+ENTRY_GAS = 30
+CROSS_CALL_GAS = 15
 CROSS_CALL_FRAMES = 40
 _RECURSION_LIMIT_FRAMES = 6000
 _WRITES_MAX_COUNT: dict[Mode, int] = {

@@ -16,7 +16,7 @@ from contracts.vm.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WR
 if TYPE_CHECKING:
     from contracts.vm.compiled import CompiledContract
 
-LANGUAGE_VERSION = 1
+LANGUAGE_VERSION = 2
 """The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
 
 MEMORY_MAX_BYTES = 8 * 1024 * 1024
@@ -63,8 +63,8 @@ class Runtime:
     """
 
     __slots__ = (
-        "calling_contract", "context", "contract", "contracts", "depth", "enter", "events", "gas", "host", "memory",
-        "prefix", "read_only", "stack", "writes_left",
+        "calling_contract", "context", "contract", "contracts", "deleted", "depth", "enter", "events", "gas", "host",
+        "memory", "prefix", "read_only", "stack", "writes_left",
     )  # fmt: skip
 
     def __init__(
@@ -86,6 +86,7 @@ class Runtime:
         self.memory = MEMORY_MAX_BYTES
         self.depth = DEPTH_MAX_FRAMES
         self.writes_left = writes_max
+        self.deleted = 0
         self.events: list[tuple[str, str, bytes]] = []
         self.read_only = read_only
         self.contract = ""
@@ -100,9 +101,9 @@ class Runtime:
             self.exhausted()
 
     def allocate(self, size: int) -> None:
-        """Take `size` modelled bytes of the memory budget, and one unit of gas per 64 of them."""
+        """Take `size` modelled bytes of the memory budget, and one unit of gas, with one more per 512 of them."""
         self.memory -= size
-        self.gas -= size >> 6
+        self.gas -= 1 + (size >> 9)
         if self.memory < 0 or self.gas < 0:
             self.exhausted()
 

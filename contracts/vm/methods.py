@@ -26,6 +26,7 @@ from contracts.vm.values import (
 )
 
 INT_BYTES_MAX = 33
+_STRIP_PIECE_CHARS = 64
 _SPACE = " \t\n\r\x0b\x0c"
 _UPPER = {code: code - 32 for code in range(97, 123)}
 _LOWER = {code: code + 32 for code in range(65, 91)}
@@ -65,13 +66,13 @@ def _same(text: Any, part: Any, what: str) -> Any:
 
 @_method((str, bytes), "startswith", "prefix")
 def _startswith(runtime: Runtime, text: Any, prefix: Any) -> bool:
-    runtime.charge(len(_same(text, prefix, "startswith")) >> 6)
+    runtime.charge(1 + (len(_same(text, prefix, "startswith")) >> 10))
     return bool(text.startswith(prefix))
 
 
 @_method((str, bytes), "endswith", "suffix")
 def _endswith(runtime: Runtime, text: Any, suffix: Any) -> bool:
-    runtime.charge(len(_same(text, suffix, "endswith")) >> 6)
+    runtime.charge(1 + (len(_same(text, suffix, "endswith")) >> 10))
     return bool(text.endswith(suffix))
 
 
@@ -92,7 +93,7 @@ def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
     charge_search(runtime, text, _same(text, old, "replace"))
     _same(text, new, "replace")
     hits = text.count(old)
-    runtime.charge(hits)
+    runtime.charge(5 + (hits >> 5))
     unit = 4 if type(text) is str and not (text.isascii() and new.isascii()) else 1
     runtime.allocate(HEADER_BYTES + unit * (len(text) + hits * len(new)))
     return text.replace(old, new)
@@ -106,6 +107,7 @@ def _split(runtime: Runtime, text: Any, separator: Any = MISSING) -> list[Any]:
     if not separator:
         raise Fault(VALUE_ERROR, "The separator is empty.")
     pieces = text.count(separator) + 1
+    runtime.charge(pieces >> 2)
     unit = 4 if type(text) is str and not text.isascii() else 1
     runtime.allocate(HEADER_BYTES + (ITEM_BYTES + HEADER_BYTES) * pieces + unit * len(text))
     result: list[Any] = text.split(separator)
@@ -135,50 +137,75 @@ def _strip_set(text: Any, characters: Any) -> Any:
     return characters
 
 
-def _charge_strip(runtime: Runtime, text: Any) -> None:
-    runtime.charge(len(text) >> 3)
+def _strip_left(runtime: Runtime, text: Any, characters: Any) -> Any:
+    """Return the text without these characters at its beginning, charged by the piece as they are found."""
+    start = 0
+    while start < len(text):
+        runtime.charge(5)
+        if text[start : start + _STRIP_PIECE_CHARS].lstrip(characters):
+            break
+        start += _STRIP_PIECE_CHARS
+    return text[start:].lstrip(characters)
+
+
+def _strip_right(runtime: Runtime, text: Any, characters: Any) -> Any:
+    """Return the text without these characters at its end, charged by the piece as they are found."""
+    stop = len(text)
+    while stop > 0:
+        runtime.charge(5)
+        if text[max(stop - _STRIP_PIECE_CHARS, 0) : stop].rstrip(characters):
+            break
+        stop -= _STRIP_PIECE_CHARS
+    return text[: max(stop, 0)].rstrip(characters)
+
+
+def _charge_stripped(runtime: Runtime, text: Any) -> None:
     runtime.allocate(HEADER_BYTES + (len(text) if type(text) is bytes or text.isascii() else 4 * len(text)))
 
 
 @_method((str, bytes), "strip", "characters", 0)
 def _strip(runtime: Runtime, text: Any, characters: Any = MISSING) -> Any:
     characters = _strip_set(text, characters)
-    _charge_strip(runtime, text)
-    return text.strip(characters)
+    _charge_stripped(runtime, text)
+    return _strip_right(runtime, _strip_left(runtime, text, characters), characters)
 
 
 @_method((str, bytes), "lstrip", "characters", 0)
 def _lstrip(runtime: Runtime, text: Any, characters: Any = MISSING) -> Any:
     characters = _strip_set(text, characters)
-    _charge_strip(runtime, text)
-    return text.lstrip(characters)
+    _charge_stripped(runtime, text)
+    return _strip_left(runtime, text, characters)
 
 
 @_method((str, bytes), "rstrip", "characters", 0)
 def _rstrip(runtime: Runtime, text: Any, characters: Any = MISSING) -> Any:
     characters = _strip_set(text, characters)
-    _charge_strip(runtime, text)
-    return text.rstrip(characters)
+    _charge_stripped(runtime, text)
+    return _strip_right(runtime, text, characters)
 
 
 @_method(str, "upper")
 def _upper(runtime: Runtime, text: str) -> str:
-    runtime.charge(len(text))
+    runtime.charge(1 + (len(text) >> 6) if text.isascii() else 2 + len(text))
     runtime.allocate(text_bytes(text))
     return text.upper() if text.isascii() else text.translate(_UPPER)
 
 
 @_method(str, "lower")
 def _lower(runtime: Runtime, text: str) -> str:
-    runtime.charge(len(text))
+    runtime.charge(1 + (len(text) >> 6) if text.isascii() else 2 + len(text))
     runtime.allocate(text_bytes(text))
     return text.lower() if text.isascii() else text.translate(_LOWER)
 
 
 def _ascii_test(name: str, test: Callable[[str], bool]) -> None:
     def run(runtime: Runtime, text: str) -> bool:
-        runtime.charge(len(text) >> 3)
-        return text.isascii() and test(text)
+        runtime.charge(1)
+        if not text.isascii() or not test(text[:64]):
+            return False
+        if len(text) > 64:
+            runtime.charge(len(text) >> 4)
+        return test(text)
 
     METHODS.setdefault(name, {})[str] = Method(run, (), 0)
 
@@ -188,17 +215,24 @@ _ascii_test("isalpha", str.isalpha)
 _ascii_test("isalnum", str.isalnum)
 _ascii_test("isupper", str.isupper)
 _ascii_test("islower", str.islower)
-_ascii_test("isascii", str.isascii)
+
+
+@_method(str, "isascii")
+def _isascii(runtime: Runtime, text: str) -> bool:
+    runtime.charge(1)
+    return text.isascii()
 
 
 @_method(str, "encode")
 def _encode(runtime: Runtime, text: str) -> bytes:
+    runtime.charge(1 if text.isascii() else 2 + (len(text) >> 6))
     runtime.allocate(text_bytes(text))
     return text.encode()
 
 
 @_method(bytes, "decode")
 def _decode(runtime: Runtime, data: bytes) -> str:
+    runtime.charge(1 + (len(data) >> 7))
     runtime.allocate(HEADER_BYTES + 4 * len(data))
     try:
         return data.decode()
@@ -208,6 +242,7 @@ def _decode(runtime: Runtime, data: bytes) -> str:
 
 @_method(bytes, "hex")
 def _hex(runtime: Runtime, data: bytes) -> str:
+    runtime.charge(1 + (len(data) >> 6))
     runtime.allocate(HEADER_BYTES + 2 * len(data))
     return data.hex()
 
@@ -246,7 +281,7 @@ def _extend(runtime: Runtime, items: list[Any], more: Any) -> None:
 @_method(list, "insert", "index item")
 def _insert(runtime: Runtime, items: list[Any], index: Any, item: Any) -> None:
     place = max(min(need_int(index, "insert"), len(items)), -len(items))
-    runtime.charge(len(items) >> 5)
+    runtime.charge(3 + (len(items) >> 8))
     runtime.allocate(HEADER_BYTES)
     items.insert(place, item)
 
@@ -256,7 +291,7 @@ def _pop(runtime: Runtime, items: list[Any], index: Any = -1) -> Any:
     if not items:
         raise Fault(INDEX_ERROR, "The list is empty.")
     place = check_index(items, index)
-    runtime.charge(len(items) >> 5 if place != -1 else 0)
+    runtime.charge(1 + (len(items) >> 8) if place != -1 else 0)
     return items.pop(place)
 
 
@@ -278,7 +313,7 @@ def _index(runtime: Runtime, items: Any, item: Any) -> int:
 
 @_method(list, "reverse")
 def _reverse(runtime: Runtime, items: list[Any]) -> None:
-    runtime.charge(len(items) >> 5)
+    runtime.charge(1 + (len(items) >> 8))
     items.reverse()
 
 
@@ -305,16 +340,19 @@ def _get(runtime: Runtime, entries: dict[Any, Any], key: Any, default: Any = Non
 
 @_method(dict, "keys")
 def _keys(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
+    runtime.charge(2 + (len(entries) >> 4))
     return allocate_list(runtime, list(entries))
 
 
 @_method(dict, "values")
 def _values(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
+    runtime.charge(2 + (len(entries) >> 4))
     return allocate_list(runtime, list(entries.values()))
 
 
 @_method(dict, "items")
 def _items(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
+    runtime.charge(2 + (len(entries) >> 1))
     runtime.allocate(HEADER_BYTES + (ITEM_BYTES + HEADER_BYTES + 2 * ITEM_BYTES) * len(entries))
     return list(entries.items())
 
@@ -363,7 +401,7 @@ def list_of(runtime: Runtime, value: Any) -> list[Any]:
     count = len(value)
     if count > runtime.memory:
         runtime.allocate(ITEM_BYTES * count)
-    runtime.charge(count >> 3)
+    runtime.charge(3 + (count >> (2 if type(value) is range else 4)))
     runtime.allocate(HEADER_BYTES + ITEM_BYTES * count + (HEADER_BYTES * count if type(value) is str else 0))
     return list(source)
 
@@ -378,13 +416,14 @@ def sorted_list(runtime: Runtime, value: Any, reverse: Any = False) -> list[Any]
     kind = type(items[0])
     if kind not in (int, str, bytes):
         raise type_fault("Sorting", items[0])
-    longest = 0
+    count = len(items)
+    runtime.charge(4 + (count >> 1))
+    size = 0
     for item in items:
         if type(item) is not kind:
             raise type_fault("Sorting", items[0], item)
-        if kind is not int and len(item) > longest:
-            longest = len(item)
-    count = len(items)
-    runtime.charge(count * count.bit_length() * (1 + longest // 64) // 2 + 2 * count)
+        if kind is not int:
+            size += len(item)
+    runtime.charge((count + (size >> 9)) * count.bit_length() // 12)
     items.sort(reverse=reverse)
     return items

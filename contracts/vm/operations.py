@@ -46,7 +46,7 @@ def add(runtime: Runtime, left: Any, right: Any) -> Any:
         if kind is bytes:
             size = HEADER_BYTES + len(left) + len(right)
             runtime.memory -= size
-            runtime.gas -= size >> 6
+            runtime.gas -= 1 + (size >> 9)
             if runtime.memory < 0 or runtime.gas < 0:
                 runtime.exhausted()
             return left + right
@@ -173,7 +173,7 @@ def equal(runtime: Runtime, left: Any, right: Any) -> bool:
         return False
     if kind is bytes or kind is str:
         if len(left) > FREE_COMPARE_MAX_BYTES and len(left) == len(right):
-            runtime.charge(len(left) >> 7)
+            runtime.charge(len(left) >> 10)
         return bool(left == right)
     if kind is list or kind is tuple or kind is dict:
         return _equal_containers(runtime, left, right, 0)
@@ -183,9 +183,8 @@ def equal(runtime: Runtime, left: Any, right: Any) -> bool:
 def _equal_containers(runtime: Runtime, left: Any, right: Any, depth: int) -> bool:
     if depth >= COMPARE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"Values nested deeper than {COMPARE_DEPTH_MAX} levels are not compared.")
-    count = len(left)
-    runtime.charge(8 + 4 * count)
-    if count != len(right):
+    runtime.charge(6)
+    if len(left) != len(right):
         return False
     if type(left) is dict:
         for key, item in left.items():
@@ -196,6 +195,7 @@ def _equal_containers(runtime: Runtime, left: Any, right: Any, depth: int) -> bo
 
 
 def _equal_items(runtime: Runtime, left: Any, right: Any, depth: int) -> bool:
+    runtime.charge(4)
     kind = type(left)
     if kind is type(right) and kind in (list, tuple, dict):
         return _equal_containers(runtime, left, right, depth + 1)
@@ -214,7 +214,7 @@ def _order(sign: str, apply: Callable[[Any, Any], bool]) -> Operation:
             if kind is int:
                 return apply(left, right)
             if kind is bytes or kind is str:
-                runtime.charge(min(len(left), len(right)) >> 7)
+                runtime.charge(min(len(left), len(right)) >> 10)
                 return apply(left, right)
         raise type_fault(sign, left, right)
 
@@ -236,7 +236,7 @@ def contains(runtime: Runtime, item: Any, container: Any) -> bool:
         charge_search(runtime, container, item)
         return item in container
     if kind is bytes and type(item) is int:
-        runtime.charge(len(container) >> 6)
+        runtime.charge(2 + (len(container) >> 9))
         return 0 <= item < 256 and item in container
     if kind is range and type(item) is int:
         return item in container
@@ -245,16 +245,31 @@ def contains(runtime: Runtime, item: Any, container: Any) -> bool:
 
 def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
     """Return the first index at which `items` holds `wanted`, or -1."""
-    runtime.charge(len(items) + 1)
+    runtime.charge(1)
     for index, item in enumerate(items):
+        runtime.charge(3)
         if equal(runtime, item, wanted):
             return index
     return -1
 
 
 def charge_search(runtime: Runtime, text: Any, part: Any) -> None:
-    """Charge a search for `part` in `text` (the worst case of a substring search)."""
-    runtime.charge(1 + len(text) * (1 + min(len(part), 128)) // 64)
+    """Charge a search for `part` in `text` before it is made: by how often the last letter of `part` stands in `text`.
+
+    Only there is more than one letter looked at. From some lengths on the search is linear (as CPython decides it too).
+    """
+    size, width = len(text), len(part)
+    if size < 64 or not width:
+        runtime.charge(3)
+        return
+    if width == 1:
+        runtime.charge(3 + (size >> 8))
+        return
+    runtime.charge(3 + (size >> 7))
+    if size < 2500 or width < 6 or (width < 100 and size < 30000):
+        runtime.charge(text.count(part[-1:]) * (width + 14) >> 9)
+    else:
+        runtime.charge((size + width) >> 5)
 
 
 def not_contains(runtime: Runtime, item: Any, container: Any) -> bool:
@@ -307,6 +322,7 @@ def get_slice(runtime: Runtime, container: Any, start: Any, stop: Any) -> Any:
     unit = ITEM_BYTES if kind is list or kind is tuple else 1
     if kind is str and not container.isascii():
         unit = 4
+    runtime.charge(4)
     runtime.allocate(HEADER_BYTES + unit * count)
     return container[first:last]
 
@@ -335,7 +351,7 @@ def delete_item(runtime: Runtime, container: Any, key: Any) -> None:
         del container[key]
     elif kind is list:
         index = check_index(container, key)
-        runtime.charge(len(container) >> 6)
+        runtime.charge(len(container) >> 8)
         del container[index]
     else:
         raise type_fault("'del'", container)

@@ -18,6 +18,7 @@ DICT_KEY_INT_LIMIT = 1 << 60
 DICT_KEY_MAX_CHARS = 1024
 ITEM_BYTES = 8
 HEADER_BYTES = 64
+BIG_INT_GAS = 8
 DICT_ENTRY_BYTES = 128
 
 NoneType = type(None)
@@ -27,7 +28,7 @@ _KEPT_MIN_BYTES = 12
 _KEPT_MAX_BYTES = 512
 _KEPT_ITEMS_MAX_COUNT = 64
 _KEPT_MAX_COUNT = 1024
-_decoded: dict[bytes, tuple[Any, int]] = {}
+_decoded: dict[bytes, tuple[Any, int, int]] = {}
 """Stored bytes -> (the value, or MISSING if it is not flat; its modelled size). A memory of this process, no state."""
 
 
@@ -114,26 +115,32 @@ def allocate_list(runtime: Runtime, items: list[Any]) -> list[Any]:
 
 
 def charge_decoded(runtime: Runtime, value: Any) -> None:
-    """Charge the memory of a value just read from bytes (a tree, so the walk is as long as the value)."""
-    kind = type(value)
-    if kind is bytes:
-        runtime.allocate(HEADER_BYTES + len(value))
-    elif kind is str:
-        runtime.allocate(text_bytes(value))
-    elif kind is dict or kind is list:
-        runtime.allocate(_tree_bytes(value))
+    """Charge a value just read from bytes (a tree, so the walk is as long as the value)."""
+    size, gas = _measure(value)
+    runtime.memory -= size
+    runtime.charge(gas)
+    runtime.allocate(0)
 
 
-def _tree_bytes(root: Any) -> int:
-    size = 0
+def _measure(root: Any) -> tuple[int, int]:
+    """Return the modelled size of a value just read, and the gas that reading it costs."""
+    kind = type(root)
+    if kind is bytes or kind is str:
+        size = HEADER_BYTES + len(root) if kind is bytes else text_bytes(root)
+        return size, size >> 8
+    if kind is not dict and kind is not list:
+        return 0, 0
+    size = gas = 0
     pending = [root]
     while pending:
         container = pending.pop()
         if type(container) is dict:
             size += HEADER_BYTES + DICT_ENTRY_BYTES * len(container)
+            gas += 2 + 3 * len(container)
             items: Any = container.values()
         else:
             size += HEADER_BYTES + ITEM_BYTES * len(container)
+            gas += 2 + (3 * len(container) >> 2)
             items = container
         for item in items:
             kind = type(item)
@@ -143,7 +150,9 @@ def _tree_bytes(root: Any) -> int:
                 size += text_bytes(item)
             elif kind is dict or kind is list:
                 pending.append(item)
-    return size
+            elif kind is int and not -(1 << 63) <= item < 1 << 64:
+                gas += BIG_INT_GAS
+    return size, gas + (size >> 8)
 
 
 def read_stored(runtime: Runtime, data: bytes) -> Any:
@@ -152,9 +161,9 @@ def read_stored(runtime: Runtime, data: bytes) -> Any:
     Many calls read the same few entries: what those hold is kept decoded, and each reader gets a copy.
     """
     known = _decoded.get(data)
-    value, size = _decode(data) if known is None else known
+    value, size, gas = _decode(data) if known is None else known
     runtime.memory -= size
-    runtime.gas -= size >> 6
+    runtime.gas -= gas
     if runtime.memory < 0 or runtime.gas < 0:
         runtime.exhausted()
     if known is None:
@@ -164,21 +173,15 @@ def read_stored(runtime: Runtime, data: bytes) -> Any:
     return value.copy() if type(value) is dict or type(value) is list else value
 
 
-def _decode(data: bytes) -> tuple[Any, int]:
-    """Return a stored value and its modelled size; keep both (only the size where a copy would not be flat)."""
+def _decode(data: bytes) -> tuple[Any, int, int]:
+    """Return a stored value, its modelled size and its price; keep them (not the value where a copy were not flat)."""
     value = decode_stored_value(data)
-    kind = type(value)
-    if kind is bytes:
-        size = HEADER_BYTES + len(value)
-    elif kind is str:
-        size = text_bytes(value)
-    else:
-        size = _tree_bytes(value) if kind is dict or kind is list else 0
+    size, gas = _measure(value)
     if _KEPT_MIN_BYTES <= len(data) <= _KEPT_MAX_BYTES:
         if len(_decoded) >= _KEPT_MAX_COUNT:
             _decoded.clear()
-        _decoded[data] = _template(value), size
-    return value, size
+        _decoded[data] = _template(value), size, gas
+    return value, size, gas
 
 
 def _template(value: Any) -> Any:
@@ -234,7 +237,7 @@ def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int
             elif inner is not int:
                 left = _walk(runtime, item, depth + 1, left, what)
     elif kind is list or kind is tuple:
-        runtime.charge(2 + 2 * len(value))
+        runtime.charge(2 + 3 * len(value))
         left -= 1
         for item in value:
             left = _walk(runtime, item, depth + 1, left, what)
@@ -269,7 +272,7 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return [copy_across(runtime, item, what, depth + 1) for item in value]
     if kind is dict:
-        runtime.charge(2 + 3 * len(value))
+        runtime.charge(6 + 3 * len(value))
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
         for key in value:
             check_dict_key(key)
@@ -289,12 +292,15 @@ def fresh_constant(runtime: Runtime, value: Any) -> Any:
     """Return a new copy of a module constant that holds lists or dicts, so that no call can change it for the next."""
     kind = type(value)
     if kind is list:
+        runtime.charge(1 + len(value))
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return [fresh_constant(runtime, item) for item in value]
     if kind is tuple:
+        runtime.charge(1 + len(value))
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return tuple([fresh_constant(runtime, item) for item in value])
     if kind is dict:
+        runtime.charge(1 + 2 * len(value))
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
         return {key: fresh_constant(runtime, item) for key, item in value.items()}
     return value

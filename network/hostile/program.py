@@ -24,6 +24,7 @@ class Program:
     `expect` is `refused:CODE` (a diagnostic among those the checker gives), or the codes of the call's outcome
     (`A|B`); "OK" where the attack runs and achieves nothing. `others` are sources of further contracts, `state` what is
     stored under the contract's own keys beforehand. `mode` is how the entry is called.
+    `at_once`: one step asks for more than any call has, so that the gas is taken and nothing is done.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Program:
     state: Mapping[bytes, Any] = field(default_factory=dict)
     gas: int = CALL_GAS_MAX
     mode: str = "export"
+    at_once: bool = False
 
 
 def body(name: str, expect: str, text: str, *, before: str = "", **more: Any) -> Program:
@@ -41,6 +43,11 @@ def body(name: str, expect: str, text: str, *, before: str = "", **more: Any) ->
     params = ", ".join(f"{letter}: object" for letter in "abcdef"[: len(more.get("args", ()))])
     inner = textwrap.indent(textwrap.dedent(text).strip("\n"), "    ")
     return Program(name, expect, f"{before}\n@export\ndef f({params}):\n{inner}\n", **more)
+
+
+def bomb(name: str, text: str) -> Program:
+    """Return a program that asks for more than there is in one step."""
+    return body(name, SPENT, text, at_once=True)
 
 
 def refused(name: str, code: str, text: str) -> Program:

@@ -73,7 +73,7 @@ PROGRAMS: tuple[Program, ...] = (
     body("test-letters", SPENT, "x = 'a' * 10 ** 6\nwhile x.isalpha() and x.islower() and x.isalnum():\n    pass"),
     body("starts-with-itself", SPENT, "x = 'a' * 10 ** 6\ny = 'a' * 10 ** 6\nwhile x.startswith(y):\n    pass"),
     body("ends-with-itself", SPENT, "x = b'a' * 10 ** 6\ny = b'a' * 10 ** 6\nwhile x.endswith(y):\n    pass"),
-    body("sort-numbers-backwards", SPENT, "x = list(range(5000))\nwhile True:\n    y = sorted(x, True)"),
+    body("sort-numbers-backwards", SPENT, "x = list(range(5000))\nwhile True:\n    y = sorted(x, reverse=True)"),
     body("sort-mixed-numbers", SPENT, "x = [i * 7919 % 10007 for i in range(3000)]\nwhile True:\n    y = sorted(x)"),
     body(
         "sort-huge-numbers",
@@ -91,7 +91,7 @@ PROGRAMS: tuple[Program, ...] = (
     body(
         "sort-in-place-without-end",
         SPENT,
-        "x = [i * 7919 % 10007 for i in range(3000)]\nwhile True:\n    x.sort(True)\n    x.sort()",
+        "x = [i * 7919 % 10007 for i in range(3000)]\nwhile True:\n    x.sort(reverse=True)\n    x.sort()",
     ),
     body("max-of-many", SPENT, "x = [i * 7919 % 10007 for i in range(3000)]\nwhile True:\n    y = max(x)"),
     body("sum-of-huge-numbers", SPENT, "x = [2 ** 200 + i for i in range(1000)]\nwhile True:\n    y = sum(x)"),

@@ -96,10 +96,10 @@ def test_a_contract_already_running_is_not_entered_again(market):
 
 
 def test_gas_is_shared_with_the_callee(market):
-    assert market.call("shop.through", 5).gas_used > market.call("ledger.add", 5).gas_used + 100
-    market.gas_limit = 700
+    assert market.call("shop.through", 5).gas_used > market.call("ledger.add", 5).gas_used + 50
+    market.gas_limit = 200
     outcome = market.call("shop.through", 5)
-    assert (outcome.code, outcome.gas_used) == ("OUT_OF_GAS", 700)
+    assert (outcome.code, outcome.gas_used) == ("OUT_OF_GAS", 200)
 
 
 @pytest.mark.parametrize(("contract", "entry"), [("nobody", "f"), ("ledger", "nothing"), ("ledger", "begin"), ("", "")])
