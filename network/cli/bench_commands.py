@@ -69,17 +69,24 @@ def faults(repeats: int, nodes: int, as_json: bool) -> None:
 
 
 @bench.command()
-@click.option("--seconds", default=3.0, show_default=True, type=click.FloatRange(0.1, 120.0), help="CPU time to spend.")
+@click.option(
+    "--seconds",
+    default=3.0,
+    show_default=True,
+    type=click.FloatRange(0.1, 120.0),
+    help="CPU time to spend, for each figure.",
+)
+@click.option("--profile", is_flag=True, help="Also show where the time of one call goes.")
 @json_option
 @plain_errors
-def vm(seconds: float, as_json: bool) -> None:
+def vm(seconds: float, profile: bool, as_json: bool) -> None:
     """Measure the contract machine alone: no network, no signatures, no disk.
 
-    Example: blockrobot bench vm --seconds 1
+    Example: blockrobot bench vm --seconds 1 --profile
     """
     from network.bench.vm import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
-    result = run_vm_benchmark(seconds)
+    result = run_vm_benchmark(seconds, profile=profile)
     result["conditions"] = {"nodes": 0, "seed": None, **result["conditions"]}
     _finish(result, as_json=as_json)
 
@@ -123,4 +130,8 @@ def _table(result: dict[str, Any]) -> Table:
     table.add_section()
     for name, value in result["conditions"].items():
         table.add_row(name, str(value))
+    if "profile" in result:
+        table.add_section()
+        for name, value in result["profile"].items():
+            table.add_row(f"us a call in {name}", str(value))
     return table

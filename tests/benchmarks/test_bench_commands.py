@@ -43,7 +43,7 @@ def test_latency_of_one_call_on_an_idle_network() -> None:
 
 
 def test_the_contract_machine_alone() -> None:
-    figures = check_form(run("vm", "--seconds", "0.2"), "vm")
+    figures = check_form(run("vm", "--seconds", "0.2", "--profile"), "vm")
     assert all(value > 0 for value in figures.values())
 
 
