@@ -164,6 +164,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("WALLET_DAMAGED", 500, "The wallet file is damaged.", "Restore the wallet from its 24 words."),
     ErrorEntry("WORDS_INVALID", 400, "The words are not a valid recovery phrase.", "Check spelling and order of the 24 words."),
     ErrorEntry("NOT_REGISTERED", 409, "This wallet is not registered yet.", "Register with the code on your card: `blockrobot wallet register CODE`."),
+    ErrorEntry("VECTORS_MISSING", 404, "There are no golden vectors in this folder.", "Name the folder of a source tree with `--from tests/vectors/contracts`."),
     ErrorEntry("CONTRACT_SOURCE_INVALID", 400, "The contract's source is not in the contract language.", "See the diagnostics: each has a line and a fix."),
     ErrorEntry("CONTRACT_ARGUMENTS_INVALID", 400, "The arguments do not fit what the entry takes.", "Give one argument for each parameter: numbers, text, bytes as 0x..., lists and objects as JSON; -- before the first if one begins with a minus."),
     ErrorEntry("CONTRACT_KIT_INCOMPLETE", 400, "Something that the author's kit needs is not installed.", "Install it: pip install 'blockrobot[kit]', or pytest beside BlockRobot."),

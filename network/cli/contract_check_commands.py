@@ -1,6 +1,6 @@
-"""`blockrobot contract check`: all that is wrong with a source, before anybody deploys it. Must never run a contract.
+"""`blockrobot contract check | vectors`: what is wrong with a source; whether this machine agrees with all others.
 
-Exit codes: 0 every file is in the contract language, 1 one is not, or cannot be read.
+Must never run the contract that is checked. Exit codes: 0 all is well, 1 something is not.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import json_option, plain_errors, print_json
+from contracts import vectors as golden
 from contracts.vm import LANGUAGE_VERSION, Diagnostic, compile_contract, find_problems
 
 LINE_SHOWN_MAX_CHARS = 120
@@ -110,3 +111,52 @@ def _summary(problems: int, entries: int) -> str:
     if problems:
         return "1 problem" if problems == 1 else f"{problems} problems"
     return "fine, 1 entry" if entries == 1 else f"fine, {entries} entries"
+
+
+VECTORS_FOLDER = Path(golden.__file__).resolve().parents[1] / "tests" / "vectors" / "contracts"
+
+
+@click.command()
+@click.option(
+    "--from", "folder", type=click.Path(path_type=Path, exists=True, file_okay=False), default=VECTORS_FOLDER,
+    help="The folder of the vectors (those of the source tree).", show_default=False,
+)  # fmt: skip
+@click.option(
+    "--write", "target", type=click.Path(path_type=Path, file_okay=False), help="Write down what happens here, there.",
+)  # fmt: skip
+@json_option
+@plain_errors
+def vectors(folder: Path, target: Path | None, as_json: bool) -> None:
+    """Play the golden vectors: does every call end here as it did everywhere else, to the last unit of gas?
+
+    Each file holds contracts, calls and what they came to: results, codes, lines, gas, writes, events and the root of
+    the state. With --write they are written anew, which only an intended change of the language calls for.
+
+    \b
+    Example: blockrobot contract vectors
+    Example: blockrobot contract vectors --write tests/vectors/contracts --json
+    """
+    documents = golden.read_vectors(folder)
+    if target is not None:
+        golden.write_vectors({name: golden.play(document) for name, document in documents.items()}, target)
+        documents = golden.read_vectors(target)
+    differences = {name: list(golden.compare(document)) for name, document in documents.items()}
+    total = sum(golden.count(document) for document in documents.values())
+    good = not any(differences.values())
+    if as_json:
+        rows = [
+            {"file": name, "count": golden.count(document), "differences": differences[name]}
+            for name, document in documents.items()
+        ]
+        print_json({"ok": good, "language": LANGUAGE_VERSION, "count": total, "files": rows, "written": bool(target)})
+    else:
+        _print_differences(differences)
+        ending = "and all are as they should be" if good else "and not all are as they should be"
+        click.echo(f"{total} calls and sources in {len(documents)} files, {ending}.")
+    sys.exit(0 if good else 1)
+
+
+def _print_differences(differences: dict[str, list[dict[str, Any]]]) -> None:
+    for name, rows in differences.items():
+        for row in rows:
+            click.echo(f"{name}: {row['call']}\n  expected {row['expected']}\n  found    {row['found']}")

@@ -9,8 +9,8 @@ from network.cli.lazy_group import LazyGroup
 _COMMANDS = {
     "new": ("network.cli.contract_author_commands", "new"),
     "check": ("network.cli.contract_check_commands", "check"),
+    "vectors": ("network.cli.contract_check_commands", "vectors"),
     "test": ("network.cli.contract_author_commands", "test"),
-    "trace": ("network.cli.contract_trace_command", "trace"),
     "propose": ("network.cli.contract_lifecycle_commands", "propose"),
     "approve": ("network.cli.contract_lifecycle_commands", "approve"),
     "withdraw": ("network.cli.contract_lifecycle_commands", "withdraw"),
@@ -20,6 +20,7 @@ _COMMANDS = {
     "list": ("network.cli.contract_listing_commands", "list_contracts"),
     "show": ("network.cli.contract_listing_commands", "show"),
     "diff": ("network.cli.contract_listing_commands", "diff"),
+    "trace": ("network.cli.contract_trace_command", "trace"),
     "call": ("network.cli.contract_chain_commands", "call"),
     "query": ("network.cli.contract_chain_commands", "query"),
     "events": ("network.cli.contract_events_command", "events"),

@@ -1,0 +1,127 @@
+"""Stories of a hospital and of a consortium, written down call by call, as vectors of the contracts that ship."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import contracts.vm
+from contracts import vectors
+from contracts.execution import executor, genesis, views
+from contracts.execution.registry import SHIPPED_CONTRACTS
+from tests.unit.contracts.privacy.hospital import Hospital
+from tests.unit.contracts.system.consortium import Consortium, admin_of, node_fields, organisation_fields, producer_of
+from tests.unit.contracts.system.deploying import VISITORS, deployment, upload
+
+
+@contextmanager
+def recording(calls: list[dict[str, Any]]) -> Iterator[None]:
+    """Write down every call of the machine, in the notation of vectors."""
+
+    def invoke(active: Any, contract: str, entry: str, args: list[Any], **more: Any) -> Any:
+        context = more["context"]
+        calls.append(
+            {
+                "call": f"{contract}.{entry}",
+                "args": vectors.to_json(args),
+                "mode": more["mode"],
+                "gas_limit": more["gas_limit"],
+                **{
+                    name: vectors.to_json(getattr(context, name))
+                    for name in ("caller", "height", "time_ms", "txid", "chain_id")
+                },
+            }
+        )
+        outcome = contracts.vm.invoke(active, contract, entry, args, **more)
+        calls[-1]["outcome"] = {"code": outcome.code, "gas": outcome.gas_used}
+        return outcome
+
+    modules = (executor, genesis, views)
+    for module in modules:
+        module.invoke = invoke  # type: ignore[attr-defined]
+    try:
+        yield
+    finally:
+        for module in modules:
+            module.invoke = contracts.vm.invoke  # type: ignore[attr-defined]
+
+
+def hospital_story() -> None:
+    hospital = Hospital()
+    anna, ben = hospital.enrol("anna"), hospital.enrol("ben", "staff")
+    hospital.send(anna.identity, "identity", "register", *hospital.register_arguments(anna, hospital.card("anna")))
+    forged = hospital.register_arguments(ben, hospital.card("ben"))
+    hospital.send(ben.identity, "identity", "register", *forged[:-2], bytes(65), forged[-1])
+    hospital.must(anna.identity, "identity", "authenticate", anna.handle)
+    hospital.send(ben.identity, "identity", "authenticate", anna.handle)
+    visit = hospital.open_visit(anna)
+    for _ in range(3):
+        hospital.record(visit)
+    hospital.send(hospital.robot.identity, "records", "record", *hospital.record_arguments(visit, 0))
+    hospital.send(ben.identity, "records", "record", *hospital.record_arguments(visit, 9))
+    hospital.send(hospital.robot.identity, "records", "record", b"short")
+    hospital.view("records", "get", visit.records[0])
+    hospital.view("records", "of_visit", visit.owner)
+    hospital.view("records", "announcements", 0, 10)
+    asked = hospital.must(visit.key, "access", "request", visit.records[:1], "care")
+    hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records[:1])
+    hospital.send(hospital.custodians[1], "access", "refused", asked.txid, "NOT_HELD")
+    hospital.send(ben.identity, "access", "request", visit.records[:1], "care")
+    hospital.send(visit.key, "access", "verdict", visit.records[0], "authentic", 3)
+    hospital.must(hospital.robot.identity, "records", "close_visit", visit.owner, 3)
+    erased = hospital.must(visit.key, "erasure", "request", visit.records[:2], [])
+    hospital.receipts_of_all(erased.txid)
+    hospital.view("erasure", "get", erased.txid)
+    hospital.view("audit", "events", visit.owner, 0, 50)
+    hospital.view("identity", "member", anna.identity.public_key)
+    hospital.send(anna.identity, "identity", "leave", anna.handle)
+    hospital.send(anna.identity, "identity", "authenticate", anna.handle)
+
+
+def consortium_story() -> None:
+    chain = Consortium()
+    admin = admin_of("org-01")
+    chain.agree("add_org", organisation_fields("org-04"))
+    chain.agree("add_node", node_fields("node-05", "org-01"))
+    chain.send(admin, "membership", "propose", "add_node", {"name": 5})
+    chain.send(producer_of("node-01"), "membership", "propose", "add_org", organisation_fields("org-05"))
+    chain.vote_in(producer_of("node-05").public_key)
+    chain.ready("node-05")
+    chain.agree_setting("base_timeout_ms", 800)
+    chain.send(admin, "settings", "propose", "base_timeout_ms", 1)
+    accused = producer_of("node-02")
+    chain.send(admin, "producers", "accuse", *chain.evidence(accused))
+    for contract, view in (("producers", "current"), ("producers", "candidates"), ("membership", "list_nodes"),
+                           ("membership", "proposals"), ("settings", "in_force"), ("settings", "names")):  # fmt: skip
+        chain.view(contract, view)
+    upload(chain, admin, VISITORS)
+    proposed = chain.must(admin, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS))
+    chain.send(admin, "lifecycle", "approve", proposed.txid)
+    source = "@export\ndef f():\n    return 1 1\n"
+    upload(chain, admin_of("org-02"), source)
+    chain.send(admin_of("org-02"), "lifecycle", "propose", "deploy", deployment("broken", source))
+    chain.view("lifecycle", "contracts")
+    chain.view("lifecycle", "uploads", "org-01")
+
+
+def record(story: Callable[[], None]) -> dict[str, Any]:
+    """Return a story as a document; what its calls came to is what vectors find, or the story is no vector."""
+    calls: list[dict[str, Any]] = []
+    with recording(calls):
+        story()
+    first = max(place for place, call in enumerate(calls) if call["call"] == "lifecycle.genesis")
+    document = {
+        "about": (story.__name__.replace("_", " ") + ", by the contracts that ship.").capitalize(),
+        "contracts": dict.fromkeys(SHIPPED_CONTRACTS),
+        "calls": calls[first:],
+    }
+    for told, found in zip(document["calls"], vectors.play(document)["calls"], strict=True):
+        expected = (told["outcome"]["code"], told["outcome"]["gas"])
+        assert expected == (found["outcome"]["code"], found["outcome"]["gas"]), (told, found["outcome"])
+    return document
+
+
+def documents() -> dict[str, dict[str, Any]]:
+    """Return the documents of the shipped contracts by file name."""
+    return {"hospital.json": record(hospital_story), "consortium.json": record(consortium_story)}
