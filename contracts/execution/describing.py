@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 from consensus.errors import BlockRobotError
@@ -13,6 +14,7 @@ from contracts.execution.catalogue import TABLE_KEY, Reader, read_source_of
 DUE_KEY = b"lifecycle\x00due"
 VERSION_PREFIX = b"lifecycle\x00version/"
 VERSIONS_PREFIX = b"lifecycle\x00versions/"
+ROWS_KEPT_COUNT = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +85,11 @@ def version_row(name: str, version: int, record: dict[str, Any]) -> VersionRow:
     return VersionRow(name=name, version=version, abi=abi, **fields)
 
 
+@lru_cache(maxsize=ROWS_KEPT_COUNT)
+def _decode_row(name: str, version: int, data: bytes) -> VersionRow:
+    return version_row(name, version, decode_value(data))
+
+
 def contract_rows(table: dict[str, Any], versions: dict[str, int]) -> list[ContractRow]:
     """Make the rows of the lifecycle's table, by name."""
     return [
@@ -122,11 +129,11 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
         raise BlockRobotError("CONTRACT_NOT_FOUND")
     newest = _value(state, VERSIONS_PREFIX + name.encode(), 0)
     number = version or _value(state, TABLE_KEY, {}).get(name, [newest])[0]
-    record = _value(state, version_key(name, number), None) if 0 < number <= newest else None
-    if record is None:
+    data = state.get(version_key(name, number)) if 0 < number <= newest else None
+    if data is None:
         what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
         raise BlockRobotError("CONTRACT_NOT_FOUND", f"The chain has no {what}.")
-    return version_row(name, number, record)
+    return _decode_row(name, number, data)
 
 
 def active_contract(state: Reader, name: str) -> tuple[int, bool, int] | None:

@@ -22,6 +22,7 @@ from contracts.state.view import StateView
 from contracts.vm import CallContext, CompiledContract, InternalFault, Outcome, invoke
 
 UNKNOWN_CONTRACT_GAS = 100
+EXPLANATION_GAS = 1_000
 
 Contracts = Mapping[str, CompiledContract]
 
@@ -83,7 +84,8 @@ def execute_transaction(
     if outcome.code in (ENTRY_UNKNOWN, ARGUMENTS_INVALID) and isinstance(contracts, ActiveContracts):
         told = explain_call(host, contracts, body.contract, body.entry, transaction.arguments())
         if told is not None:
-            outcome = replace(outcome, message=told[1])
+            gas_used = min(outcome.gas_used + EXPLANATION_GAS, gas_limit)
+            outcome = replace(outcome, message=told[1], gas_used=gas_used)
     return _receipt_of(transaction, outcome)
 
 

@@ -14,6 +14,7 @@ from consensus.block import Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.hashing import sha256
+from network.sim.contract_workload import contract_turnover
 from network.sim.history import Acknowledged, ClipTaken, CodeFault, Submitted, ValueRead
 from network.sim.plan import NetworkSize
 from network.sim.workload import Call, enrolment, growth, producer_turnover, setting_change, visit
@@ -32,8 +33,13 @@ READ_KEY = b"records\x00announcement-count"
 
 
 def decisions_of(size: NetworkSize, governance: str) -> Iterator[tuple[Call, ...]]:
-    """Yield what the organisations decide, without end: each decision ends an epoch, or two."""
-    decide = {"settings": setting_change, "producers": producer_turnover, "grow": growth}[governance]
+    """Yield what the organisations decide, without end: some decisions end an epoch, or two."""
+    decide = {
+        "settings": setting_change,
+        "producers": producer_turnover,
+        "grow": growth,
+        "contracts": contract_turnover,
+    }[governance]
     for number in itertools.count():
         yield from decide(size, number)
 

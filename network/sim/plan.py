@@ -39,7 +39,7 @@ FaultKind = Literal[
 ]
 
 
-Governance = Literal["", "settings", "producers", "grow"]
+Governance = Literal["", "settings", "producers", "grow", "contracts"]
 
 
 class Fault(msgspec.Struct, frozen=True, omit_defaults=True, forbid_unknown_fields=True):
@@ -80,7 +80,8 @@ class Plan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     `rounds` is how many rounds the run lasts at least; `profile` is how links are while no fault says otherwise.
     `producers` of the `nodes` have a seat at the start (0: all of them); the others follow, and no organisation named
     them yet. `governance` says what organisations change meanwhile: nothing, `settings`, `producers` (one loses its
-    seat and has it again), or `grow` (followers become members, are seated step by step and unseated again). With
+    seat and has it again), `grow` (followers become members, are seated step by step and unseated again), or
+    `contracts` (they deploy, upgrade with a migration, disable and roll back contracts, `settings` among them). With
     `executes_apart` every node executes each block for itself; otherwise the first node that verifies a block does,
     after the leader, and the others are given its result.
     """

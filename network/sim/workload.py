@@ -54,7 +54,10 @@ def _material(size: int, *parts: Any) -> bytes:
     return b"".join(sha256(seed + bytes([number])) for number in range(-(-size // 32)))[:size]
 
 
-def _sign(chain: Chain, key: PrivateKey, contract: str, entry: str, arguments: list[Any], *salt: Any) -> Transaction:
+def sign_call(
+    chain: Chain, key: PrivateKey, contract: str, entry: str, arguments: list[Any], *salt: Any
+) -> Transaction:
+    """Return a signed call; the salt follows from what is called and from `salt`."""
     return sign_transaction(
         key,
         chain_id=chain.genesis.chain_id,
@@ -83,7 +86,7 @@ def enrolment(size: NetworkSize, client: int) -> Call:
     signature = sign_card(card, chain_id=chain.genesis.chain_id, sealing=sealing, **keys)
     arguments = [card.handle, card.card_public, card.role, card.not_after_ms, card.voucher_signature]
     arguments += [robot.public_key, robot.public_key, sealing, signature, [PURPOSE]]
-    return Call(_sign(chain, robot, "identity", "register", arguments, client))
+    return Call(sign_call(chain, robot, "identity", "register", arguments, client))
 
 
 @cache
@@ -98,11 +101,11 @@ def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...]
     asked, excused = (ids[1:], TOO_LATE) if number % 2 else ([], ())
     erased, frames = (ids[:1], [1]) if number % 3 == 2 else (ids[: 1 + number % 2], [])
     return (
-        (Call(_sign(chain, robot, "records", "open_visit", opened, *salt)),),
+        (Call(sign_call(chain, robot, "records", "open_visit", opened, *salt)),),
         tuple(clips),
-        (Call(_sign(chain, owner, "access", "request", [asked, PURPOSE], *salt), excused=excused),),
-        (Call(_sign(chain, owner, "erasure", "request", [erased, frames], *salt)),),
-        (Call(_sign(chain, robot, "records", "close_visit", [owner.public_key, len(ids)], *salt)),),
+        (Call(sign_call(chain, owner, "access", "request", [asked, PURPOSE], *salt), excused=excused),),
+        (Call(sign_call(chain, owner, "erasure", "request", [erased, frames], *salt)),),
+        (Call(sign_call(chain, robot, "records", "close_visit", [owner.public_key, len(ids)], *salt)),),
     )
 
 
@@ -110,8 +113,8 @@ def visit(size: NetworkSize, client: int, number: int) -> tuple[tuple[Call, ...]
 def setting_change(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
     """Return the batches by which the organisations change a setting: each change ends an epoch."""
     chain = make_chain(size)
-    proposal = _sign(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
-    approval = _sign(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
+    proposal = sign_call(chain, chain.admins[0], "settings", "propose", ["heartbeat_ms", 20_000 + number], number)
+    approval = sign_call(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
     return ((Call(proposal),), (Call(approval),))
 
 
@@ -122,9 +125,9 @@ def producer_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...],
     key = chain.producers[index].public_key
     own = chain.admins[index % len(chain.admins)]
     return (
-        (Call(_sign(chain, own, "producers", "remove", [key], number)),),
-        (Call(_sign(chain, chain.admins[0], "producers", "propose", [key], number)),),
-        (Call(_sign(chain, chain.admins[-1], "producers", "approve", [key], number)),),
+        (Call(sign_call(chain, own, "producers", "remove", [key], number)),),
+        (Call(sign_call(chain, chain.admins[0], "producers", "propose", [key], number)),),
+        (Call(sign_call(chain, chain.admins[-1], "producers", "approve", [key], number)),),
     )
 
 
@@ -142,11 +145,11 @@ def growth(size: NetworkSize, number: int) -> tuple[tuple[Call, ...], ...]:
         if number == 0:
             batches += _join(chain, range(seats, goal))
         for admin, entry in zip(admins, ("propose", "approve"), strict=True):
-            votes = [_sign(chain, admin, "producers", entry, [key.public_key], number, goal) for key in newcomers]
+            votes = [sign_call(chain, admin, "producers", entry, [key.public_key], number, goal) for key in newcomers]
             batches.append(tuple(Call(vote, seats=seats) for vote in votes))
     smallest, largest = GROWTH_SEATS_COUNT[0], GROWTH_SEATS_COUNT[-1]
     removals = [
-        _sign(chain, admins[index % 2], "producers", "remove", [chain.producers[index].public_key], number)
+        sign_call(chain, admins[index % 2], "producers", "remove", [chain.producers[index].public_key], number)
         for index in range(smallest, largest)
     ]
     batches.append(tuple(Call(removal, seats=largest) for removal in removals))
@@ -157,8 +160,8 @@ def _join(chain: Chain, newcomers: range) -> list[tuple[Call, ...]]:
     """Return the batches by which nodes become members: proposed by one organisation, approved by the other."""
     proposer, approver = chain.admins[0], chain.admins[-1]
     entries = [msgspec.structs.asdict(make_node_entry(index, chain.producers[index])) for index in newcomers]
-    proposals = [_sign(chain, proposer, "membership", "propose", ["add_node", entry]) for entry in entries]
-    approvals = [_sign(chain, approver, "membership", "approve", [proposal.txid]) for proposal in proposals]
+    proposals = [sign_call(chain, proposer, "membership", "propose", ["add_node", entry]) for entry in entries]
+    approvals = [sign_call(chain, approver, "membership", "approve", [proposal.txid]) for proposal in proposals]
     return [tuple(map(Call, proposals)), tuple(map(Call, approvals))]
 
 
@@ -178,7 +181,7 @@ def _record(chain: Chain, robot: PrivateKey, owner: PrivateKey, client: int, num
         EPOCH_MS,
         expires_at_ms,
     ]
-    transaction = _sign(chain, robot, "records", "record", arguments, *place)
+    transaction = sign_call(chain, robot, "records", "record", arguments, *place)
     upload = ClipUpload(
         record_id=record_id,
         txid=transaction.txid,

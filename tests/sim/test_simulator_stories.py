@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import pytest
 
+from network.sim.contract_workload import contract_turnover
 from network.sim.history import (
     Acknowledged,
     BlockFinalized,
@@ -110,6 +111,22 @@ def test_a_clock_an_hour_off_delays_nobody_but_its_node(hours: int) -> None:
 def test_a_node_that_was_paused_for_longer_than_the_timeout_goes_on_where_the_others_are() -> None:
     history = play(Fault(kind="pause", at_ms=250, for_ms=2_000, node=1), rounds=100)
     assert votes_after(history, 1, 2_300)
+
+
+def test_contracts_are_upgraded_disabled_and_rolled_back_while_nodes_die_and_are_cut_off() -> None:
+    """Every node executes for itself, migrations too; all end with one state, and every call that was due succeeded."""
+    faults = (
+        Fault(kind="crash", at_ms=900, for_ms=1_500, node=3, point="mid-commit"),
+        Fault(kind="partition", at_ms=3_500, for_ms=900, groups=((0,), (1, 2, 3))),
+        Fault(kind="crash", at_ms=6_000, for_ms=300, node=1, point="after-sync"),
+    )
+    plan = Plan(seed=5, rounds=300, governance="contracts", executes_apart=True, faults=faults)
+    result, history = run_with_history(plan)
+    assert [str(violation) for violation in result.violations] == []
+    done = {told.txid for told in history.of(Acknowledged) if told.ok}
+    for number in range(2):
+        batches = contract_turnover(plan.size, number)
+        assert {call.transaction.txid for batch in batches for call in batch} <= done, number
 
 
 def test_a_link_that_carries_one_way_only_stops_nobody() -> None:

@@ -149,6 +149,7 @@ def test_calls_of_an_old_interface_are_told_what_changed(chain: Consortium) -> N
         "ARGUMENTS_INVALID",
         f"{said} enter takes (str, int). Version 1 took (str).",
     )
+    assert 1000 < old.gas_used < 1200
     gone = chain.send(ANYONE, "visitors", "leave", "Ada")
     assert (gone.code, gone.message) == ("ENTRY_UNKNOWN", f"{said} it has no entry leave. Version 1 had one.")
     view = chain.send(ANYONE, "visitors", "inside")
