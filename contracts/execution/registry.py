@@ -67,7 +67,7 @@ def contract_entries() -> tuple[ContractEntry, ...]:
 
 
 def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
-    """Return the contracts of a chain.
+    """Return the first contracts of a chain. After that no shipped source is read from a file any more.
 
     Raises GENESIS_INVALID if its sources are not the ones that ship here, or its contract language is of another
     version than the one spoken here.
@@ -78,6 +78,7 @@ def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
             f"The genesis file is for version {genesis.contract_language} of the contract language, "
             f"and this version of BlockRobot speaks version {LANGUAGE_VERSION}.",
         )
+    _shipped_sources()  # a worker may not open files later
     if genesis.contracts != contract_entries():
         raise BlockRobotError(
             "GENESIS_INVALID", "The genesis file names contracts that this version of BlockRobot does not ship."

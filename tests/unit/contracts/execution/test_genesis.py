@@ -8,6 +8,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.genesis import ContractEntry, genesis_from_json, genesis_to_json
 from consensus.primitives.encoding import decode_value
+from contracts.execution import registry
 from contracts.execution.genesis import build_genesis_state, complete_genesis, open_genesis
 from contracts.execution.registry import (
     SHIPPED_CONTRACTS,
@@ -67,6 +68,16 @@ def test_other_contracts_in_the_file_are_refused() -> None:
     for contracts in ((), genesis.contracts[1:], (*genesis.contracts[:-1], other)):
         with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
             require_contracts(msgspec.structs.replace(genesis, contracts=contracts))
+
+
+def test_after_the_start_no_source_is_read_from_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where contracts run behind a wall, nothing can be opened any more: a return to what shipped must not need it."""
+    genesis = build_genesis()
+    registry._shipped_sources.cache_clear()
+    require_contracts(genesis)
+    monkeypatch.setattr(registry, "read_source", None)
+    for entry in genesis.contracts:
+        assert registry.find_shipped_source(entry.source_hash) is not None
 
 
 def test_one_key_in_another_role_is_another_state() -> None:
