@@ -7,9 +7,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from contracts.execution.registry import read_source
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_catching_up import assert_same, make_blocks, run_command, wait_caught_up
-from tests.cluster.test_governance import must
+from tests.cluster.test_governance import blockrobot, must
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2
 
 DELAY_BLOCKS = 40
@@ -101,3 +102,26 @@ async def test_a_contract_is_deployed_upgraded_disabled_and_rolled_back_under_lo
     assert (await enter(network, "node-4", "Fay"))["ok"]
     await wait_caught_up(network, "node-4", 20)
     await assert_same(network, "node-4")
+
+
+async def test_settings_are_upgraded_on_running_nodes_and_go_back_to_what_shipped(network: NetworkUnderTest) -> None:
+    """Also after a restart, when nodes began with the later version and never had the first one compiled."""
+    wider = read_source("settings").replace('"blocks_per_turn": [1, 100]', '"blocks_per_turn": [1, 200]')
+    refused = ("settings", "propose", "blocks_per_turn", "150", "--as", "hospital")
+    assert (await blockrobot(network, *refused))[1]["error"]["code"] == "GOVERNANCE_SETTING_REFUSED"
+    height = await decide(network, "propose", write_source(network, wider), "--name", "settings")
+    load = asyncio.create_task(make_blocks(network, height + 1))
+    await asyncio.wait_for(load, 60)
+    proposed = await must(network, *refused)
+    await must(network, "settings", "approve", proposed["proposal"]["id"][:12], "--as", "university")
+    assert (await must(network, "settings", "list"))["settings"]["blocks_per_turn"] == 150
+
+    network.cluster.stop_all()
+    network.cluster.start_all()
+    await network.cluster.wait_ready()
+    height = await decide(network, "activate", "settings", "1")
+    await asyncio.wait_for(make_blocks(network, height + 1), 60)
+    assert (await blockrobot(network, *refused))[1]["error"]["code"] == "GOVERNANCE_SETTING_REFUSED"
+    for name in ("node-2", "node-3", "node-4"):
+        await wait_caught_up(network, name, 20)
+    await assert_same(network, "node-2", "node-3", "node-4")
