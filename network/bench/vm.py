@@ -15,6 +15,7 @@ from consensus.limits import CALL_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
 from contracts.execution.registry import PRIVACY_CONTRACTS, load_contracts, read_source
 from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
+from network.bench.blocks import measure_block_calls_per_s
 from network.bench.conditions import build_result, measure_conditions
 from network.bench.vm_blocks import measure_block_call_us
 from network.bench.vm_profile import sample_shares
@@ -174,6 +175,7 @@ def run_vm_benchmark(seconds: float = 3, *, profile: bool = False) -> dict[str, 
         "block_calls_in_process_per_s": round(1e6 / call_us, 1),
         "block_call_cpu_us": round(call_us, 2),
         "compile_ms": round(compile_ms, 2),
+        "block_calls_per_s": round(measure_block_calls_per_s(seconds), 1),
     }
     more = {
         "clock": "thread CPU time",

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from contracts.worker.wall import REQUIRED_PARTS
 from network.doctor.findings import Finding
 from node.directory import DirectoryContent
 
@@ -56,12 +57,24 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             found.append(Finding("NODE_FAULT", answer.name, str(status["fault"])))
         if status.get("silent"):
             found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
+        lacks = _what_the_wall_lacks(status.get("contracts", {}))
+        if lacks:
+            found.append(Finding("CONTRACT_WALL_INCOMPLETE", answer.name, lacks))
         for refusal in status.get("refused_peers", []):
             if refusal["code"] == "PEER_REMOVED":
                 continue  # as it should be; `check_membership` names the node
             detail = f"{answer.name} refuses {refusal['peer']}: {refusal['code']}. {refusal['detail']}"
             found.append(Finding("PEER_REFUSED", str(refusal["peer"]), detail))
     return found
+
+
+def _what_the_wall_lacks(contracts: dict[str, Any]) -> str:
+    """Say what stands between a contract that broke out and the node's machine, if not all of it does."""
+    if contracts.get("wall") == "off":
+        return "Contracts run inside the node: the wall is switched off."
+    missing = contracts.get("blocks", {}).get("missing", {})
+    named = [f"{name} ({why})" for name, why in sorted(missing.items()) if name in REQUIRED_PARTS]
+    return f"The wall around contracts lacks {', '.join(named)}." if named else ""
 
 
 def check_membership(names: Sequence[str], directory: DirectoryContent) -> list[Finding]:

@@ -73,6 +73,12 @@ KINDS: dict[str, FindingKind] = _table(
         "Wait: it speaks again when the chain has gone on without it long enough.",
     ),
     FindingKind(
+        "CONTRACT_WALL_INCOMPLETE",
+        "warning",
+        "The wall around the processes that run contracts lacks something, or is switched off.",
+        "Give the node what is named (docs/explanation/second-wall.md), or set wall in [contracts] of node.toml.",
+    ),
+    FindingKind(
         "FAULT_ON_PURPOSE",
         "warning",
         "Somebody switched a fault on; what else is found may come from it.",

@@ -53,6 +53,15 @@ def test_a_sound_network_gives_no_finding() -> None:
         assert findings == []
 
 
+def test_a_wall_around_contracts_with_a_gap_is_named_but_not_a_missing_network_namespace() -> None:
+    whole = {"wall": "on", "blocks": {"missing": {"network": "not permitted"}}}
+    gap = {"wall": "on", "blocks": {"missing": {"system_calls": "the kernel refused", "network": "no"}}}
+    answers = [answer("a", contracts=whole), answer("b", contracts=gap), answer("c", contracts={"wall": "off"})]
+    found = check_words(answers)
+    assert codes(found) == [("CONTRACT_WALL_INCOMPLETE", "b"), ("CONTRACT_WALL_INCOMPLETE", "c")]
+    assert "system_calls (the kernel refused)." in found[0].detail
+
+
 def test_a_dead_and_a_silent_node_are_told_apart() -> None:
     answers = [Answer("a", running=False, status=None, taken_ports=(7272,)), Answer("b", running=True, status=None)]
     assert codes(check_presence(answers)) == [("NODE_DOWN", "a"), ("PORT_TAKEN", "a"), ("NODE_SILENT", "b")]
