@@ -12,6 +12,7 @@ from operator import itemgetter
 from typing import Any
 
 from contracts.vm.faults import NAME_UNSET, Fault
+from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT
 from contracts.vm.values import HEADER_BYTES, INT_LIMIT, MISSING, UNSET, check_int
 
 Frame = list[Any]
@@ -122,7 +123,7 @@ def add_to_bytes(operation: Callable[[Any, Any, Any], Any], prefix: bytes, right
             return operation(runtime, prefix, rest)
         size = header + len(rest)
         runtime.memory -= size
-        runtime.gas -= size >> 6
+        runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if runtime.memory < 0 or runtime.gas < 0:
             runtime.exhausted()
         return prefix + rest

@@ -31,6 +31,7 @@ from contracts.vm.closures import (
 )
 from contracts.vm.faults import CALL_DEPTH, TYPE_ERROR, Fault
 from contracts.vm.host import CONTEXT_FIELDS
+from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT
 from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, bind_method, dotted_name
 from contracts.vm.operations import (
     ARITHMETIC,
@@ -249,11 +250,12 @@ class ExpressionCompiler:
 
     def _list(self, node: ast.List) -> Code:
         runs, size = self._items(node.elts)
+        gas = ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
 
         def run(frame: Frame) -> list[Any]:
             runtime = frame[0]
             runtime.memory -= size
-            runtime.gas -= size >> 6
+            runtime.gas -= gas
             if runtime.memory < 0 or runtime.gas < 0:
                 runtime.exhausted()
             return [part(frame) for part in runs]
@@ -276,11 +278,12 @@ class ExpressionCompiler:
             self.cost += len(node.keys)
             names = [key.value for key in node.keys if isinstance(key, ast.Constant)]
             read = gather(values, self.scope.new_slot)
+            gas = ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
 
             def run_named(frame: Frame) -> dict[Any, Any]:
                 runtime = frame[0]
                 runtime.memory -= size
-                runtime.gas -= size >> 6
+                runtime.gas -= gas
                 if runtime.memory < 0 or runtime.gas < 0:
                     runtime.exhausted()
                 return dict(zip(names, read(frame), strict=True))

@@ -25,6 +25,9 @@ WRITES_MAX_COUNT = 256
 GENESIS_WRITES_MAX_COUNT = 16_384
 MIGRATE_WRITES_MAX_COUNT = 4_096
 EVENTS_MAX_COUNT = 64
+ALLOCATION_GAS = 1
+ALLOCATION_SHIFT = 9
+"""An allocation costs `ALLOCATION_GAS`, and one unit more for each 512 (2 to this power) of its modelled bytes."""
 
 
 class HostInterface(Protocol):
@@ -103,7 +106,7 @@ class Runtime:
     def allocate(self, size: int) -> None:
         """Take `size` modelled bytes of the memory budget, and one unit of gas, with one more per 512 of them."""
         self.memory -= size
-        self.gas -= 1 + (size >> 9)
+        self.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if self.memory < 0 or self.gas < 0:
             self.exhausted()
 

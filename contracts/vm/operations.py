@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from contracts.vm.faults import INDEX_ERROR, INT_OVERFLOW, KEY_ERROR, VALUE_ERROR, ZERO_DIVISION, Fault
-from contracts.vm.meter import Runtime
+from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT, Runtime
 from contracts.vm.values import (
     DICT_ENTRY_BYTES,
     HEADER_BYTES,
@@ -46,7 +46,7 @@ def add(runtime: Runtime, left: Any, right: Any) -> Any:
         if kind is bytes:
             size = HEADER_BYTES + len(left) + len(right)
             runtime.memory -= size
-            runtime.gas -= 1 + (size >> 9)
+            runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
             if runtime.memory < 0 or runtime.gas < 0:
                 runtime.exhausted()
             return left + right

@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from consensus.limits import BLOCK_GAS_MAX, SEALED_METADATA_BYTES, TIME_BUCKET_MS
+from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, SEALED_METADATA_BYTES, TIME_BUCKET_MS
 from consensus.primitives.encoding import encode_value, u64
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -81,7 +81,7 @@ def _require_all(result: BlockResult) -> None:
 
 
 class BlockBench:
-    """A chain of full blocks of records. `calls_a_block` follows from the gas that one call takes."""
+    """A chain of blocks of records, as full as gas and the number of transactions allow: of `calls_a_block` each."""
 
     def __init__(self, entries_count: int = ENTRIES_COUNT) -> None:
         self.state = build_state(entries_count)
@@ -89,7 +89,7 @@ class BlockBench:
         self._number = 0
         self._unfinalized: list[Overlay] = []
         gas = execute_in_process(self.state, 2, NOW_MS, [sign_record(0)]).gas_used
-        self.calls_a_block = BLOCK_GAS_MAX // (gas + gas // 50)
+        self.calls_a_block = min(BLOCK_GAS_MAX // (gas + gas // 50), BLOCK_TRANSACTIONS_MAX_COUNT)
 
     @property
     def head(self) -> StateView:
