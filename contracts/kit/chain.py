@@ -26,8 +26,9 @@ from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.call_host import CallHost
+from contracts.execution.opening import MIGRATION_GAS_MAX
 from contracts.execution.views import VIEW_GAS_MAX
-from contracts.kit.recorder import Recorder
+from contracts.kit.recorder import ContractWatch, LineFigures, Recorder
 from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
 from contracts.state.view import MemoryState
@@ -90,6 +91,18 @@ class Called:
     txid: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Deployment:
+    """A source that was deployed, the figures of its lines, and the gas of the calls of its entries that succeeded."""
+
+    name: str
+    source: str
+    path: Path | None
+    compiled: CompiledContract
+    lines: dict[int, LineFigures]
+    gas: dict[str, list[int]] = field(default_factory=dict)
+
+
 class Contract:
     """A deployed contract, for calls without its name."""
 
@@ -132,11 +145,9 @@ class Chain:
         self.time_ms = time_ms
         self.chain_id = tagged_hash("blockrobot/kit-chain")
         self.recorder = Recorder()
-        self.sources: dict[str, str] = {}
-        self.paths: dict[str, Path] = {}
-        self.gas: dict[tuple[str, str], list[int]] = {}
+        self.deployments: list[Deployment] = []
         self.events: list[Event] = []
-        self._contracts: dict[str, CompiledContract] = {}
+        self._deployed: dict[str, Deployment] = {}
         self._callers: dict[str, Caller] = {}
         self._state = MemoryState()
         self._numbers = itertools.count(1)
@@ -149,23 +160,30 @@ class Chain:
         Deploying again under the same name replaces the contract, and runs its @migrate entry, if it has one.
         """
         place = self.folder / path
-        called = name or place.stem
-        self.paths[called] = place.resolve()
-        return self.deploy_source(place.read_text(encoding="utf-8"), called)
+        return self.deploy_source(place.read_text(encoding="utf-8"), name or place.stem, place.resolve())
 
-    def deploy_source(self, source: str, name: str) -> Contract:
-        """Deploy a source text. Raises CONTRACT_SOURCE_INVALID, CallFailedError if its migration fails."""
-        compiled = compile_contract(source, name, watch=self.recorder.watch(name))
-        before = (self._contracts.get(name), self.sources.get(name))
-        self._contracts[name], self.sources[name] = compiled, source
+    def deploy_source(self, source: str, name: str, path: Path | None = None) -> Contract:
+        """Deploy a source text, of the file `path` if it is of one.
+
+        Raises CONTRACT_SOURCE_INVALID, CallFailedError if its migration fails.
+        """
+        watch = ContractWatch(self.recorder, name)
+        compiled = compile_contract(source, name, watch=watch)
+        before = self._deployed.get(name)
+        self._put(Deployment(name, source, path, compiled, watch.lines))
+        self.deployments.append(self._deployed[name])
         entry = next((one for one in compiled.abi.entries if one.kind == "migrate"), None)
-        if before[0] is not None and before[1] is not None and entry is not None:
+        if before is not None and entry is not None:
             try:
-                self._transact(name, entry.name, (), None, "migrate", CALL_GAS_MAX)
+                self._transact(name, entry.name, (), None, "migrate", MIGRATION_GAS_MAX)
             except CallFailedError:
-                self._contracts[name], self.sources[name] = before[0], before[1]
+                self._put(before)
                 raise
-        return Contract(self, name, self.paths.get(name))
+        return Contract(self, name, path)
+
+    def _put(self, deployment: Deployment) -> None:
+        self._deployed[deployment.name] = deployment
+        self.recorder.lines[deployment.name] = deployment.lines
 
     def caller(self, name: str) -> Caller:
         """Return somebody who signs; the same name is always the same key, on every chain."""
@@ -265,7 +283,7 @@ class Chain:
         outcome = self._invoke(contract, entry, given, context, host, mode, gas)
         self.recorder.finish(contract, self._line_of(contract, entry), outcome.gas_used)
         if outcome.ok:
-            self.gas.setdefault((contract, entry), []).append(outcome.gas_used)
+            self._deployed[contract].gas.setdefault(entry, []).append(outcome.gas_used)
         return Called(
             result=_across(outcome.result),
             events=tuple(
@@ -296,17 +314,19 @@ class Chain:
         who = caller if isinstance(caller, str) else caller.name if caller is not None else "somebody"
         shown = ", ".join(told_short(value) for value in given)
         title = f"{contract}.{entry}({shown}) by {who} in block {context.height}"
-        return make_trace(title, outcome, self.recorder, self.sources)
+        sources = {name: deployment.source for name, deployment in self._deployed.items()}
+        return make_trace(title, outcome, self.recorder, sources)
 
     def _invoke(
         self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
     ) -> Outcome:
         with watched_stack():
-            return invoke(self._contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
+            contracts = {name: deployment.compiled for name, deployment in self._deployed.items()}
+            return invoke(contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
 
     def _line_of(self, contract: str, entry: str) -> int:
-        compiled = self._contracts.get(contract)
-        found = None if compiled is None else compiled.abi.entry(entry)
+        deployment = self._deployed.get(contract)
+        found = None if deployment is None else deployment.compiled.abi.entry(entry)
         return 0 if found is None else found.line
 
 

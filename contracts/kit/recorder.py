@@ -62,9 +62,13 @@ class Recorder:
         self._frames: dict[int, tuple[Frame, dict[str, str]]] = {}
 
     def watch(self, contract: str) -> ContractWatch:
-        """Return the watch with which a contract of this name is to be compiled; its figures begin anew."""
-        self.lines[contract] = {}
-        return ContractWatch(self, contract)
+        """Return the watch with which a contract of this name is to be compiled, with figures of its own.
+
+        They are `lines[contract]` from then on, until another contract is compiled under the name.
+        """
+        watch = ContractWatch(self, contract)
+        self.lines[contract] = watch.lines
+        return watch
 
     def begin(self, *, tracing: bool) -> None:
         """Begin a call; with `tracing` its steps are kept."""
@@ -74,11 +78,12 @@ class Recorder:
     def finish(self, contract: str, line: int, gas_used: int) -> None:
         """End a call: put the gas of no statement on the line of its entry. With tracing no figures are gathered."""
         if line and not self._tracing and contract in self.lines:
-            self._count(contract, line, max(gas_used - self._roots_gas, 0))
+            self.count(self.lines[contract], line, max(gas_used - self._roots_gas, 0))
         self._tracing = False
 
-    def _count(self, contract: str, line: int, gas: int) -> None:
-        figures = self.lines[contract].setdefault(line, LineFigures())
+    def count(self, lines: dict[int, LineFigures], line: int, gas: int) -> None:
+        """Add a run and its gas to a line."""
+        figures = lines.setdefault(line, LineFigures())
         figures.runs += 1
         figures.gas += gas
 
@@ -96,8 +101,8 @@ class Recorder:
                 self.left_out_count += 1
         self._running.append(_Running(gas + place.static_gas, 0, step, texts))
 
-    def leave(self, contract: str, place: Place, frame: Frame, gas: int) -> None:
-        """Hear that it ended."""
+    def leave(self, lines: dict[int, LineFigures], place: Place, frame: Frame, gas: int) -> None:
+        """Hear that it ended; `lines` are the figures of its contract."""
         running = self._running.pop()
         used = running.began - gas
         own = used - running.inside
@@ -106,7 +111,7 @@ class Recorder:
         else:
             self._roots_gas += used
         if not self._tracing:
-            self._count(contract, place.line, own)
+            self.count(lines, place.line, own)
         elif running.step is not None:
             running.step.gas = own
             self._note_values(running.step, place, frame, running.texts)
@@ -129,12 +134,13 @@ class ContractWatch:
     """Tells a recorder what one contract does."""
 
     def __init__(self, recorder: Recorder, contract: str) -> None:
+        self.lines: dict[int, LineFigures] = {}
         self._recorder = recorder
         self._contract = contract
 
     def declare(self, place: Place) -> None:
         """Note a line that could run."""
-        self._recorder.lines[self._contract].setdefault(place.line, LineFigures())
+        self.lines.setdefault(place.line, LineFigures())
 
     def enter(self, place: Place, frame: Frame, gas: int) -> None:
         """Pass on that a statement begins."""
@@ -142,4 +148,4 @@ class ContractWatch:
 
     def leave(self, place: Place, frame: Frame, gas: int) -> None:
         """Pass on that it ended."""
-        self._recorder.leave(self._contract, place, frame, gas)
+        self._recorder.leave(self.lines, place, frame, gas)

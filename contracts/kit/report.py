@@ -57,17 +57,16 @@ class Report:
 
     def add(self, chain: Chain) -> None:
         """Add what one chain gathered."""
-        for contract, source in chain.sources.items():
-            file = str(chain.paths.get(contract, ""))
-            key = (contract, file, source)
-            figures = self._sources.setdefault(key, SourceFigures(contract, file, source))
-            for number, line in chain.recorder.lines[contract].items():
+        for deployment in chain.deployments:
+            file = "" if deployment.path is None else str(deployment.path)
+            key = (deployment.name, file, deployment.source)
+            figures = self._sources.setdefault(key, SourceFigures(deployment.name, file, deployment.source))
+            for number, line in deployment.lines.items():
                 found = figures.lines.setdefault(number, LineFigures())
                 found.runs += line.runs
                 found.gas += line.gas
-            for (name, entry), gas in chain.gas.items():
-                if name == contract:
-                    figures.gas.setdefault(entry, []).extend(gas)
+            for entry, gas in deployment.gas.items():
+                figures.gas.setdefault(entry, []).extend(gas)
 
     def document(self) -> dict[str, Any]:
         """Return the report for JSON, source by source."""

@@ -150,6 +150,16 @@ def test_genesis_entries_and_migrations_run_as_the_machine_runs_them(chain: Chai
     assert counter.call("add", 1, [5])[0] == 45
 
 
+def test_versions_are_counted_apart(chain: Chain) -> None:
+    chain.call("counter", "add", 1, [1])
+    chain.deploy_source(NEXT_VERSION, "counter")
+    for _ in range(2):
+        chain.call("counter", "add", 1, [1])
+    first, second = chain.deployments
+    assert (len(first.gas["add"]), len(second.gas["add"]), len(second.gas["carry_over"])) == (1, 2, 1)
+    assert (first.lines[16].runs, second.lines[16].runs) == (1, 2)
+
+
 def test_a_trace_may_be_had_without_a_call(chain: Chain) -> None:
     trace = chain.trace("counter", "add", 1, [1, 1], caller="alice")
     assert (trace.code, chain.state("counter")) == ("OK", {})
@@ -172,7 +182,7 @@ def test_deep_and_endless_calls_end_as_on_a_network(chain: Chain) -> None:
     endless = "\n\n@export\ndef endless():\n    n = 0\n    while True:\n        n += 1\n"
     contract = chain.deploy_source(source + endless, "deep")
     plain = compile_contract(source + endless, "deep")
-    assert plain.abi == chain._contracts["deep"].abi
+    assert plain.abi == chain.deployments[-1].compiled.abi
     contract.expect_failure("CALL_DEPTH", "deep", 1_000)
     assert contract.expect_failure("OUT_OF_GAS", "endless").gas_used == 250_000
 
