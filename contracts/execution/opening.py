@@ -12,6 +12,7 @@ from typing import Any
 from consensus.primitives.encoding import decode_value, encode_value, u32
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import TABLE_KEY, ActiveContracts, Catalogue, compile_named
+from contracts.execution.epochs import EPOCH_KEY
 from contracts.execution.results import BlockContext
 from contracts.vm import CallContext, invoke
 
@@ -108,6 +109,7 @@ def _migrate(host: CallHost, catalogue: Catalogue, context: BlockContext, name: 
         txid=_NO_TRANSACTION,
         chain_id=context.chain_id,
     )
+    epoch = host.get(EPOCH_KEY)
     outcome = invoke(
         {**catalogue.active(host), name: compiled},
         name,
@@ -118,6 +120,9 @@ def _migrate(host: CallHost, catalogue: Catalogue, context: BlockContext, name: 
         gas_limit=MIGRATION_GAS_MAX,
         mode="migrate",
     )
+    if outcome.ok and host.get(EPOCH_KEY) != epoch:
+        # The block may be one that closes an epoch: no other can begin there.
+        return "MIGRATION_REFUSED: A migration cannot change the producers or the settings."
     if outcome.ok:
         return ""
     place = "" if outcome.line is None else f" (line {outcome.line})"

@@ -58,6 +58,19 @@ def test_settings_are_upgraded_on_a_running_chain(chain: Consortium) -> None:
     assert chain.epoch.settings.heartbeat_ms == 2000
 
 
+def test_a_migration_cannot_begin_an_epoch(chain: Consortium) -> None:
+    """The block in which it runs may be one that closes an epoch."""
+    migrating = read_source("settings") + (
+        '\n\n@migrate\ndef carry_over():\n    call("producers", "change_setting", "heartbeat_ms", 4000)\n'
+    )
+    epoch = chain.epoch
+    upgrade(chain, "settings", migrating)
+    assert chain.epoch == epoch
+    record = chain.view("lifecycle", "version", "settings", 2)
+    assert (record["status"], record["failure"][:17]) == ("failed", "MIGRATION_REFUSED")
+    chain.agree_setting("heartbeat_ms", 2000)
+
+
 def test_a_proposal_of_before_an_upgrade_is_judged_by_the_new_version(chain: Consortium) -> None:
     proposal_id = chain.must(admin_of("org-01"), "settings", "propose", "blocks_per_turn", 100).txid
     upgrade(chain, "settings", changed("settings", "[1, 100]", "[1, 50]"))
