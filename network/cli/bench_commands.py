@@ -77,13 +77,20 @@ def faults(repeats: int, nodes: int, as_json: bool) -> None:
     help="CPU time to spend, for each figure.",
 )
 @click.option("--profile", is_flag=True, help="Also show where the time of one call goes.")
+@click.option("--worst", is_flag=True, help="Instead: what a million gas is in time, program by program (minutes).")
 @json_option
 @plain_errors
-def vm(seconds: float, profile: bool, as_json: bool) -> None:
+def vm(seconds: float, profile: bool, worst: bool, as_json: bool) -> None:
     """Measure the contract machine alone: no network, no signatures, no disk.
 
     Example: blockrobot bench vm --seconds 1 --profile
+    Example: blockrobot bench vm --worst --json
     """
+    if worst:
+        from network.bench.vm_worst import run_worst_benchmark  # noqa: PLC0415 - only when it is needed
+
+        _finish(run_worst_benchmark(), as_json=as_json)
+        return
     from network.bench.vm import run_vm_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
     result = run_vm_benchmark(seconds, profile=profile)
@@ -130,6 +137,10 @@ def _table(result: dict[str, Any]) -> Table:
     table.add_section()
     for name, value in result["conditions"].items():
         table.add_row(name, str(value))
+    if "programs" in result:
+        table.add_section()
+        for program in result["programs"]:
+            table.add_row(f"ms a million gas: {program['name']}", str(program["ms_per_million_gas"]))
     if "profile" in result:
         table.add_section()
         for name, value in result["profile"].items():

@@ -69,6 +69,8 @@ _STEPS: tuple[tuple[str, str, str], ...] = (
     ("ctx-contract", "", "x = ctx.contract"),
     ("min-of-two", "x = 5\ny = 6", "z = min(x, y)"),
     ("max-of-five", "x = 5", "z = max(x, 1, 2, 3, 4)"),
+    ("len", "x = [1]", "z = len(x)"),
+    ("len-of-text", "x = 'abc'", "z = len(x)"),
     ("abs", "x = -5", "z = abs(x)"),
     ("bool", "x = 5", "z = bool(x)"),
     ("int-of-int", "x = 5", "z = int(x)"),
@@ -236,7 +238,7 @@ _WRITES: tuple[tuple[str, str], ...] = (
 def _repeat(name: str, setup: str, step: str) -> Program:
     lines = "\n".join([step] * _REPEATS_COUNT).replace("\n", "\n    ")
     text = f"{setup}\nwhile True:\n    {lines}"
-    return body(name, SPENT, text, before=_HELPERS, others={"other": _HOST_OTHER}, state=_STATE)
+    return body(f"step-{name}", SPENT, text, before=_HELPERS, others={"other": _HOST_OTHER}, state=_STATE)
 
 
 def _programs() -> Iterator[Program]:
@@ -246,8 +248,8 @@ def _programs() -> Iterator[Program]:
         for size in _SIZES:
             yield _repeat(f"{name}-{size}", setup.replace("N", str(size)), step.replace("N", str(size)))
     for name, step in _WRITES:
-        yield body(f"state-{name}", "OK", f"x = bytes(1000)\nfor i in range(250):\n    {step}")
+        yield body(f"step-state-{name}", "OK", f"x = bytes(1000)\nfor i in range(250):\n    {step}")
 
 
 MICRO: tuple[Program, ...] = tuple(_programs())
-"""The small programs; those whose name begins `state-put`, `state-delete` or `state-emit` end by themselves."""
+"""The small programs; those whose name begins `step-state-put`, `-delete` or `-emit` end by themselves."""

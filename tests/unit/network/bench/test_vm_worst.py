@@ -1,0 +1,43 @@
+"""What gas buys is measured over programs that use it; the figures are those of a run of a few of them."""
+
+from __future__ import annotations
+
+from network.bench.vm_worst import PROGRAMS, run_worst_benchmark
+from network.hostile.measuring import cheapest_first, measure_program
+from network.hostile.micro import MICRO
+from network.hostile.program import body, bomb, refused
+
+LOOP = body("loop", "OUT_OF_GAS", "while True:\n    pass")
+HOARD = body("hoard", "MEMORY_BUDGET", "x = []\nwhile True:\n    x.append(bytes(1000))")
+
+
+def test_every_builtin_method_and_host_function_has_a_program():
+    from contracts.vm.host import HOST_FUNCTIONS
+    from contracts.vm.methods import METHODS
+    from contracts.vm.names import BUILTINS
+
+    text = "\n".join(program.source for program in MICRO)
+    names = (set(BUILTINS) | set(HOST_FUNCTIONS)) - {"charge_source", "check_source"}
+    assert {name for name in names if f"{name}(" not in text} == set()
+    alike = {"rstrip", "lstrip", "isalnum", "isupper", "islower", "clear"}  # as strip, isalpha, and at most that
+    assert {name for name in METHODS if f".{name}(" not in text} == alike
+
+
+def test_a_table_of_programs_dearest_first():
+    result = run_worst_benchmark(
+        [LOOP, HOARD, refused("no", "FLOAT", "return 1 / 2"), bomb("bomb", "x = [0] * 2 ** 90")]
+    )
+    assert result["name"] == "vm-worst"
+    assert [program["name"] for program in result["programs"]] in (["loop"], ["loop", "hoard"], ["hoard", "loop"])
+    assert result["figures"]["cheapest"] == "loop"
+    assert result["figures"]["ratio"] >= 1
+    assert result["conditions"]["language"] >= 2
+
+
+def test_who_never_gets_to_use_the_gas_is_not_called_cheap():
+    prices = [measure_program(program, rounds=1) for program in (LOOP, HOARD)]
+    assert [price.name for price in cheapest_first(price for price in prices if price)] == ["loop"]
+
+
+def test_the_whole_corpus_is_measured():
+    assert len({program.name for program in PROGRAMS}) == len(PROGRAMS) > 700
