@@ -207,7 +207,7 @@ class Chain:
         return self._transact(contract, entry, arguments, caller, "export", gas)
 
     def genesis(self, contract: str, entry: str, *arguments: Any) -> Called:
-        """Run a @genesis entry, as the machine does when it builds the first block. Raises CallFailedError."""
+        """Run a @genesis entry as the machine does: nobody calls, and events count nowhere. Raises CallFailedError."""
         return self._transact(contract, entry, arguments, None, "genesis", 100 * CALL_GAS_MAX)
 
     def expect_failure(
@@ -265,7 +265,8 @@ class Chain:
     def _transact(
         self, contract: str, entry: str, arguments: tuple[Any, ...], caller: Caller | str | None, mode: Mode, gas: int
     ) -> Called:
-        context, given, host = self._context(caller), _across(list(arguments)), CallHost(self._state)
+        context = self._context(caller, empty=mode != "export")
+        given, host = _across(list(arguments)), CallHost(self._state)
         called = self._run(contract, entry, given, context, host, mode, gas)
         self._next_block()
         if called.code != "OK":
@@ -273,7 +274,8 @@ class Chain:
             raise CallFailedError(f"{contract}.{entry} failed.", trace)
         host.keep()
         self._state.apply(host.writes)
-        self.events.extend(called.events)
+        if mode == "export":
+            self.events.extend(called.events)
         return called
 
     def _run(

@@ -59,6 +59,8 @@ NEXT_VERSION = (
 def carry_over():
     require(state.get(b"total") != 3, "THREE", "Three cannot be carried over.")
     state.put(b"total", state.get(b"total") * 10)
+    state.put(b"by", ctx.caller)
+    emit("carried", {})
 """
 )
 
@@ -147,6 +149,8 @@ def test_genesis_entries_and_migrations_run_as_the_machine_runs_them(chain: Chai
     chain.call("counter", "add", 1, [1])
     counter = chain.deploy_source(NEXT_VERSION, "counter")
     assert counter.view("total") == 40
+    assert counter.state[b"by"] == bytes(33)
+    assert counter.events("carried") == []
     assert counter.call("add", 1, [5])[0] == 45
 
 
