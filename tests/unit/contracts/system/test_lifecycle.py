@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from consensus.limits import CALL_GAS_MAX
 from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
 from tests.unit.contracts.system.consortium import Consortium, admin_of, data_of, key_of
 from tests.unit.contracts.system.deploying import (
@@ -222,3 +223,15 @@ def test_the_price_of_a_source_follows_its_length(chain: Consortium) -> None:
     assert 40 * 5000 <= long.gas_used - short.gas_used <= 44 * 5000
     event = data_of(long, "uploaded")
     assert (event["place"], event["parts"]) == (1, 2)
+
+
+def test_the_largest_part_fits_into_a_call_also_when_it_drops_ten_others(chain: Consortium) -> None:
+    key = admin_of("org-01")
+    for number in range(4):
+        for place in range(10):
+            chain.must(key, "lifecycle", "upload", bytes([number]) * 32, 10, place, bytes(6000))
+    dropping = chain.must(key, "lifecycle", "upload", bytes([4]) * 32, 10, 0, bytes(6000))
+    assert dropping.gas_used < CALL_GAS_MAX - 2_000
+    kept = [entry["source_hash"][0] for entry in chain.view("lifecycle", "uploads", "org-01")]
+    assert kept == [1, 2, 3, 4]
+    assert list(chain.state.scan(b"lifecycle\x00upload/org-01/" + bytes(32), 20)) == []
