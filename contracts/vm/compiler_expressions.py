@@ -258,7 +258,7 @@ class ExpressionCompiler:
             runtime.gas -= gas
             if runtime.memory < 0 or runtime.gas < 0:
                 runtime.exhausted()
-            return [part(frame) for part in runs]
+            return [part(frame) for part in runs] if runs else []
 
         return Code(run)
 

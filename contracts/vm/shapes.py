@@ -27,7 +27,7 @@ class _Shape(NamedTuple):
     keys: tuple[Any, ...]
     items: Select
     texts: Select
-    containers: Select
+    containers: Select | None
     size: int
     gas: int
 
@@ -53,7 +53,7 @@ def _work_out(names: tuple[Any, ...], kinds: tuple[type, ...]) -> _Shape | None:
         return None
     keys = sort_keys(names)
     gas = 2 + 3 * len(names) + 2 * len(containers)
-    return _Shape(keys, _select(list(keys)), _select(texts), _select(containers), size, gas)
+    return _Shape(keys, _select(list(keys)), _select(texts), _select(containers) if containers else None, size, gas)
 
 
 def encode_by_shape(value: dict[Any, Any], size_max: int) -> tuple[bytes, int] | None:
@@ -71,7 +71,8 @@ def encode_by_shape(value: dict[Any, Any], size_max: int) -> tuple[bytes, int] |
         if len(_shapes) >= _SHAPES_MAX_COUNT:
             _shapes.clear()
         _shapes[names, kinds] = shape
-    if any(shape.containers(value)) or shape.size + sum(map(len, shape.texts(value))) > size_max:
+    keys, items, texts, containers, size, gas = shape
+    if (containers is not None and any(containers(value))) or size + sum(map(len, texts(value))) > size_max:
         return None
-    data = encode_ordered(dict(zip(shape.keys, shape.items(value), strict=True)))
-    return None if data is None else (data, shape.gas)
+    data = encode_ordered(dict(zip(keys, items(value), strict=True)))
+    return None if data is None else (data, gas)

@@ -24,6 +24,7 @@ ROBOT = b"\x02" + b"r" * 32
 OWNER = b"\x03" + b"o" * 32
 PURPOSE = "bench"
 _NOW_MS = TIME_BUCKET_MS * 5_000_000
+_CONTEXT = CallContext(ROBOT, 1, _NOW_MS + 1, b"t" * 32, b"c" * 32)
 _COMPILE_ROUNDS_COUNT = 3
 BATCH_CALLS_COUNT = 200
 
@@ -91,10 +92,9 @@ class RecordBench:
 
     def invoke(self, entry: str, arguments: list[Any]) -> Outcome:
         """Call an entry of `records` as the robot. Raises RuntimeError if the contract refuses."""
-        context = CallContext(ROBOT, 1, _NOW_MS + 1, b"t" * 32, b"c" * 32)
         outcome = invoke(
             self.contracts, "records", entry, arguments,
-            host=self.host, context=context, gas_limit=CALL_GAS_MAX, mode="export",
+            host=self.host, context=_CONTEXT, gas_limit=CALL_GAS_MAX, mode="export",
         )  # fmt: skip
         if not outcome.ok:
             raise RuntimeError(f"records.{entry} failed in line {outcome.line}: {outcome.code}: {outcome.message}")
