@@ -155,7 +155,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("ROSTER_EXPIRED", 403, "The roster is older than a day.", "Ask the registrar for this robot's roster of today."),
     ErrorEntry("ROBOT_EXISTS", 409, "There is already a robot at this place.", "Use it, or choose another --name."),
     ErrorEntry("ROBOT_NOT_FOUND", 404, "There is no robot at this place.", "Make one with `blockrobot robot new`, or name the right one with --name."),
-    ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name another folder, or an empty one."),
+    ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name a folder that does not exist yet."),
     ErrorEntry("SPOOL_FULL", 507, "The robot's spool is full.", "Reconnect the robot to the network.", retryable=True),
     ErrorEntry("SPOOL_DAMAGED", 500, "The robot's spool is damaged.", "Keep the directory for inspection and start with a new one."),
     ErrorEntry("WALLET_EXISTS", 409, "There is already a wallet at this place.", "Choose another profile or restore elsewhere."),

@@ -16,15 +16,13 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, NodeEntry, genesis_to_json
 from consensus.possession import prove_possession
 from network.authority import Authority, write_secret
-from network.layout import PORTS_PER_NODE, NodeKeys, create_node, new_key, store_uri_of
+from network.layout import PORTS_PER_NODE, NodeKeys, check_name, create_node, new_key, store_uri_of
 from node.config import NodeConfig, load_genesis
 from node.directory import DirectoryContent, content_of_genesis, read_content
 from node.directory_file import DIRECTORY_FILE, encode_directory
 from node.storage.lmdb_reader import LedgerFile
 
 ENTRY_FILE = "node-entry.json"
-NAME_MAX_CHARS = 40
-_NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 _PORT_MAX = 65_535
 
 
@@ -103,8 +101,7 @@ def next_base_port(directory: DirectoryContent, configs: Iterable[NodeConfig]) -
 def check_newcomer(newcomer: Newcomer, directory: DirectoryContent) -> None:
     """Refuse at once what the network would refuse later. Raises NODE_EXISTS, NOT_FOUND, CONFIGURATION_INVALID."""
     name = newcomer.name
-    if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
-        raise BlockRobotError("CONFIGURATION_INVALID", "A node's name has 1 to 40 small letters, digits and hyphens.")
+    check_name(name, "a node")
     if name in directory.nodes:
         raise BlockRobotError("NODE_EXISTS", f"There is, or was, a node {name!r} in this network.")
     organisation = directory.organisations.get(newcomer.organisation)

@@ -39,6 +39,8 @@ from node.journal import Journal
 
 HOST = "127.0.0.1"
 PORTS_PER_NODE = 10
+NAME_MAX_CHARS = 40
+_NAME_CHARS = frozenset("abcdefghijklmnopqrstuvwxyz0123456789-")
 NETWORK_FOLDER_MODE = 0o755
 _ORGANISATION_NAMES = ("hospital", "university")
 
@@ -107,11 +109,26 @@ def create_network(
     try:
         making.chmod(NETWORK_FOLDER_MODE)
         genesis = _write_network(making, nodes, organisations, base_port, store, network, settings, faults=faults)
-        making.rename(directory)
+        _put_in_place(making, directory)
     except BaseException:
         shutil.rmtree(making, ignore_errors=True)
         raise
     return genesis
+
+
+def _put_in_place(making: Path, directory: Path) -> None:
+    try:
+        making.rename(directory)
+    except OSError as error:
+        text = f"Something came into {directory} while the network was made: perhaps another command makes one there."
+        raise BlockRobotError("FOLDER_NOT_EMPTY", text) from error
+
+
+def check_name(name: str, what: str) -> None:
+    """Refuse what is no name of a node or organisation: it also names a folder. Raises CONFIGURATION_INVALID."""
+    if not 0 < len(name) <= NAME_MAX_CHARS or not set(name) <= _NAME_CHARS:
+        text = f"The name of {what} has 1 to {NAME_MAX_CHARS} small letters, digits and hyphens."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
 
 
 def _write_network(
@@ -159,8 +176,9 @@ def _write_network(
 def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
     """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key, its public entry.
 
-    Raises DATA_DIRECTORY_INVALID if there is one already.
+    Raises DATA_DIRECTORY_INVALID if there is one already, CONFIGURATION_INVALID for a name that is none.
     """
+    check_name(name, "an organisation")
     folder = directory / "organisations" / name
     if folder.exists():
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is an organisation in {folder} already.")

@@ -124,6 +124,8 @@ class Node:
         if faults is not None:
             ledger.require_space = partial(faults.require_space, "ledger")
         disk = None if faults is None else FillableDisk(SystemDisk(), faults, "journal")
+        if self._restored:
+            config.journal_dir.mkdir(parents=True, exist_ok=True)  # a backup may have come back without it
         journal = open_journal(config.journal_path, restored=self._restored, disk=disk)
         stack.callback(journal.close)
         self._contracts = await open_contracts(config, genesis, ledger)

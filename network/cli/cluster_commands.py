@@ -69,7 +69,7 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     try:
         with console.status("Waiting for the nodes to be ready ..."):
             asyncio.run(cluster.wait_ready())
-    except BlockRobotError:
+    except (BlockRobotError, KeyboardInterrupt):
         cluster.stop_all()
         if is_new:
             # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.

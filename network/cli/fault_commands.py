@@ -266,7 +266,8 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
 
     control = FaultControl(control.cluster, read.seed)
     results = asyncio.run(run_plan(read, control, tell))
-    is_ok = all(done.error is None for done in results)
+    is_stopped = _is_stopped(control.cluster, results)
+    is_ok = all(done.error is None for done in results) and not is_stopped
     if as_json:
         steps = [
             {
@@ -278,8 +279,16 @@ def run(plan: Path, dry_run: bool, folder: Path | None, as_json: bool) -> None:
             for done in results
         ]
         print_json({"ok": is_ok, "seed": read.seed, "steps": steps})
+    elif is_stopped:
+        raise BlockRobotError("FAULT_TARGET_ABSENT", "No node is running: the network was stopped meanwhile.")
     if not is_ok:
         sys.exit(EXIT_FAILED)
+
+
+def _is_stopped(cluster: Cluster, results: list[StepDone]) -> bool:
+    """Tell whether no node runs any more, though the plan's last step was not to kill one."""
+    was_killed = bool(results) and isinstance(results[-1].step.action, Kill)
+    return not was_killed and not any(cluster.is_running(name) for name in cluster.names)
 
 
 def _show_plan(plan: FaultPlan, *, as_json: bool) -> None:

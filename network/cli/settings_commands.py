@@ -5,6 +5,7 @@ What a setting may be is decided by the contract; the ranges shown here are for 
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from network.cli.governing import (
 )
 from network.cli.live_quorum import anyway_option, check_setting
 
+_NUMBER = re.compile(r"-?[0-9]{1,70}", re.ASCII)
 _MEANINGS = {
     "base_timeout_ms": ("50 to the cap", "when a round is given up"),
     "timeout_cap_ms": ("1000 to 60000", "that, after many lost rounds"),
@@ -91,7 +93,11 @@ def list_settings(folder: Path | None, organisation: str | None, key_file: Path 
     print_proposals(proposals, membership.majority, "settings")
 
 
-@settings.command()
+def _read_value(text: str) -> int | str:
+    return int(text) if _NUMBER.fullmatch(text) else text
+
+
+@settings.command(context_settings={"ignore_unknown_options": True})  # a value may begin with a minus
 @click.argument("name")
 @click.argument("value")
 @anyway_option
@@ -114,8 +120,7 @@ def propose(
     Example: blockrobot settings propose base_timeout_ms 800 --as hospital
     """
     seat = take_seat(folder, organisation, key_file)
-    digits = value.strip()
-    wanted: int | str = int(digits) if digits.isascii() and digits.isdigit() and len(digits) <= 15 else digits
+    wanted = _read_value(value.strip())
 
     async def look(client: NetworkClient) -> None:
         if not anyway:

@@ -124,6 +124,7 @@ async def test_a_lost_journal_starts_with_the_flag_only(network: NetworkUnderTes
     output = (config.data_dir / "output.log").read_text()
     assert "JOURNAL_MISSING" in output
     assert "--restored" in output
+    config.journal_dir.rmdir()
     network.cluster.start(name, restored=True)
     await _until_it_speaks(network, name, "node-1")
     network.cluster.kill(name)

@@ -81,6 +81,13 @@ def test_a_setting_goes_from_proposal_to_force(chain: Consortium) -> None:
     assert "No open proposals." in run(settings, "list").output
 
 
+@pytest.mark.parametrize("value", ["-5", "9" * 29, "0"])
+def test_a_value_out_of_range_is_refused_with_the_range_whatever_it_looks_like(chain: Consortium, value: str) -> None:
+    refused = run(settings, "propose", "base_timeout_ms", value, "--as", "org-01")
+    assert refused.exit_code == 1
+    assert "50 to 60000" in refused.stderr
+
+
 def test_a_proposal_is_taken_back_by_who_made_it(chain: Consortium) -> None:
     opened = answer(settings, "propose", "heartbeat_ms", "9000", "--as", "org-01")["proposal"]["id"]
     assert refusal(settings, "withdraw", opened, "--as", "org-02") == "GOVERNANCE_NOT_ADMIN"

@@ -82,6 +82,13 @@ def test_a_new_organisation_has_an_entry_without_any_of_its_secrets(tmp_path: Pa
     assert set(json.loads(text)) == {"name", "ca_certificate", "admins", "registrars"}
 
 
+@pytest.mark.parametrize("name", ["../evil", "UPPER!", "", "a/b", "..", "x" * 41])
+def test_an_organisation_cannot_be_named_out_of_its_folder(tmp_path: Path, name: str) -> None:
+    with pytest.raises(BlockRobotError, match="CONFIGURATION_INVALID"):
+        create_organisation(tmp_path / "network", name)
+    assert not any(tmp_path.rglob("*"))
+
+
 @pytest.mark.parametrize("change", [{"admins": None}, {"admins": ["zz"]}, {"name": 7}, {"ca_certificate": "none"}])
 def test_an_entry_that_is_not_whole_is_refused(tmp_path: Path, change: dict[str, object]) -> None:
     create_organisation(tmp_path, "clinic")
