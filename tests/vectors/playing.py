@@ -1,0 +1,37 @@
+"""Plays the golden vectors, and random programs both ways, in a process of its own; prints what came of it.
+
+Arguments: the folder of the vectors, how many programs, and `stand-ins` where the libraries are missing.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+
+
+def main() -> None:
+    sys.path.insert(0, str(HERE.parents[1]))
+    if "stand-ins" in sys.argv:
+        sys.path.insert(0, str(HERE))
+        import stand_ins
+
+        stand_ins.install()
+    from contracts import vectors
+    from tests.property.both_ways import digest_of_programs, digest_of_readings
+
+    differences = []
+    count = 0
+    for name, document in vectors.read_vectors(Path(sys.argv[1])).items():
+        differences += [[name, row] for row in vectors.compare(document)]
+        count += vectors.count(document)
+    digest = digest_of_programs(int(sys.argv[2])) + digest_of_readings(4 * int(sys.argv[2]))
+    version = list(sys.version_info[:3])
+    told = {"version": version, "count": count, "differences": differences, "programs": digest}
+    sys.stdout.write(json.dumps(told))
+
+
+if __name__ == "__main__":
+    main()
