@@ -93,7 +93,7 @@ def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
     charge_search(runtime, text, _same(text, old, "replace"))
     _same(text, new, "replace")
     hits = text.count(old)
-    runtime.charge(5 + (hits >> 5))
+    runtime.charge(5 + (hits >> (5 if type(text) is str else 4)))
     unit = 4 if type(text) is str and not (text.isascii() and new.isascii()) else 1
     runtime.allocate(HEADER_BYTES + unit * (len(text) + hits * len(new)))
     return text.replace(old, new)
@@ -417,7 +417,7 @@ def sorted_list(runtime: Runtime, value: Any, reverse: Any = False) -> list[Any]
     if kind not in (int, str, bytes):
         raise type_fault("Sorting", items[0])
     count = len(items)
-    runtime.charge(4 + (count >> 1))
+    runtime.charge(4 + (count >> 2))
     size = 0
     for item in items:
         if type(item) is not kind:

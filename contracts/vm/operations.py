@@ -54,6 +54,7 @@ def add(runtime: Runtime, left: Any, right: Any) -> Any:
             runtime.allocate(text_bytes(left) + text_bytes(right))
             return left + right
         if kind is list or kind is tuple:
+            runtime.charge((len(left) + len(right)) >> 6)
             runtime.allocate(HEADER_BYTES + ITEM_BYTES * (len(left) + len(right)))
             return left + right
     raise type_fault("'+'", left, right)
@@ -322,7 +323,7 @@ def get_slice(runtime: Runtime, container: Any, start: Any, stop: Any) -> Any:
     unit = ITEM_BYTES if kind is list or kind is tuple else 1
     if kind is str and not container.isascii():
         unit = 4
-    runtime.charge(4)
+    runtime.charge(5)
     runtime.allocate(HEADER_BYTES + unit * count)
     return container[first:last]
 
