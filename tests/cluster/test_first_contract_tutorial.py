@@ -65,9 +65,9 @@ class Reader:
                     self.type(command, fails=remark == "fails")
             else:
                 how, _, name = remark.partition("=")
-                mode = "a" if how == "append" else "w"
-                with (self.folder / name).open(mode, encoding="utf-8") as file:
-                    file.write(content)
+                path = self.folder / name
+                before = path.read_text(encoding="utf-8") + "\n\n" if how == "append" else ""
+                path.write_text(before + content, encoding="utf-8")
 
 
 @pytest.fixture
