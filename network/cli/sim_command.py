@@ -107,24 +107,14 @@ def run_command(
       blockrobot sim run --plan seed-42.toml --trace
     """
     from network.bench.conditions import measure_conditions  # noqa: PLC0415 - a node's code, only when it is needed
-    from network.sim.plan import make_growth_plan, max_faulty  # noqa: PLC0415
-    from network.sim.plan_file import load_plan  # noqa: PLC0415
-    from network.sim.sweep import plan_of, sweep  # noqa: PLC0415
+    from network.sim.plan import max_faulty  # noqa: PLC0415
+    from network.sim.sweep import sweep  # noqa: PLC0415
 
     if plan_file is not None:
         _refuse_beside_a_plan()
-        plans = [load_plan(plan_file)]
-    elif profile == "grow":
-        if byzantine or nodes != NODES_DEFAULT_COUNT:
-            raise BlockRobotError(
-                "CONFIGURATION_INVALID", "The profile grow has its own ten nodes, all of them honest."
-            )
-        plans = [make_growth_plan(seed, rounds=rounds) for seed in seeds]
-    elif byzantine > max_faulty(nodes):
-        text = f"Of {nodes} nodes at most {max_faulty(nodes)} may be dishonest: of more, nothing is promised."
-        raise BlockRobotError("CONFIGURATION_INVALID", text)
+        plans = [_read_plan(plan_file)]
     else:
-        plans = [plan_of(seed, nodes, rounds, byzantine) for seed in seeds]
+        plans = _make_plans(seeds, profile, nodes, rounds, byzantine)
     if trace:
         if len(plans) != 1:
             raise BlockRobotError("CONFIGURATION_INVALID", "A trace is of one seed or one plan.")
@@ -143,6 +133,29 @@ def run_command(
     _report(total, conditions, plan_file, as_json=as_json)
     if total.violations:
         sys.exit(EXIT_FAILED)
+
+
+def _read_plan(path: Path) -> Plan:
+    from network.sim.plan_file import load_plan  # noqa: PLC0415 - a node's code, only when it is needed
+
+    return load_plan(path)
+
+
+def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: int) -> list[Plan]:
+    """Return a plan for each seed. Raises CONFIGURATION_INVALID for what the profile has no room for."""
+    from network.sim.plan import make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
+    from network.sim.sweep import plan_of  # noqa: PLC0415
+
+    if profile == "grow":
+        if byzantine or nodes != NODES_DEFAULT_COUNT:
+            raise BlockRobotError(
+                "CONFIGURATION_INVALID", "The profile grow has its own ten nodes, all of them honest."
+            )
+        return [make_growth_plan(seed, rounds=rounds) for seed in seeds]
+    if byzantine > max_faulty(nodes):
+        text = f"Of {nodes} nodes at most {max_faulty(nodes)} may be dishonest: of more, nothing is promised."
+        raise BlockRobotError("CONFIGURATION_INVALID", text)
+    return [plan_of(seed, nodes, rounds, byzantine) for seed in seeds]
 
 
 def _refuse_beside_a_plan() -> None:
