@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import multiprocessing
 import os
+import re
 import secrets
 import shutil
 from collections.abc import Callable, Iterator, Mapping
@@ -22,6 +23,7 @@ from clients.robot.events import Sighting
 from clients.robot.messages import IMAGE_TYPE, NS_PER_MS, SIGHTING_TYPE, MessageCodec
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic.render import RENDERER_VERSION, Renderer, readings
+from clients.sdk.processes import is_process_alive
 from consensus.errors import BlockRobotError
 
 DEPTH_TOPIC = "/camera/depth/image_raw"
@@ -32,6 +34,8 @@ RUN_START_MS = 1_579_278_405_650  # any instant will do: players move the timeli
 EMPTY_LEAD_MS = 10_000
 BATCH_FRAMES_COUNT = 12
 WORKERS_MAX_COUNT = 8
+_UNFINISHED = re.compile(r"\..+-[0-9a-f]{24}\.([1-9][0-9]{0,9})\.[0-9a-f]{8}")
+"""A bag that a process is making: `.NAME-KEY.PID.CHANCE`."""
 
 Progress = Callable[[int, int], None]
 Rendered = list[tuple[int, bytes]]
@@ -68,6 +72,7 @@ def make_bag(
             progress(total, total)
         return target
     cache.mkdir(parents=True, exist_ok=True)
+    _remove_abandoned(cache)
     unfinished = cache / f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}"
     try:
         _write(scenario, uids, unfinished, progress or _silent, workers)
@@ -75,6 +80,14 @@ def make_bag(
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     return target
+
+
+def _remove_abandoned(cache: Path) -> None:
+    """Remove unfinished bags whose makers are dead: a process that is killed leaves what it has written behind."""
+    for path in cache.iterdir():
+        found = _UNFINISHED.fullmatch(path.name)
+        if found and not is_process_alive(int(found[1])) and path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
 
 
 def _silent(done: int, total: int) -> None:

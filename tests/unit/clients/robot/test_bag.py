@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +92,41 @@ def test_an_unfinished_bag_in_the_cache_is_made_anew(small_scenario: Scenario, t
     assert second == first
     assert BagSource(second).frame_count == 6
     assert [path.name for path in tmp_path.iterdir()] == [first.name]
+
+
+def _leave_unfinished(cache: Path, name: str) -> Path:
+    place = cache / name
+    place.mkdir(parents=True)
+    (place / "half.mcap").write_bytes(b"half")
+    return place
+
+
+@pytest.fixture
+def dead_pid() -> int:
+    """The number of a process that has ended."""
+    child = subprocess.Popen([sys.executable, "-c", ""])
+    child.wait()
+    return child.pid
+
+
+def test_what_a_killed_maker_left_is_removed_by_the_next_and_nothing_besides(
+    small_scenario: Scenario, tmp_path: Path, dead_pid: int
+) -> None:
+    key = "0123456789abcdef01234567"
+    abandoned = _leave_unfinished(tmp_path, f".other-run.1-{key}.{dead_pid}.89abcdef")
+    kept = [
+        _leave_unfinished(tmp_path, f".other-run-{key}.{os.getpid()}.89abcdef"),
+        _leave_unfinished(tmp_path, f"other-run-{key}.{dead_pid}.89abcdef"),
+        _leave_unfinished(tmp_path, f".photographs.{dead_pid}.89abcdef"),
+        _leave_unfinished(tmp_path, f".other-run-{key}.{dead_pid}.mine"),
+    ]
+    elsewhere = _leave_unfinished(tmp_path / "elsewhere", "letters")
+    link = tmp_path / f".linked-{key}.{dead_pid}.89abcdef"
+    link.symlink_to(elsewhere, target_is_directory=True)
+    made = make_bag(small_scenario, {"ann": UID}, tmp_path, workers=1)
+    assert not abandoned.exists()
+    assert {path.name for path in tmp_path.iterdir()} == {*(path.name for path in [*kept, made, link]), "elsewhere"}
+    assert all((path / "half.mcap").is_file() for path in [*kept, elsewhere])
 
 
 def test_several_processes_make_the_same_recording(small_scenario: Scenario, small_bag: Path, tmp_path: Path) -> None:
