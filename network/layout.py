@@ -34,6 +34,7 @@ from contracts.execution.registry import contract_entries
 from contracts.vm import LANGUAGE_VERSION
 from network.authority import Authority, create_authority, encode_private_key, issue_node_certificate, write_secret
 from network.handed_over import ORGANISATION_ENTRY_FILE, organisation_entry_to_json
+from network.removal import MAKING_MARK, marked_as_making, remove_abandoned
 from node.config import CONFIG_FILE, NodeConfig, config_to_toml
 from node.journal import Journal
 
@@ -92,7 +93,7 @@ def create_network(
     Node i (from 0) listens on base_port + 10*i (peers), +1 (clients), +2 (operator). The first node of each
     organisation is a custodian. `store` is `sqlite` or a MongoDB URI. The folder appears whole or not at all. Raises
     CONFIGURATION_INVALID for numbers that make no network, DATA_DIRECTORY_INVALID if there is a network already,
-    FOLDER_NOT_EMPTY if there is something else.
+    FOLDER_NOT_EMPTY if there is something else. What a killed maker of the same folder left aside is removed.
     """
     if not 1 <= nodes <= PRODUCERS_MAX_COUNT or not 1 <= organisations <= nodes:
         raise BlockRobotError(
@@ -105,11 +106,14 @@ def create_network(
     if directory.exists() and any(directory.iterdir()):
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{directory} is not empty, and what is in it is no network.")
     directory.parent.mkdir(parents=True, exist_ok=True)
+    remove_abandoned(directory)
     making = Path(tempfile.mkdtemp(prefix=f".{directory.name}.", dir=directory.parent))
     try:
         making.chmod(NETWORK_FOLDER_MODE)
-        genesis = _write_network(making, nodes, organisations, base_port, store, network, settings, faults=faults)
-        _put_in_place(making, directory)
+        with marked_as_making(making):
+            genesis = _write_network(making, nodes, organisations, base_port, store, network, settings, faults=faults)
+            _put_in_place(making, directory)
+        (directory / MAKING_MARK).unlink(missing_ok=True)
     except BaseException:
         shutil.rmtree(making, ignore_errors=True)
         raise

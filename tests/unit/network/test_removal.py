@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -11,7 +16,7 @@ from consensus.errors import BlockRobotError
 from network.cli.main import main
 from network.cluster import Cluster
 from network.layout import create_network
-from network.removal import remove_network
+from network.removal import MAKING_MARK, remove_network
 
 
 @pytest.fixture
@@ -90,3 +95,64 @@ def test_a_new_network_that_does_not_start_is_removed_and_nothing_beside_it(
     result = CliRunner().invoke(main, ["up", "--dir", str(place), "--nodes", "1", "--base-port", "25000"])
     assert "PORT_IN_USE" in result.output
     assert contents(place) == ["notes.txt"]
+
+
+HALF_MADE = """
+import signal, sys
+from pathlib import Path
+from network import layout
+
+write = layout._write_network
+
+def write_and_wait(making, *rest, **named):
+    write(making, *rest, **named)
+    print(making.name, flush=True)
+    signal.pause()
+
+layout._write_network = write_and_wait
+layout.create_network(Path(sys.argv[1]), nodes=1, organisations=1, base_port=25_000)
+"""
+
+
+def test_what_a_killed_maker_left_is_removed_by_the_next_of_the_same_name_and_not_before_it_is_dead(
+    tmp_path: Path,
+) -> None:
+    command = [sys.executable, "-c", HALF_MADE, str(tmp_path / "network")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as maker:
+        assert maker.stdout is not None
+        making = tmp_path / maker.stdout.readline().strip()
+        assert (making / "genesis.json").is_file()
+        shutil.copytree(making, tmp_path / "copy")
+        create_network(tmp_path / "network", nodes=1, organisations=1, base_port=25_000)
+        remove_network(tmp_path / "network")
+        assert (making / "nodes").is_dir(), "its maker lives"
+        os.kill(maker.pid, signal.SIGKILL)
+    create_network(tmp_path / "other", nodes=1, organisations=1, base_port=25_000)
+    assert making.exists(), "it was made for another folder"
+    create_network(tmp_path / "network", nodes=1, organisations=1, base_port=25_000)
+    assert {path.name for path in tmp_path.iterdir()} == {"copy", "network", "other"}
+    assert not (tmp_path / "network" / MAKING_MARK).exists()
+
+
+def test_what_only_looks_left_behind_stays(tmp_path: Path, home: Path) -> None:
+    """Names of eight characters are anybody's, and a mark may be copied to where something else lies."""
+    text = b"BlockRobot makes a network here.\n"
+    unmarked, otherwise, mixed, linked = (
+        tmp_path / f".network.{name}" for name in ("unmarked", "a_letter", "mixed_up", "linked_x")
+    )
+    for folder in (unmarked, otherwise, mixed, linked):
+        (folder / "nodes").mkdir(parents=True)
+    (otherwise / MAKING_MARK).write_bytes(b"")
+    (mixed / MAKING_MARK).write_bytes(text)
+    (mixed / "thesis.tex").write_text("words", encoding="utf-8")
+    (linked / MAKING_MARK).write_bytes(text)
+    (linked / "organisations").symlink_to(home, target_is_directory=True)
+    (home / MAKING_MARK).write_bytes(text)
+    (tmp_path / ".network.homelink").symlink_to(home, target_is_directory=True)
+    before = contents(home)
+    create_network(tmp_path / "network", nodes=1, organisations=1, base_port=25_000)
+    assert contents(unmarked) == ["nodes"]
+    assert contents(otherwise) == [MAKING_MARK, "nodes"]
+    assert contents(mixed) == [MAKING_MARK, "nodes", "thesis.tex"]
+    assert contents(linked)[:2] == [MAKING_MARK, "nodes"]
+    assert contents(home) == before
