@@ -52,7 +52,7 @@ def marked_as_making(folder: Path) -> Iterator[None]:
     """Mark an empty folder as one in which this process makes a network; the mark goes with it if it is renamed."""
     mark = folder / MAKING_MARK
     with mark.open("xb", buffering=0) as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_EX)
         file.write(_MARK_TEXT)  # behind the lock: a mark with its text and without a lock has no maker any more
         yield
 
@@ -60,7 +60,8 @@ def marked_as_making(folder: Path) -> Iterator[None]:
 def remove_abandoned(directory: Path) -> None:
     """Remove what a process that was killed left of the network that it was making for this directory.
 
-    Only a folder beside it that is named as `.NAME.` with eight characters, bears the mark, which nobody holds, and has nothing in it that no network has.
+    Only a folder beside it that is named `.NAME.` and eight characters, bears the mark, which nobody holds any more, and
+    has nothing in it that no network has.
     """
     prefix = f".{directory.name}."
     for place in sorted(directory.parent.iterdir()) if directory.parent.is_dir() else []:

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import msgspec
-import structlog
 
 from consensus.errors import BlockRobotError
 from node.disk import Disk, DiskFile
@@ -24,10 +23,9 @@ TOKEN_FILE_NAME = "operator.token"  # noqa: S105 - a file's name
 STATE_FILE_NAME = "faults.json"
 CLOCK_OFFSET_MAX_MS = 10 * 365 * 24 * 3_600_000
 LINKS_MAX_COUNT = 64
+SEED_MAX = (1 << 32) - 1
 DISKS = ("journal", "ledger", "custody")
 _TOKEN_BYTES = 32
-
-log = structlog.get_logger(__name__)
 
 
 class AdjustableClock(Protocol):
@@ -86,7 +84,6 @@ class FaultSwitch:
         self._apply(wanted)
         state = self.describe()
         self._keep()
-        log.warning("faults_changed", **state)
         return state
 
     def _apply(self, wanted: FaultRequest) -> None:
@@ -113,6 +110,8 @@ class FaultSwitch:
         for fault in wanted.links.values():
             if fault is not None:
                 fault.check()
+        if wanted.seed is not None and not 0 <= wanted.seed <= SEED_MAX:
+            raise BlockRobotError("FAULT_INVALID", f"A seed is a whole number from 0 to {SEED_MAX}.")
         if wanted.clock_offset_ms is not None and abs(wanted.clock_offset_ms) > CLOCK_OFFSET_MAX_MS:
             raise BlockRobotError("FAULT_INVALID", "A clock is wrong by ten years at most.")
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hmac
 from ipaddress import ip_address
 
+import structlog
 from aiohttp import web
 
 from consensus.errors import BlockRobotError
@@ -17,6 +18,8 @@ from node.faults import FaultSwitch
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
+
+log = structlog.get_logger(__name__)
 
 
 def create_operator_listener(status: NodeStatus, faults: FaultSwitch | None = None, token: str = "") -> web.Application:
@@ -43,7 +46,9 @@ def create_operator_listener(status: NodeStatus, faults: FaultSwitch | None = No
             switch = _require_operator(request, faults, token)
             if request.method == "GET":
                 return web.json_response(switch.describe())
-            return web.json_response(switch.request(await request.read()))
+            state = switch.request(await request.read())
+            log.warning("faults_changed", **state)
+            return web.json_response(state)
         except BlockRobotError as error:
             problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
             return web.json_response(problem, status=error.entry.status)

@@ -16,7 +16,7 @@ from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cluster import Cluster
-from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, make_link_fault
+from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, check_seed, make_link_fault
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
 from network.faults.profiles import LINK_PROFILES
@@ -154,9 +154,10 @@ def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, *
 
     Examples: blockrobot fault link node-1 node-3 --delay 200; blockrobot fault link 'node-1<->node-2' --profile wan
     """
-    control = _control(folder, seed)
+    fault = make_link_fault(**figures)
+    control = _control(folder, check_seed(seed))
     text = f"{link[0]} -> {link[1]}" if len(link) == 2 else " ".join(link)
-    _do(control, control.reader.link(text, make_link_fault(**figures)), as_json=as_json)
+    _do(control, control.reader.link(text, fault), as_json=as_json)
 
 
 @fault.command(context_settings={"ignore_unknown_options": True, "help_option_names": ["--help"]})
@@ -166,12 +167,15 @@ def link(link: tuple[str, ...], folder: Path | None, as_json: bool, seed: int, *
 @json_option
 @plain_errors
 def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
-    """Set a node's clock wrong by an offset such as +1h or -90s; 0 sets it right. A change is a jump.
+    """Set a node's clock wrong by an offset such as +1h or -90s; 0 sets it right, running or not. A change is a jump.
 
     Examples: blockrobot fault skew node-2 +1h; blockrobot fault skew node-2 -90s; blockrobot fault skew node-2 0
     """
     control = _control(folder)
-    _do(control, control.reader.skew(node, offset), as_json=as_json)
+    action = control.reader.skew(node, offset)
+    if action.offset_ms:
+        control.require_running(node)
+    _do(control, action, as_json=as_json)
 
 
 @fault.command()
@@ -182,12 +186,15 @@ def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
 @json_option
 @plain_errors
 def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -> None:
-    """Let the disk under a node's journal, ledger or custody store be full, or free again.
+    """Let the disk under a node's journal, ledger or custody store be full, or free again (running or not).
 
     Examples: blockrobot fault disk node-2 full; blockrobot fault disk node-2 free --of ledger
     """
     control = _control(folder)
-    _do(control, control.reader.disk(node, disk, is_full=state == "full"), as_json=as_json)
+    action = control.reader.disk(node, disk, is_full=state == "full")
+    if action.is_full:
+        control.require_running(node)
+    _do(control, action, as_json=as_json)
 
 
 @fault.command(epilog=f"Behaviours: {', '.join(BEHAVIOURS)}. Several are joined with +.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -9,8 +10,8 @@ from dataclasses import dataclass, field
 from consensus.errors import BlockRobotError
 from network.byzantine import check_behaviour
 from network.faults.profiles import link_profile
-from node.faults import CLOCK_OFFSET_MAX_MS, DISKS
-from node.p2p.shaping import SOUND, LinkFault
+from node.faults import CLOCK_OFFSET_MAX_MS, DISKS, SEED_MAX
+from node.p2p.shaping import BANDWIDTH_MAX_BYTES_PER_S, SOUND, LinkFault
 
 _UNITS_MS = {"ms": 1, "s": 1_000, "m": 60_000, "min": 60_000, "h": 3_600_000, "d": 86_400_000}
 _DURATION = re.compile(r"([+-]?)((?:\d+(?:\.\d+)?(?:ms|min|s|m|h|d))+)")
@@ -234,7 +235,7 @@ class ActionReader:
     def byzantine(self, name: str, behaviour: str, seed: int) -> GoByzantine:
         """Check the name of a behaviour."""
         check_behaviour(behaviour)
-        return GoByzantine(self.node(name), behaviour, seed)
+        return GoByzantine(self.node(name), behaviour, check_seed(seed))
 
 
 def make_link_fault(
@@ -247,18 +248,37 @@ def make_link_fault(
     cut: bool = False,
 ) -> LinkFault:
     """Return a profile's figures with those that are given in their place. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    figures = (profile, delay_ms, jitter_ms, loss, bandwidth_kbytes_per_s)
+    if cut and any(figure is not None for figure in figures):
+        raise BlockRobotError("FAULT_INVALID", "A link that is cut lets nothing through: no profile or figure fits it.")
     base = SOUND if profile is None else link_profile(profile)
     fault = LinkFault(
         delay_ms=base.delay_ms if delay_ms is None else delay_ms,
         jitter_ms=base.jitter_ms if jitter_ms is None else jitter_ms,
         loss=base.loss if loss is None else loss,
         bandwidth_bytes_per_s=(
-            base.bandwidth_bytes_per_s if bandwidth_kbytes_per_s is None else round(bandwidth_kbytes_per_s * 1000)
+            base.bandwidth_bytes_per_s if bandwidth_kbytes_per_s is None else _bytes_per_s(bandwidth_kbytes_per_s)
         ),
         cut=cut,
     )
     fault.check()
     return fault
+
+
+def _bytes_per_s(kbytes_per_s: float) -> int:
+    """Return a bandwidth in bytes a second. Raises FAULT_INVALID, also for one that would be rounded to no limit."""
+    bytes_per_s = kbytes_per_s * 1000
+    if not math.isfinite(bytes_per_s) or not (bytes_per_s == 0 or 1 <= bytes_per_s <= BANDWIDTH_MAX_BYTES_PER_S):
+        most = BANDWIDTH_MAX_BYTES_PER_S // 1000
+        raise BlockRobotError("FAULT_INVALID", f"A bandwidth is 0.001 to {most} kB/s, or 0 for no limit.")
+    return round(bytes_per_s)
+
+
+def check_seed(seed: int) -> int:
+    """Return a seed. Raises FAULT_INVALID for one out of range."""
+    if not 0 <= seed <= SEED_MAX:
+        raise BlockRobotError("FAULT_INVALID", f"A seed is a whole number from 0 to {SEED_MAX}.")
+    return seed
 
 
 def parse_duration(text: str) -> int:
@@ -267,6 +287,8 @@ def parse_duration(text: str) -> int:
     if found is None:
         raise BlockRobotError("FAULT_INVALID", f"{text!r} is no duration; write 250ms, 2s, -90s, 5m, 1h30m or 2d.")
     total = sum(float(number) * _UNITS_MS[unit] for number, unit in _DURATION_PART.findall(found[2]))
+    if not math.isfinite(total):
+        raise BlockRobotError("FAULT_INVALID", "The duration is longer than can be said.")
     return round(-total if found[1] == "-" else total)
 
 

@@ -114,6 +114,10 @@ class FaultControl:
         is_paused, behaviour = cluster.is_paused(name), cluster.behaviour(name)
         return NodeFaults(name, cluster.is_running(name), is_paused, behaviour, switched)
 
+    def require_running(self, name: str) -> None:
+        """Refuse for a node that is down what only one that runs could notice. Raises FAULT_TARGET_ABSENT."""
+        self._running(name)
+
     def _running(self, name: str) -> Cluster:
         if not self.cluster.is_running(self.reader.node(name)):
             raise BlockRobotError("FAULT_TARGET_ABSENT", f"{name} is not running.")

@@ -49,6 +49,7 @@ from network.faults.actions import (
     parse_duration,
 )
 from network.faults.profiles import LINK_PROFILES
+from node.faults import SEED_MAX
 from node.p2p.shaping import SOUND
 
 STEPS_MAX_COUNT = 1_000
@@ -123,8 +124,8 @@ class _PlanReader:
             if key not in {"seed", "step", "random"}:
                 raise _wrong(self._line_of(key, 1), f"there is no {key!r} in a plan; there are seed, step and random.")
         self.seed = document.get("seed", 0)
-        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or self.seed < 0:
-            raise _wrong(self._line_of("seed", 1), "the seed is a whole number, 0 or more.")
+        if not isinstance(self.seed, int) or isinstance(self.seed, bool) or not 0 <= self.seed <= SEED_MAX:
+            raise _wrong(self._line_of("seed", 1), f"the seed is a whole number from 0 to {SEED_MAX}.")
 
     def _line_of(self, key: str, from_line: int) -> int:
         """Return the line of a key at or behind a line, but in the same table; else the line itself."""

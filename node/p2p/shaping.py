@@ -20,6 +20,7 @@ from consensus.primitives.hashing import tagged_hash
 from node.p2p.wire import HEADER_SIZE_BYTES, FrameKind
 
 DELAY_MAX_MS = 60_000.0
+BANDWIDTH_MAX_BYTES_PER_S = 1_000_000_000_000
 QUEUE_MAX_BYTES = 32 * 1024 * 1024
 _KIND_PLACE = HEADER_SIZE_BYTES - 1
 
@@ -45,8 +46,9 @@ class LinkFault(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise BlockRobotError(
                 "FAULT_INVALID", "The loss is a share from 0 to below 1; for all of it, cut the link."
             )
-        if self.bandwidth_bytes_per_s < 0:
-            raise BlockRobotError("FAULT_INVALID", "A bandwidth is a number of bytes in a second, or 0 for no limit.")
+        if not 0 <= self.bandwidth_bytes_per_s <= BANDWIDTH_MAX_BYTES_PER_S:
+            most = f"{BANDWIDTH_MAX_BYTES_PER_S} bytes"
+            raise BlockRobotError("FAULT_INVALID", f"A bandwidth is up to {most} in a second, or 0 for no limit.")
 
     @property
     def is_sound(self) -> bool:

@@ -76,6 +76,53 @@ def test_nothing_is_broken_while_no_node_runs(folder: Path, arguments: list[str]
     assert _problem(_run(folder, *arguments, "--json"))["code"] == "CLUSTER_NOT_RUNNING"
 
 
+@pytest.mark.parametrize("arguments", [["skew", "node-1", "+1h"], ["disk", "node-1", "full"]], ids=" ".join)
+def test_a_killed_node_gets_no_wrong_clock_and_no_full_disk(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name == "node-2")
+    problem = _problem(_run(folder, *arguments, "--json"))
+    assert (problem["code"], problem["detail"]) == ("FAULT_TARGET_ABSENT", "node-1 is not running.")
+    assert not (folder / "nodes" / "node-1" / STATE_FILE_NAME).exists()
+    spoken = _run(folder, *arguments)
+    assert spoken.stderr.splitlines()[0] == "node-1 is not running."
+
+
+@pytest.mark.parametrize("arguments", [["skew", "node-1", "0"], ["disk", "node-1", "free"]], ids=" ".join)
+def test_what_is_wrong_with_a_killed_node_ends_without_a_line_of_log(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name == "node-2")
+    result = _run(folder, *arguments)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.startswith("Done: ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["link", "node-1", "node-2", "--cut", "--delay", "5"],
+        ["link", "node-1", "node-2", "--cut", "--profile", "wan"],
+        ["link", "node-1", "node-2", "--delay", "5", "--seed", "-1"],
+        ["link", "node-1", "node-2", "--delay", "5", "--seed", "99999999999999999999"],
+        ["link", "node-1", "node-2", "--delay", "nan"],
+        ["link", "node-1", "node-2", "--jitter", "-5"],
+        ["link", "node-1", "node-2", "--loss", "1"],
+        ["link", "node-1", "node-2", "--bandwidth", "inf"],
+        ["link", "node-1", "node-2", "--bandwidth", "1e300"],
+        ["link", "node-1", "node-2", "--bandwidth", "1e-9"],
+        ["skew", "node-1", "9" * 400 + "d"],
+        ["byzantine", "node-1", "equivocate", "--seed", "-1"],
+    ],
+    ids=lambda arguments: " ".join(arguments)[:60],
+)
+def test_figures_that_make_no_sense_are_refused(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, _name: True)
+    assert _problem(_run(folder, *arguments, "--json"))["code"] == "FAULT_INVALID"
+
+
 def test_a_node_that_is_none_is_not_restarted(folder: Path) -> None:
     problem = _problem(_run(folder, "restart", "node-7", "--json"))
     assert problem["code"] == "FAULT_UNKNOWN"

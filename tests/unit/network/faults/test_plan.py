@@ -123,6 +123,7 @@ def test_steps_are_read_in_order_of_time_with_their_lines() -> None:
         ("seed = 1\nspeed = 2", 2, "speed"),
         ("seed = -1", 1, "seed"),
         ("seed = true", 1, "seed"),
+        (f"seed = {1 << 32}", 1, "seed"),
         ("seed = 1\n[[step]", 2, "TOML"),
         ("[[step]]\ndo = 'kill'\nnode = 'node-1'", 1, "at"),
         ("[[step]]\nat = 5\ndo = 'kill'", 2, "at"),
