@@ -12,7 +12,7 @@ from pathlib import Path
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
-from node.snapshot.checking import ProvenHead, restore_into, verify_head
+from node.snapshot.checking import ProvenHead, require_whole, restore_into, verify_head
 from node.snapshot.form import SnapshotSource, read_manifest
 from node.snapshot.making import Progress, no_progress
 from node.storage.ledger_store import Position
@@ -105,9 +105,11 @@ def build_aside(
 
     `adopt_restored` puts it in its place. Raises as `restore_ledger` does; after an error nothing is left of it.
     """
-    head = verify_head(read_manifest(source.manifest()), genesis)
+    manifest = read_manifest(source.manifest())
+    head = verify_head(manifest, genesis)
     position = read_stored_position(ledger_dir, genesis) if stored is None else stored
     if position is not None and position.height >= head.header.height:
+        require_whole(source, manifest, progress)  # a damaged one is of no use anywhere: that is the first to know
         raise BlockRobotError(
             "SNAPSHOT_OLD", f"The snapshot ends with block {head.header.height}, the ledger with {position.height}."
         )

@@ -403,6 +403,16 @@ async def test_a_node_s_ledger_is_replaced_by_a_newer_snapshot_only(tmp_path: Pa
     with pytest.raises(BlockRobotError) as refused:
         restore_ledger(old, chain.genesis, ledger_dir)
     assert refused.value.code == "SNAPSHOT_OLD"
+    for index, code in ((0, "SNAPSHOT_DAMAGED"), (1, "SNAPSHOT_TRUNCATED")):
+        chunk = tmp_path / "old" / chunk_name(index)
+        whole = chunk.read_bytes()
+        chunk.unlink()
+        if code == "SNAPSHOT_DAMAGED":
+            chunk.write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
+        with pytest.raises(BlockRobotError) as damaged:
+            restore_ledger(old, chain.genesis, ledger_dir)
+        assert damaged.value.code == code, "that it is old as well is the smaller trouble"
+        chunk.write_bytes(whole)
     assert restore_ledger(new, chain.genesis, ledger_dir).header.height == 6
     assert names_in(tmp_path) == ["ledger", "new", "old"]
     with LedgerFile(ledger_dir) as ledger, ledger.snapshot() as view:
