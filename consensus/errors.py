@@ -66,6 +66,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_CONTRACT_REFUSED", 409, "The contract lifecycle refused the change of a contract.", "Compare with `blockrobot contract list` and `blockrobot contract show NAME`, and mend what the message names."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
     ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
+    ErrorEntry("ORGANISATION_EXISTS", 409, "The folder of an organisation of this name is here already.", "Choose another name, or propose the one that is there: `blockrobot org propose add-org NAME --as ORG`."),
+    ErrorEntry("SERIAL_INVALID", 400, "The text is no certificate's serial number.", "Copy the number from `blockrobot certificate list`: up to 40 hexadecimal digits."),
     # API and sessions
     ErrorEntry("REQUEST_INVALID", 400, "The request does not have the described form.", "See /v1/openapi.json for the form."),
     ErrorEntry("REQUEST_TOO_LARGE", 413, "The request body is larger than this route takes.", "Send less at once."),
@@ -111,6 +113,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
     ErrorEntry("CLUSTER_ALREADY_RUNNING", 409, "A cluster already runs in this directory.", "Use it, or stop it with `blockrobot down`."),
     ErrorEntry("CLUSTER_START_FAILED", 500, "The cluster did not become ready in time.", "See `blockrobot logs` for the first error.", retryable=True),
+    ErrorEntry("CLUSTER_FIRST_START_FAILED", 500, "The new network did not become ready in time, and was removed again.", "Mend what the last lines of its nodes name, then start it again.", retryable=True),
     ErrorEntry("FAULT_UNKNOWN", 400, "There is no such fault, behaviour, link profile or node.", "See `blockrobot fault --help` for the names."),
     ErrorEntry("FAULT_INVALID", 400, "A fault is described with a figure that makes no sense.", "Compare it with the examples in `blockrobot fault --help`."),
     ErrorEntry("FAULT_TARGET_ABSENT", 409, "The node is down, paused or starting, so that it cannot be told.", "See `blockrobot fault list`; resume or restart the node first.", retryable=True),

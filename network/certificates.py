@@ -85,13 +85,13 @@ def serial_bytes(serial: int) -> bytes:
 
 
 def parse_serial(text: str) -> int:
-    """Read a serial number in hexadecimal. Raises REQUEST_INVALID."""
+    """Read a serial number in hexadecimal. Raises SERIAL_INVALID."""
     try:
         serial = int(text.replace(":", ""), 16)
     except ValueError:
         serial = -1
     if not 0 < serial < 1 << (8 * SERIAL_SIZE_BYTES):
-        raise BlockRobotError("REQUEST_INVALID", f"{text!r} is no serial number; see `blockrobot certificate list`.")
+        raise BlockRobotError("SERIAL_INVALID", f"{text!r} is no serial number.")
     return serial
 
 

@@ -196,6 +196,7 @@ class Cluster:
     async def wait_ready(self, names: list[str] | None = None, timeout_s: float = READY_TIMEOUT_S) -> None:
         """Wait until these nodes (all unless said) say that they are ready. Raises CLUSTER_START_FAILED with why not.
 
+        Its context names the `nodes` that are not, with spaces between.
         Of a node that says why it cannot take part (it was not added yet or was removed, or its certificate is over)
         no more is expected, unless it is asked for by name.
         """
@@ -205,11 +206,13 @@ class Cluster:
             while waiting:
                 for name in list(waiting):
                     if not self.is_running(name):
-                        raise BlockRobotError("CLUSTER_START_FAILED", f"Node {name} stopped: {self.last_words(name)}")
+                        detail = f"Node {name} stopped: {self.last_words(name)}"
+                        raise BlockRobotError("CLUSTER_START_FAILED", detail, nodes=name)
                     if await self._answers_ready(session, name, is_asked_for=names is not None):
                         waiting.remove(name)
                 if waiting and time.monotonic() > deadline:
-                    raise BlockRobotError("CLUSTER_START_FAILED", f"Not ready in time: {', '.join(waiting)}.")
+                    detail = f"Not ready in time: {', '.join(waiting)}."
+                    raise BlockRobotError("CLUSTER_START_FAILED", detail, nodes=" ".join(waiting))
                 if waiting:
                     await asyncio.sleep(_POLL_S)
 
@@ -242,6 +245,14 @@ class Cluster:
         path = self.config(name).data_dir / "output.log"
         lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines() if path.exists() else []
         return lines[-1] if lines else "it printed nothing."
+
+    def last_lines(self, name: str, count: int) -> list[str]:
+        """Return the last lines of a node's log and of what it printed outside it, so many of each."""
+        config, lines = self.config(name), []
+        for path in (config.log_path, config.data_dir / "output.log"):
+            if path.exists():
+                lines += path.read_text(encoding="utf-8", errors="replace").splitlines()[-count:]
+        return lines
 
     async def status(self, timeout_s: float = 2.0) -> list[NodeStatusReport]:
         """Ask every node's operator listener."""

@@ -180,12 +180,12 @@ def _write_network(
 def create_organisation(directory: Path, name: str) -> tuple[Authority, Organisation]:
     """Make the folder of an organisation in a network's folder: its CA, an admin's and a registrar's key, its public entry.
 
-    Raises DATA_DIRECTORY_INVALID if there is one already, CONFIGURATION_INVALID for a name that is none.
+    Raises ORGANISATION_EXISTS if there is one already, CONFIGURATION_INVALID for a name that is none.
     """
     check_name(name, "an organisation")
     folder = directory / "organisations" / name
     if folder.exists():
-        raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is an organisation in {folder} already.")
+        raise BlockRobotError("ORGANISATION_EXISTS", f"There is an organisation in {folder} already.")
     authority = create_authority(name)
     admin, registrar = new_key(), new_key()
     write_secret(folder / "ca.key.pem", encode_private_key(authority.key))

@@ -18,6 +18,9 @@ from network.removal import remove_network
 
 DEFAULT_BASE_PORT = 7272
 ORGANISATIONS_COUNT = 2
+TOLD_NODES_COUNT = 2
+TOLD_LINES_COUNT = 5
+TOLD_LINE_CHARS = 400
 
 
 def network_folder(folder: Path | None) -> Path:
@@ -69,13 +72,26 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
     try:
         with console.status("Waiting for the nodes to be ready ..."):
             asyncio.run(cluster.wait_ready())
-    except (BlockRobotError, KeyboardInterrupt):
+    except (BlockRobotError, KeyboardInterrupt) as error:
         cluster.stop_all()
         if is_new:
             # A network that never ran holds nothing; kept, it would insist on the ports and store that failed.
+            failure = _first_failure(cluster, error)
             remove_network(place)
+            raise failure from None
         raise
     report(asyncio.run(cluster.status()), place, as_json=as_json)
+
+
+def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:
+    """Return what to say of a new network that is about to be removed: its logs go with it, so their ends are told."""
+    if not isinstance(error, BlockRobotError) or error.code != "CLUSTER_START_FAILED":
+        return error
+    names = str(error.context.get("nodes", "")).split()[:TOLD_NODES_COUNT]
+    lines = [
+        f"  {name} {line[:TOLD_LINE_CHARS]}" for name in names for line in cluster.last_lines(name, TOLD_LINES_COUNT)
+    ]
+    return BlockRobotError("CLUSTER_FIRST_START_FAILED", "\n".join([error.detail, *lines]))
 
 
 @click.command()
@@ -131,11 +147,7 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
     cluster = Cluster(network_folder(folder))
     rows: list[tuple[str, str]] = []
     for name in [node] if node else cluster.names:
-        config = cluster.config(name)
-        for path in (config.log_path, config.data_dir / "output.log"):
-            if path.exists():
-                text = path.read_text(encoding="utf-8", errors="replace")
-                rows.extend((name, line) for line in text.splitlines()[-lines:])
+        rows.extend((name, line) for line in cluster.last_lines(name, lines))
     if as_json:
         print_json({"ok": True, "lines": [{"node": name, "line": line} for name, line in rows]})
         return

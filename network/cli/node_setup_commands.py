@@ -12,7 +12,7 @@ from clients.sdk.terminal import console, json_option, load_genesis, plain_error
 from consensus.genesis import Genesis
 from network.certificates import find_authority
 from network.cli.cluster_commands import folder_option, network_folder
-from network.cli.governing import plain_table
+from network.cli.governing import ADMIN_KEY_FILE, admin_keys, plain_table
 from network.cli.node_commands import find_node
 from network.cluster import Cluster
 from network.joining import ENTRY_FILE, Newcomer, init_node, newest_directory, next_base_port, of_chain
@@ -97,7 +97,8 @@ def init(
     )
     place = (data_dir or network / "nodes" / name).resolve()
     entry = init_node(place, newcomer, beginning, find_authority(network, organisation, authority), known)
-    steps = next_steps(name, organisation, place, None if data_dir is not None else network, folder)
+    speaker = _speaker(organisation, None if is_elsewhere else network, authority)
+    steps = next_steps(name, speaker, place, None if data_dir is not None else network, folder)
     if as_json:
         keys = {"producer_key": entry.producer_key.hex(), "custodian_key": entry.custodian_key.hex()}
         files = {"data_dir": str(place), "entry": str(place / ENTRY_FILE)}
@@ -114,18 +115,28 @@ def _is_home(network: Path, beginning: Genesis) -> bool:
     return not path.is_file() or load_genesis(path).chain_id == beginning.chain_id
 
 
-def next_steps(name: str, organisation: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
+def _speaker(organisation: str, network: Path | None, authority: Path | None) -> str:
+    """Return the option by which an admin speaks here: the node's organisation only if its admin's key is here."""
+    if network is not None and organisation in admin_keys(network):
+        return f"--as {organisation}"
+    if authority is not None and (authority / ADMIN_KEY_FILE).is_file():
+        return f"--key {authority / ADMIN_KEY_FILE}"
+    return "--as ORG"
+
+
+def next_steps(name: str, speaker: str, place: Path, network: Path | None, folder: Path | None) -> list[str]:
     """Return what has to happen before a new node takes part, as commands that can be typed as they stand.
 
-    `network` is the local network that it belongs to, if it does; `folder` is what --dir said.
+    `speaker` is the option that says whose admin signs, `network` the local network that the node belongs to, if it
+    does; `folder` is what --dir said.
     """
     where = "" if folder is None else f" --dir {folder}"
     start = f"blockrobot node run {place}" if network is None else f"blockrobot node run {name} --detach{where}"
     return [
-        f"blockrobot org propose add-node --from {place / ENTRY_FILE} --as {organisation}{where}",
+        f"blockrobot org propose add-node --from {place / ENTRY_FILE} {speaker}{where}",
         f"blockrobot org approve ID --as ORG{where}   (the id that propose prints; until a majority stands behind it)",
         f"{start}   (it fetches the chain and follows it)",
-        f"blockrobot producer propose {name} --as {organisation}{where}   (only if it is to produce blocks)",
+        f"blockrobot producer propose {name} {speaker}{where}   (only if it is to produce blocks)",
         f"blockrobot producer approve {name} --as ORG{where}   (until a majority has voted for it)",
     ]
 

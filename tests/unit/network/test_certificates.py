@@ -126,5 +126,5 @@ def test_an_authority_that_is_not_here_is_named(tmp_path: Path, folder: Path) ->
 def test_serial_numbers_are_read_and_written_as_the_contract_takes_them() -> None:
     assert serial_bytes(parse_serial("ff01")) == bytes(18) + b"\xff\x01"
     for text in ("", "0", "xyz", "1" * 41):
-        with pytest.raises(BlockRobotError, match="REQUEST_INVALID"):
+        with pytest.raises(BlockRobotError, match="SERIAL_INVALID"):
             parse_serial(text)

@@ -128,7 +128,7 @@ def test_without_a_network_that_is_said(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_new_organisation_is_made_proposed_and_approved(chain: Consortium, tmp_path: Path) -> None:
     made = answer(org, "new", "clinic")
     assert Path(made["folder"]).joinpath("ca.crt.pem").exists()
-    assert refusal(org, "new", "clinic") == "DATA_DIRECTORY_INVALID"
+    assert refusal(org, "new", "clinic") == "ORGANISATION_EXISTS"
     handed_over = tmp_path / "clinic.json"
     Path(made["entry"]).rename(handed_over)
     opened = answer(org, "propose", "add-org", "--from", str(handed_over), "--as", "org-01")["proposal"]["id"]
@@ -254,6 +254,7 @@ def test_organisations_nodes_keys_and_certificates_are_changed(chain: Consortium
     assert chain.value("membership", b"node/node-04")["status"] == "removed"
     assert chain.view("identity", "admin_of", new_admin) == "org-03"
 
+    assert refusal(certificate, "revoke", "--serial", "ZZ", "--as", "org-02") == "SERIAL_INVALID"
     own = run(certificate, "revoke", "--certificate", str(tmp_path / "tls.crt.pem"), "--as", "org-02")
     assert "in force since height" in own.output
     assert chain.value("membership", b"revoked/org-02/" + issued.serial.to_bytes(20, "big")) is not None

@@ -103,3 +103,27 @@ def test_a_node_is_entered_only_where_clients_would_talk_to_it(
     else:
         assert said.exit_code == 0, said.output
         assert json.loads((place / ENTRY_FILE).read_text("utf-8"))["api_url"] == url
+
+
+def _proposals(*arguments: str) -> list[str]:
+    """The next steps that propose something, as they would be typed."""
+    steps = json.loads(run(*arguments, "--json").stdout)["next_steps"]
+    typed = [step.split("   ")[0] for step in steps]
+    return [step for step in typed if " propose " in step]
+
+
+def test_who_is_to_propose_the_newcomer_is_somebody_whose_key_is_here(home: Path, other: Path, tmp_path: Path) -> None:
+    """An organisation's admin may sit elsewhere: then its name would only lead to a refusal."""
+    own = _proposals("node-3", "--organisation", "university")
+    assert [step.endswith("--as university") for step in own] == [True, True]
+    elsewhere = tmp_path / "elsewhere"
+    (home / "organisations" / "university").rename(elsewhere)
+    for name, speaker in (("node-4", f"--key {elsewhere / 'admin.key'}"), ("node-5", "--as ORG")):
+        said = _proposals(name, "--organisation", "university", "--authority", str(elsewhere))
+        assert [step.endswith(speaker) for step in said] == [True, True]
+        (elsewhere / "admin.key").unlink(missing_ok=True)
+    foreign = ("--genesis", str(other / "genesis.json"), "--data-dir", str(tmp_path / "srv"))
+    authority = other / "organisations" / "hospital"
+    (authority / "admin.key").unlink()
+    said = _proposals("node-6", "--organisation", "hospital", "--authority", str(authority), *foreign)
+    assert [step.endswith("--as ORG") for step in said] == [True, True], "the hospital here is another one"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import os
 import shutil
 import signal
@@ -95,6 +96,29 @@ def test_a_new_network_that_does_not_start_is_removed_and_nothing_beside_it(
     result = CliRunner().invoke(main, ["up", "--dir", str(place), "--nodes", "1", "--base-port", "25000"])
     assert "PORT_IN_USE" in result.output
     assert contents(place) == ["notes.txt"]
+
+
+def test_a_new_network_that_did_not_start_says_the_last_lines_of_the_logs_that_go_with_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = tmp_path / "network"
+
+    def leave_logs(self: Cluster) -> None:
+        for name in self.names:
+            lines = [f'{{"event": "line {number} of {name}"}}' for number in range(9)]
+            self.config(name).log_path.write_text("\n".join(lines), encoding="utf-8")
+
+    monkeypatch.setattr(Cluster, "start_all", leave_logs)
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name != "node-2")
+    monkeypatch.setattr(Cluster, "_answers_ready", lambda *_rest, **_named: asyncio.sleep(0, result=True))
+    monkeypatch.setattr(Cluster, "stop_all", lambda _self: [])
+    said = CliRunner().invoke(main, ["up", "--dir", str(place), "--nodes", "2", "--base-port", "25000"])
+    assert "Node node-2 stopped" in said.stderr
+    assert [number for number in range(9) if f"line {number} of node-2" in said.stderr] == [4, 5, 6, 7, 8]
+    assert "of node-1" not in said.stderr
+    assert "CLUSTER_FIRST_START_FAILED" in said.stderr
+    assert "blockrobot logs" not in said.stderr
+    assert not place.exists()
 
 
 HALF_MADE = """
