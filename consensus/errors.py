@@ -66,6 +66,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_CONTRACT_REFUSED", 409, "The contract lifecycle refused the change of a contract.", "Compare with `blockrobot contract list` and `blockrobot contract show NAME`, and mend what the message names."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
     ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
+    ErrorEntry("GOVERNANCE_PROPOSED_ALREADY", 409, "The same change is proposed already, and open.", "Do not propose it again: approve the open one with the command that the message names."),
+    ErrorEntry("AUTHORITY_UNFIT", 409, "The certificate is not one that could be this organisation's authority.", "Name the CA certificate of that organisation's own authority, such as its ca.crt.pem."),
     ErrorEntry("ORGANISATION_EXISTS", 409, "The folder of an organisation of this name is here already.", "Choose another name, or propose the one that is there: `blockrobot org propose add-org NAME --as ORG`."),
     ErrorEntry("SERIAL_INVALID", 400, "The text is no certificate's serial number.", "Copy the number from `blockrobot certificate list`: up to 40 hexadecimal digits."),
     # API and sessions

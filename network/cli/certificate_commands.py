@@ -24,7 +24,7 @@ from network.certificates import (
     serial_bytes,
 )
 from network.cli.cluster_commands import folder_option, network_folder
-from network.cli.governing import decide, governing_options, plain_table, report_decision, take_seat
+from network.cli.governing import governing_options, plain_table, propose_once, report_decision, take_seat
 from network.cli.node_commands import find_node
 from network.cluster import Cluster
 from network.handed_over import read_certificate
@@ -175,7 +175,13 @@ def revoke(
     if not owner:
         raise click.UsageError("Say whose authority issued it: --of ORG.")
     arguments = {"organisation": owner, "serial": serial_bytes(number)}
-    told = decide(seat, lambda governor: governor.propose_membership("revoke_certificate", arguments))
+    told = propose_once(
+        seat,
+        "membership",
+        "revoke_certificate",
+        arguments,
+        lambda governor: governor.propose_membership("revoke_certificate", arguments),
+    )
     report_decision(told, f"revoke certificate {number:x} of {owner}", "org", as_json=as_json)
 
 

@@ -16,11 +16,12 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from contracts.execution.registry import compute_source_hash
 from contracts.vm import compile_contract
 from network.cli.governing import (
+    Seat,
     Told,
-    decide,
     decide_on_proposal,
     governing_options,
     proposal_json,
+    propose_once,
     report_decision,
     summary_of,
     take_seat,
@@ -42,6 +43,10 @@ def when_options(command: Any) -> Any:
     for option in (note_option, delay_option, height_option):
         command = option(command)
     return command
+
+
+def _propose(seat: Seat, kind: str, arguments: dict[str, Any]) -> Told:
+    return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
 
 
 def _report(told: Told, what: str, name: str, *, as_json: bool) -> None:
@@ -101,13 +106,14 @@ def propose(
     data, source_hash = source.encode(), compute_source_hash(source)
     parts = [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]
 
+    arguments = {"name": contract, "source_hash": source_hash, "height": height, "delay": delay, "note": note}
+
     async def work(governor: Governor) -> Decision:
         for place, part in enumerate(parts):
             await governor.upload_part(source_hash, len(parts), place, part)
-        arguments = {"name": contract, "source_hash": source_hash, "height": height, "delay": delay, "note": note}
         return await governor.propose_contract("deploy", arguments)
 
-    told = decide(take_seat(folder, organisation, key_file), work)
+    told = propose_once(take_seat(folder, organisation, key_file), "lifecycle", "deploy", arguments, work)
     _report(told, f"deploy {contract}", contract, as_json=as_json)
     if told.proposal is not None and not as_json:
         shown = told.proposal.id.hex()[:12]
@@ -172,7 +178,7 @@ def activate(
     """
     arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
     seat = take_seat(folder, organisation, key_file)
-    told = decide(seat, lambda governor: governor.propose_contract("activate", arguments))
+    told = _propose(seat, "activate", arguments)
     _report(told, f"activate {name} version {version}", name, as_json=as_json)
 
 
@@ -198,7 +204,7 @@ def disable(
     """
     arguments = {"name": name, "height": height, "delay": delay, "note": note}
     seat = take_seat(folder, organisation, key_file)
-    told = decide(seat, lambda governor: governor.propose_contract("disable", arguments))
+    told = _propose(seat, "disable", arguments)
     _report(told, f"disable {name}", name, as_json=as_json)
 
 
@@ -215,5 +221,5 @@ def keep(name: str, folder: Path | None, organisation: str | None, key_file: Pat
     Example: blockrobot contract keep membership --as hospital
     """
     seat = take_seat(folder, organisation, key_file)
-    told = decide(seat, lambda governor: governor.propose_contract("keep", {"name": name}))
+    told = _propose(seat, "keep", {"name": name})
     _report(told, f"keep {name}", name, as_json=as_json)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,6 +28,7 @@ from network.cli.cluster_commands import folder_option, network_folder
 
 ADMIN_KEY_FILE = "admin.key"
 ID_SHOWN_CHARS = 12
+_GROUPS = {"membership": "org", "settings": "settings", "lifecycle": "contract"}
 T = TypeVar("T")
 
 as_option = click.option("--as", "organisation", metavar="ORG", help="The organisation that you speak for.")
@@ -168,6 +169,48 @@ def decide(
         return Told(decision, membership, found[0] if found else None)
 
     return with_client(seat, run)
+
+
+def propose_once(
+    seat: Seat,
+    contract: str,
+    kind: str,
+    arguments: Mapping[str, Any],
+    work: Callable[[Governor], Awaitable[Decision]],
+    check: Callable[[NetworkClient, MembershipView], Awaitable[None]] | None = None,
+) -> Told:
+    """Let the seat's admin propose something that is not proposed already (after a check, if asked to).
+
+    Raises GOVERNANCE_PROPOSED_ALREADY, and what `decide` raises.
+    """
+
+    async def look(client: NetworkClient) -> None:
+        before = await read_membership(client, seat.key)
+        _refuse_twice(seat, before, contract, kind, arguments)
+        if check is not None:
+            await check(client, before)
+
+    return decide(seat, work, look)
+
+
+def _refuse_twice(
+    seat: Seat, membership: MembershipView, contract: str, kind: str, arguments: Mapping[str, Any]
+) -> None:
+    """Refuse what is open already: two proposals of one change would share its voices out. Raises as above.
+
+    An organisation that revokes a certificate of its own needs nobody: whatever is open, its own word counts at once.
+    """
+    if kind == "revoke_certificate" and seat.organisation in {"", arguments["organisation"]}:
+        return
+    for row in membership.proposals:
+        is_same = all(row.arguments.get(name) == value for name, value in arguments.items())
+        if (row.contract, row.kind) == (contract, kind) and is_same:
+            command = f"blockrobot {_GROUPS[contract]} approve {shown_id(row.id)} --as"
+            way = f"Approve it: {command} {seat.organisation or 'ORG'}"
+            if seat.organisation in row.approvals:
+                way = f"{seat.organisation} stands behind it already; another organisation approves it: {command} ORG"
+            state = f"is proposed already, by {row.organisation}, and open until {shown_time(row.expires_ms)}"
+            raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
 
 def decide_on_proposal(

@@ -14,14 +14,15 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.possession import prove_possession
 from consensus.primitives.keys import is_public_key
+from network.authority_check import check_authority_change
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import (
-    decide,
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
     proposal_json,
+    propose_once,
     read_private_key,
     read_with_any,
     report_decision,
@@ -153,6 +154,7 @@ def approve(
     seat = take_seat(folder, organisation, key_file)
 
     async def look(client: NetworkClient, before: MembershipView, found: ProposalRow) -> None:
+        check_authority_change(found.kind, found.arguments, before.organisations)
         if not anyway:
             await check_membership_change(client, seat.folder, seat.key, before, found.kind, found.arguments)
 
@@ -190,12 +192,14 @@ def _propose(
     """Propose a change; unless `anyway`, look first whether the producers left over can go on."""
     seat = take_seat(folder, organisation, key_file)
 
-    async def look(client: NetworkClient) -> None:
+    async def look(client: NetworkClient, before: MembershipView) -> None:
+        check_authority_change(kind, arguments, before.organisations)
         if not anyway:
-            before = await read_membership(client, seat.key)
             await check_membership_change(client, seat.folder, seat.key, before, kind, arguments)
 
-    told = decide(seat, lambda governor: governor.propose_membership(kind, arguments), look)
+    told = propose_once(
+        seat, "membership", kind, arguments, lambda governor: governor.propose_membership(kind, arguments), look
+    )
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
     report_decision(told, f"{kind.replace('_', '-')} {named}", "org", as_json=as_json)
 

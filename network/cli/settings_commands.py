@@ -24,12 +24,12 @@ from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.primitives.keys import PrivateKey
 from network.cli.governing import (
-    decide,
     decide_on_proposal,
     governing_options,
     plain_table,
     print_proposals,
     proposal_json,
+    propose_once,
     read_with_any,
     report_decision,
     summary_of,
@@ -122,11 +122,14 @@ def propose(
     seat = take_seat(folder, organisation, key_file)
     wanted = _read_value(value.strip())
 
-    async def look(client: NetworkClient) -> None:
+    async def look(client: NetworkClient, _: MembershipView) -> None:
         if not anyway:
             await check_setting(client, seat.folder, seat.key, name, wanted)
 
-    told = decide(seat, lambda governor: governor.propose_setting(name, wanted), look)
+    arguments = {"name": name, "value": wanted}
+    told = propose_once(
+        seat, "settings", "set", arguments, lambda governor: governor.propose_setting(name, wanted), look
+    )
     report_decision(told, f"{name} = {wanted}", "settings", as_json=as_json)
 
 

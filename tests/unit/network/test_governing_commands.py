@@ -95,6 +95,36 @@ def test_a_proposal_is_taken_back_by_who_made_it(chain: Consortium) -> None:
     assert refusal(settings, "approve", opened, "--as", "org-02") == "GOVERNANCE_PROPOSAL_CLOSED"
 
 
+def test_what_is_proposed_already_is_pointed_to_and_not_proposed_again(chain: Consortium) -> None:
+    """Two proposals of one value would share out the voices that one of them needs."""
+    opened = answer(settings, "propose", "heartbeat_ms", "9000", "--as", "org-01")["proposal"]["id"][:12]
+    height = chain.height
+    said = run(settings, "propose", "heartbeat_ms", "9000", "--as", "org-02").stderr
+    assert "heartbeat_ms = 9000 is proposed already, by org-01" in said
+    assert f"Approve it: blockrobot settings approve {opened} --as org-02" in said
+    said = run(settings, "propose", "heartbeat_ms", "9000", "--as", "org-01").stderr
+    assert f"another organisation approves it: blockrobot settings approve {opened} --as ORG" in said
+    again = ("propose", "heartbeat_ms", "9000", "--as", "org-02")
+    assert refusal(settings, *again) == "GOVERNANCE_PROPOSED_ALREADY"
+    assert run(settings, *again).exit_code == 1
+    assert chain.height == height, "nothing was sent"
+    assert answer(settings, "propose", "heartbeat_ms", "9001", "--as", "org-02")["proposal"]
+    answer(settings, "approve", opened, "--as", "org-02")
+    assert answer(settings, *again)["proposal"], "the first is open no more"
+
+
+def test_a_change_of_members_is_not_proposed_twice_but_ones_own_certificate_is_revoked_whatever_is_open(
+    chain: Consortium,
+) -> None:
+    revoke = ("revoke", "--serial", "0a:0b", "--of", "org-02")
+    answer(certificate, *revoke, "--as", "org-01")
+    assert refusal(certificate, *revoke, "--as", "org-03") == "GOVERNANCE_PROPOSED_ALREADY"
+    assert answer(certificate, *revoke, "--as", "org-02")["executed"]
+    opened = answer(org, "propose", "remove-node", "node-04", "--as", "org-01")["proposal"]["id"][:12]
+    assert f"org approve {opened} --as org-03" in run(org, "propose", "remove-node", "node-04", "--as", "org-03").stderr
+    assert answer(org, "propose", "remove-node", "node-03", "--as", "org-03")["proposal"]
+
+
 def test_one_must_say_for_whom_one_speaks_but_anybody_may_read(chain: Consortium) -> None:
     result = run(settings, "propose", "heartbeat_ms", "9000")
     assert result.exit_code == 2
@@ -270,6 +300,32 @@ def test_anothers_certificate_is_revoked_by_a_majority_ones_own_at_once(chain: C
     assert chain.value("membership", place) is None
     assert answer(org, "approve", opened, "--as", "org-03")["executed"]
     assert chain.value("membership", place) is not None
+
+
+def test_an_authority_is_proposed_and_approved_only_if_it_is_one_and_no_others(
+    chain: Consortium, tmp_path: Path
+) -> None:
+    first, second = create_authority("org-01"), create_authority("org-02")
+    chain.agree("replace_ca", {"organisation": "org-01", "ca_certificate": first.certificate_pem})
+    height = chain.height
+    path = tmp_path / "ca.crt.pem"
+    change = ("propose", "replace-ca", "org-02", "--certificate", str(path), "--as", "org-03")
+    leaf = issue_node_certificate(second, "node-02").certificate_pem.decode()
+    for unfit in (first.certificate_pem, create_authority("org-03").certificate_pem, leaf):
+        path.write_text(second.certificate_pem + unfit, "ascii")
+        assert refusal(org, *change) == "AUTHORITY_UNFIT"
+    path.write_text(first.certificate_pem, "ascii")
+    assert "that of org-01, not of org-02" in run(org, *change).stderr
+    newcomer = Path(answer(org, "new", "clinic")["entry"])
+    newcomer.write_text(json.dumps(json.loads(newcomer.read_text("utf-8")) | {"ca_certificate": leaf}), "utf-8")
+    assert refusal(org, "propose", "add-org", "clinic", "--as", "org-01") == "AUTHORITY_UNFIT"
+    assert chain.height == height, "nothing was sent"
+
+    arguments = {"organisation": "org-02", "ca_certificate": first.certificate_pem}
+    smuggled = chain.must(admin_of("org-03"), "membership", "propose", "replace_ca", arguments).txid
+    assert refusal(org, "approve", smuggled.hex(), "--as", "org-02") == "AUTHORITY_UNFIT"
+    path.write_text(second.certificate_pem, "ascii")
+    assert answer(org, *change)["proposal"]
 
 
 @pytest.fixture

@@ -1,0 +1,71 @@
+"""Looks at certificate authorities before an organisation is tied to them. Must never look at anything but public halves.
+
+No contract can read a certificate: what is proposed is checked here, by who proposes it and by who approves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from cryptography import x509
+from cryptography.exceptions import UnsupportedAlgorithm
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from cryptography.x509.oid import NameOID
+
+from clients.sdk.governance import OrganisationRow
+from consensus.errors import BlockRobotError
+from node.p2p.identity import load_authorities
+
+_OWNER_FIELDS = {"add_org": "name", "replace_ca": "organisation"}
+
+
+def check_authority_change(kind: str, arguments: Mapping[str, Any], organisations: Iterable[OrganisationRow]) -> None:
+    """Refuse a proposal that gives an organisation an authority that is none, or another's. Raises AUTHORITY_UNFIT."""
+    if kind in _OWNER_FIELDS:
+        check_authority(arguments["ca_certificate"], arguments[_OWNER_FIELDS[kind]], organisations)
+
+
+def check_authority(ca_certificate: str, owner: str, organisations: Iterable[OrganisationRow]) -> None:
+    """Refuse certificates (PEM) that cannot be the authority of `owner` beside the other organisations.
+
+    Each must be one that may sign certificates, with a key that no other organisation's authority has and without
+    another organisation's name in its subject. Raises AUTHORITY_UNFIT.
+    """
+    found = load_authorities(ca_certificate)
+    if not found:
+        raise BlockRobotError("AUTHORITY_UNFIT", f"What is to be the authority of {owner} is no certificate.")
+    others = [row for row in organisations if row.name != owner]
+    keys = {_key_of(item): row.name for row in others for item in load_authorities(row.ca_certificate)}
+    names = {row.name for row in others}
+    for certificate in found:
+        subject = certificate.subject.rfc4514_string()
+        if not _may_sign(certificate):
+            raise BlockRobotError("AUTHORITY_UNFIT", f"The certificate {subject!r} is not that of an authority.")
+        named = {item.value for item in certificate.subject.get_attributes_for_oid(NameOID.ORGANIZATION_NAME)}
+        holder = keys.get(_key_of(certificate)) or next((name for name in sorted(names) if name in named), None)
+        if holder is not None:
+            detail = f"The certificate {subject!r} is that of {holder}, not of {owner}."
+            raise BlockRobotError("AUTHORITY_UNFIT", detail)
+
+
+def _key_of(certificate: x509.Certificate) -> bytes:
+    """Return a certificate's public key (DER); of one that cannot be read, what no other has: the certificate."""
+    try:
+        return certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    except (ValueError, UnsupportedAlgorithm):
+        return certificate.public_bytes(Encoding.DER)
+
+
+def _may_sign(certificate: x509.Certificate) -> bool:
+    """Tell whether a certificate says of itself that it is an authority's, whose key signs certificates."""
+    try:
+        extensions = certificate.extensions
+        basic = extensions.get_extension_for_class(x509.BasicConstraints).value
+    except (ValueError, x509.ExtensionNotFound, x509.DuplicateExtension, x509.UnsupportedGeneralNameType):
+        return False
+    try:
+        usage = extensions.get_extension_for_class(x509.KeyUsage).value
+    except x509.ExtensionNotFound:
+        return basic.ca
+    return basic.ca and usage.key_cert_sign
