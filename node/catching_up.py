@@ -7,13 +7,19 @@ same however far execution is ahead. The layer stands on a newer snapshot whenev
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 
 from consensus.errors import BlockRobotError
+from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from contracts.state.view import Overlay
 from node.block_ranges import CheckedBlock, CheckedRange
-from node.execution import ExecutedBlock, Executor
+from node.execution import ExecutedBlock, Executor, Outcome
 from node.storage.ledger_store import LedgerSnapshot, LedgerStore
+
+GROUP_BLOCKS_MAX_COUNT = 64
+"""How many blocks are executed in one go, if they are small: no more than two full ones would take."""
 
 
 @dataclass(slots=True)
@@ -71,13 +77,19 @@ class CatchUp:
         if fresh[0].header.height != self.height + 1 or fresh[0].header.parent_id != self.block_id:
             raise BlockRobotError("BLOCK_INVALID", "The peer's blocks do not join on to those that are final here.")
         made = _Run(fresh[-1].header.height, {}, {}, set())
-        executed = [self._execute_one(checked, made) for checked in fresh]
+        executed: list[ExecutedBlock] = []
+        for group in grouped(fresh):
+            ahead = self._executor.execute_ahead(self._view(), group)
+            executed += [self._execute_one(checked, made, result) for checked, result in zip_longest(group, ahead)]
         self._runs.append(made)
         return executed
 
-    def _execute_one(self, checked: CheckedBlock, made: _Run) -> ExecutedBlock:
-        parent = Overlay(self._snapshot, self._writes, self._pages, self._root)
-        executed = self._executor.execute_final(checked, parent, self._time_ms, _Spent(self._txids, self._snapshot))
+    def _view(self) -> Overlay:
+        return Overlay(self._snapshot, self._writes, self._pages, self._root)
+
+    def _execute_one(self, checked: CheckedBlock, made: _Run, result: Outcome | None) -> ExecutedBlock:
+        parent, spent = self._view(), _Spent(self._txids, self._snapshot)
+        executed = self._executor.execute_final(checked, parent, self._time_ms, spent, result)
         overlay, header = executed.overlay, checked.header
         for layer, writes in ((self._writes, overlay.writes), (made.writes, overlay.writes)):
             layer.update(writes)
@@ -112,6 +124,21 @@ class CatchUp:
         self._writes = _merged([run.writes for run in self._runs])
         self._pages = _merged([run.pages for run in self._runs])
         self._txids = set().union(*(run.txids for run in self._runs))
+
+
+def grouped(blocks: Sequence[CheckedBlock]) -> Iterator[list[CheckedBlock]]:
+    """Yield the blocks in groups that a machine executes in one go: each with less than two full blocks hold."""
+    group: list[CheckedBlock] = []
+    gas = size = 0
+    for checked in blocks:
+        group.append(checked)
+        gas += checked.header.gas_used
+        size += sum(len(transaction.wire) for transaction in checked.transactions)
+        if gas >= BLOCK_GAS_MAX or size >= BLOCK_SIZE_MAX_BYTES or len(group) == GROUP_BLOCKS_MAX_COUNT:
+            yield group
+            group, gas, size = [], 0, 0
+    if group:
+        yield group
 
 
 def _merged(layers: list[dict[bytes, bytes | None]]) -> dict[bytes, bytes | None]:

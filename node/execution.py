@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from consensus.block import (
     HEADER_VERSION,
@@ -38,6 +38,7 @@ from consensus.schedule import Schedule
 from consensus.settings import Epoch, compute_epoch_hash
 from consensus.transaction import Transaction, decode_transaction
 from contracts.execution.epochs import next_epoch
+from contracts.execution.results import ExpectedBlock
 from contracts.execution.validity import RecentTransactions, check_block_transactions, select_valid
 from contracts.state.view import Overlay, StateView
 from node.block_ranges import CheckedBlock
@@ -82,6 +83,15 @@ class Machine(Protocol):
 
     def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> Outcome:
         """Execute exactly these transactions. Raises BLOCK_INVALID if they cannot all stand in one block."""
+        ...
+
+
+@runtime_checkable
+class DistantMachine(Machine, Protocol):
+    """A machine that is slow to reach: it takes several blocks at once."""
+
+    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> Sequence[Outcome]:
+        """Execute consecutive blocks; return what `verify` would give for the first ones, maybe for none."""
         ...
 
 
@@ -256,11 +266,17 @@ class Executor:
         return executed
 
     def execute_final(
-        self, checked: CheckedBlock, parent: StateView, parent_time_ms: int, recent: RecentTransactions
+        self,
+        checked: CheckedBlock,
+        parent: StateView,
+        parent_time_ms: int,
+        recent: RecentTransactions,
+        result: Outcome | None = None,
     ) -> ExecutedBlock:
         """Execute a block on its parent's state, compare the roots, and keep nothing of it.
 
-        The signatures of its transactions were checked. Raises BLOCK_INVALID, or what is wrong with a transaction.
+        What it gives is taken from `result` if it was executed ahead. The signatures of its transactions were checked.
+        Raises BLOCK_INVALID, or what is wrong with a transaction.
         """
         header, transactions = checked.header, list(checked.transactions)
         check_block_transactions(
@@ -270,10 +286,25 @@ class Executor:
             time_ms=header.timestamp_ms,
             recent=recent,
         )
-        result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
+        if result is None:
+            result = self._machine.verify(parent, header.height, header.timestamp_ms, transactions)
         following = next_epoch(result.writes, header.epoch)
         _require_equal(header, result, following)
         return _executed(checked.block, checked.block_id, header, transactions, parent, result, following)
+
+    def execute_ahead(self, parent: StateView, blocks: Sequence[CheckedBlock]) -> Sequence[Outcome]:
+        """Return what the first of these consecutive blocks give, for `execute_final`; nothing if there is no gain.
+
+        The roots were not compared yet. What fails is left to `execute_final`, which says why.
+        """
+        if not isinstance(self._machine, DistantMachine) or len(blocks) < 2:
+            return ()
+        headers = [checked.header for checked in blocks]
+        expected = [
+            ExpectedBlock(header.height, header.timestamp_ms, checked.transactions, header.state_root)
+            for header, checked in zip(headers, blocks, strict=True)
+        ]
+        return self._machine.verify_ahead(parent, expected)
 
     def read_transaction(self, wire: bytes) -> Transaction:
         """Decode a transaction and check its signature, without remembering it; safe in another thread.

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from consensus.block import Receipt
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, CALL_GAS_MAX
+from consensus.transaction import Transaction
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,6 +17,16 @@ class BlockContext:
     chain_id: bytes
     height: int
     time_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedBlock:
+    """A block of somebody else, and the state root that it says it gives: the next one stands on that."""
+
+    height: int
+    time_ms: int
+    transactions: Sequence[Transaction]
+    state_root: bytes
 
 
 @dataclass(frozen=True, slots=True)

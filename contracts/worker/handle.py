@@ -21,6 +21,7 @@ from contracts.worker.wire import (
     Broken,
     Doing,
     Executed,
+    ExecutedRun,
     FromNode,
     FromWorker,
     Get,
@@ -40,7 +41,7 @@ PROCESSOR_MAX_MS = 120_000
 SCAN_ROWS_MAX_COUNT = 100_000
 _CLOSED_WAIT_S = 5.0
 
-Answer = Hello | Executed | Viewed | Refused | Broken
+Answer = Hello | Executed | ExecutedRun | Viewed | Refused | Broken
 
 
 class WorkerLostError(Exception):
@@ -103,7 +104,9 @@ class WorkerHandle:
             self._hello = answer
         return self._hello
 
-    def ask(self, message: FromNode, state: StateReader | StateView) -> Executed | Viewed | Refused | Broken:
+    def ask(
+        self, message: FromNode, state: StateReader | StateView
+    ) -> Executed | ExecutedRun | Viewed | Refused | Broken:
         """Send one message and return the answer to it; rows that it asks back for are read from `state`.
 
         Raises WorkerLostError, and whatever reading `state` raises.

@@ -16,12 +16,23 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.trie import hash_page
 from consensus.transaction import Transaction
-from contracts.execution.results import BlockResult
+from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import StateReader, StateView
 from contracts.vm import InternalFault
 from contracts.worker.handle import STALLED_MAX_MS, WorkerHandle, WorkerLostError
 from contracts.worker.wall import REQUIRED_PARTS
-from contracts.worker.wire import Begin, Broken, Execute, Executed, Refused, View, Viewed, WallPart
+from contracts.worker.wire import (
+    Begin,
+    Broken,
+    Execute,
+    Executed,
+    ExecutedRun,
+    ExecuteRun,
+    Refused,
+    View,
+    Viewed,
+    WallPart,
+)
 
 ATTEMPTS_MAX_COUNT = 3
 CULPRITS_MAX_COUNT = 8
@@ -183,6 +194,30 @@ class WorkerMachine:
         """
         return self._execute(parent, height, time_ms, transactions, [], leader=False)
 
+    def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> list[BlockResult]:
+        """Execute consecutive blocks in one message; return what the first ones gave, as `verify` would one by one.
+
+        What fails in any way ends the list early and is left to `verify`, which says why; it may thus be empty.
+        """
+        questions, root = [], parent.state_root
+        with self._lock:
+            renew = bool(blocks) and self._is_renewal_due()
+            for number, block in enumerate(blocks):
+                wires = tuple((transaction.txid, transaction.wire) for transaction in block.transactions)
+                is_renewing = renew and number == 0
+                questions.append(
+                    Execute(root, block.height, block.time_ms, wires, leader=False, renew=is_renewing, careful=False)
+                )
+                root = block.state_root
+            try:
+                answer, _ = self._ask(ExecuteRun(tuple(questions)), parent, renew=renew)
+            except WorkerLostError as error:
+                self._dismiss(error.reason)
+                return []
+        if not isinstance(answer, ExecutedRun):
+            return []
+        return [_result_of(executed, ()) for executed in answer.blocks[: len(blocks)]]
+
     def _execute(
         self,
         parent: StateView,
@@ -203,7 +238,7 @@ class WorkerMachine:
                     parent.state_root, height, time_ms, wires, leader=leader, renew=renew, careful=leader and is_last
                 )
                 try:
-                    answer, is_new = self._ask(question, parent)
+                    answer, is_new = self._ask(question, parent, renew=renew)
                 except WorkerLostError as error:
                     reason, place = error.reason, error.place
                     self._dismiss(reason)
@@ -222,9 +257,11 @@ class WorkerMachine:
             return True
         return self._ledger.height() - self._base_height > self._layers_count // _RENEWAL_DIVISOR
 
-    def _ask(self, question: Execute, parent: StateView) -> tuple[Executed | Refused | Broken, bool]:
+    def _ask(
+        self, question: Execute | ExecuteRun, parent: StateView, *, renew: bool
+    ) -> tuple[Executed | ExecutedRun | Refused | Broken, bool]:
         """Return the answer, and whether it is the first one of this worker."""
-        hold = self._ledger.hold() if question.renew else None
+        hold = self._ledger.hold() if renew else None
         try:
             worker = self._post.worker()
             is_new = worker.answers_count == 0
@@ -243,9 +280,10 @@ class WorkerMachine:
             self._hold = hold
         if isinstance(answer, Viewed):
             raise WorkerLostError("it answered a view, and was asked for a block")
-        if isinstance(answer, Executed):
-            _require_sound(answer)
-            self._base_height, self._layers_count = answer.base_height, answer.layers_count
+        for executed in answer.blocks if isinstance(answer, ExecutedRun) else (answer,):
+            if isinstance(executed, Executed):
+                _require_sound(executed)
+                self._base_height, self._layers_count = executed.base_height, executed.layers_count
         return answer, is_new
 
     def _dismiss(self, reason: str) -> None:

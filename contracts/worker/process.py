@@ -28,6 +28,8 @@ from contracts.worker.wire import (
     Doing,
     Execute,
     Executed,
+    ExecutedRun,
+    ExecuteRun,
     FromNode,
     Get,
     Hello,
@@ -135,10 +137,12 @@ class _Worker:
         self._layers = Layers()
         self._ledger: LedgerView | None = None
 
-    def answer(self, message: FromNode) -> Executed | Viewed | Refused | Broken:
+    def answer(self, message: FromNode) -> Executed | ExecutedRun | Viewed | Refused | Broken:
         try:
             if isinstance(message, Execute):
                 return self._execute(message)
+            if isinstance(message, ExecuteRun):
+                return self._execute_run(message)
             if isinstance(message, View):
                 return self._view(message)
         except BlockRobotError as error:
@@ -157,11 +161,14 @@ class _Worker:
         self._layers.stand_on(ledger.state_root)
         return ledger
 
-    def _execute(self, message: Execute) -> Executed:
+    def _execute(self, message: Execute, *, asks: bool = True) -> Executed:
+        """Execute a block; `asks` says that the node answers for the parent's state where it is not known here."""
         ledger = self._renew() if message.renew or self._ledger is None else self._ledger
-        parent: StateView = self._layers.view(ledger, message.parent_root) or AskedState(
-            self._pipe, message.parent_root
-        )
+        parent: StateView | None = self._layers.view(ledger, message.parent_root)
+        if parent is None:
+            if not asks:
+                raise LookupError("the parent's state is not known here")
+            parent = AskedState(self._pipe, message.parent_root)
         transactions = [_read_transaction(txid, wire) for txid, wire in message.transactions]
         if message.careful:
             transactions = _Announcing(transactions, self._pipe)
@@ -184,6 +191,22 @@ class _Worker:
             base_height=ledger.height,
             layers_count=self._layers.count,
         )
+
+    def _execute_run(self, message: ExecuteRun) -> ExecutedRun:
+        """Execute blocks ahead, up to the first one that fails in any way: the node asks for that one again."""
+        done: list[Executed] = []
+        for block in message.blocks:
+            if done and done[-1].state_root != block.parent_root:
+                break
+            try:
+                done.append(self._execute(block, asks=not done))
+            except (EOFError, BrokenPipeError):
+                raise
+            except Exception:
+                if not done:
+                    raise
+                break
+        return ExecutedRun(tuple(done))
 
     def _view(self, message: View) -> Viewed:
         ledger = self._renew()

@@ -79,6 +79,18 @@ class Executed(_Message, frozen=True):
     layers_count: int
 
 
+class ExecuteRun(_Message, frozen=True):
+    """Verify consecutive blocks, each on the state that the one before says it gives; only the first may ask back."""
+
+    blocks: tuple[Execute, ...]
+
+
+class ExecutedRun(_Message, frozen=True):
+    """What the first blocks of a run gave, up to one that failed in any way."""
+
+    blocks: tuple[Executed, ...]
+
+
 class View(_Message, frozen=True):
     """Run a view with these encoded arguments on the state with this root, of the block of this height and time."""
 
@@ -146,8 +158,8 @@ class Rows(_Message, frozen=True):
     rows: list[tuple[bytes, bytes]]
 
 
-FromNode = Begin | Execute | View | Value | Rows
-FromWorker = Hello | Executed | Viewed | Refused | Broken | Doing | Get | Page | Scan
+FromNode = Begin | Execute | ExecuteRun | View | Value | Rows
+FromWorker = Hello | Executed | ExecutedRun | Viewed | Refused | Broken | Doing | Get | Page | Scan
 FROM_NODE: msgspec.msgpack.Decoder[FromNode] = msgspec.msgpack.Decoder(FromNode)
 FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
 _ENCODER = msgspec.msgpack.Encoder()

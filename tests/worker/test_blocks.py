@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -184,3 +185,49 @@ async def test_no_block_is_executed_once_the_node_closes(chain: Chain, start: St
     machine.close()
     with pytest.raises(InternalFault, match="closing"):
         machine.verify(chain.view, 1, chain.time_ms(1), [])
+
+
+async def test_blocks_executed_ahead_come_out_as_one_by_one(chain: Chain, start: Start, lost: list[str]) -> None:
+    machine, first = start(), chain.view
+    blocks, results = chain.run(6)
+    assert machine.verify_ahead(first, blocks) == results
+    assert machine.verify_ahead(first, []) == []
+    chain.add(machine)  # on what the worker keeps of the run
+    assert lost == []
+
+
+async def test_a_run_ends_before_what_fails_or_stands_on_another_root(chain: Chain, start: Start) -> None:
+    machine, first = start(), chain.view
+    blocks, results = chain.run(4)
+    elsewhere = replace(blocks[1], state_root=bytes(32))
+    assert machine.verify_ahead(first, [blocks[0], elsewhere, *blocks[2:]]) == results[:2]
+    overfull = replace(blocks[2], transactions=list(blocks[2].transactions) * 200)
+    assert machine.verify_ahead(first, [*blocks[:2], overfull, blocks[3]]) == results[:2]
+    assert machine.verify_ahead(first, [overfull, *blocks]) == []
+    with pytest.raises(BlockRobotError) as caught:
+        machine.verify(first, overfull.height, overfull.time_ms, overfull.transactions)
+    assert caught.value.code == "BLOCK_INVALID"
+
+
+async def test_a_worker_that_knows_no_state_but_the_asked_one_guesses_nothing(chain: Chain, start: Start) -> None:
+    machine = start()
+    chain.run(1)
+    first = chain.view  # the worker never saw that block: it asks back for each row
+    blocks, results = chain.run(3)
+    assert machine.verify_ahead(first, blocks) == results[:1]
+    machine.verify(first, blocks[0].height, blocks[0].time_ms, blocks[0].transactions)
+
+
+async def test_a_worker_lost_with_a_run_is_replaced_and_the_run_left_to_single_blocks(
+    chain: Chain, start: Start, lost: list[str]
+) -> None:
+    machine, first = start(), chain.view
+    blocks, results = chain.run(2)
+    os.kill(machine.describe()["pid"], signal.SIGKILL)
+    assert machine.verify_ahead(first, blocks) == []
+    assert lost == ["it ended by signal 9"]
+    assert machine.verify(first, blocks[0].height, blocks[0].time_ms, blocks[0].transactions) == results[0]
+    assert machine.verify_ahead(first, blocks) == results
+    machine.close()
+    with pytest.raises(InternalFault, match="closing"):
+        machine.verify_ahead(first, blocks)

@@ -9,7 +9,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.hashing import sha256
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
-from contracts.execution.results import BlockResult
+from contracts.execution.results import BlockResult, ExpectedBlock
 from contracts.state.view import Overlay, StateView
 from contracts.worker.machine import WorkerMachine
 from node.storage.ledger_store import FinalizedBlock
@@ -68,6 +68,21 @@ class Chain:
         result = machine.verify(*place)
         assert result == self.inside.verify(*place)
         assert all(receipt.ok for receipt in result.receipts)
+        self.put(result)
+
+    def run(self, count: int) -> tuple[list[ExpectedBlock], list[BlockResult]]:
+        """Put blocks on the branch that only this process executed; return them and what they gave."""
+        blocks, results = [], []
+        for _ in range(count):
+            number, transactions = self.height + 1, self.registrations()
+            result = self.inside.verify(self.view, number, self.time_ms(number), transactions)
+            blocks.append(ExpectedBlock(number, self.time_ms(number), transactions, result.state_root))
+            results.append(result)
+            self.put(result)
+        return blocks, results
+
+    def put(self, result: BlockResult) -> None:
+        """Put what a block gave on the branch."""
         self.height += 1
         self._above.append((self.height, result))
 
