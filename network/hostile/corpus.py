@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from network.hostile.families import (
+    converting,
     crossing,
     flooding,
     growing,
@@ -18,6 +19,7 @@ from network.hostile.program import Program
 FAMILIES: dict[str, tuple[Program, ...]] = {
     "running": running.PROGRAMS,
     "growing": growing.PROGRAMS,
+    "converting": converting.PROGRAMS,
     "nesting": nesting.PROGRAMS,
     "probing": probing.PROGRAMS,
     "naming": naming.PROGRAMS,

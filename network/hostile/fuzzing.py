@@ -39,7 +39,7 @@ _ARGUMENTS: tuple[Any, ...] = (
 
 @dataclass(slots=True)
 class Harvest:
-    """What a run of the fuzzer found."""
+    """What a run of the fuzzer found. `digest` is the same in every process of one Python, `everywhere` on each Python."""
 
     programs: int = 0
     refused: int = 0
@@ -48,6 +48,7 @@ class Harvest:
     faults: list[dict[str, Any]] = field(default_factory=list)
     slowest_s: float = 0.0
     digest: str = ""
+    everywhere: str = ""
 
 
 def make_program(seed: str, sources: list[str]) -> Program:
@@ -79,7 +80,7 @@ def seeds_of(seed: int, count: int) -> Iterator[str]:
 
 def fuzz(seed: int, count: int) -> Harvest:
     """Run `count` programs of a seed."""
-    harvest, digest, sources = Harvest(), hashlib.sha256(), seed_sources()
+    harvest, digest, everywhere, sources = Harvest(), hashlib.sha256(), hashlib.sha256(), seed_sources()
     for name in seeds_of(seed, count):
         program = make_program(name, sources)
         harvest.programs += 1
@@ -100,8 +101,9 @@ def fuzz(seed: int, count: int) -> Harvest:
             harvest.codes[finding.came_to] += 1
             if finding.came_to not in VM_CODES and not is_author_code(finding.came_to):
                 harvest.faults.append({"seed": name, "fault": f"code {finding.came_to}", "source": program.source})
-        digest.update(f"{finding.came_to} {finding.gas_used} {finding.digest}\n".encode())
-    harvest.digest = digest.hexdigest()
+        digest.update(f"{finding.came_to} {finding.gas_used} {finding.digest} {finding.places}\n".encode())
+        everywhere.update(repr(finding.everywhere).encode())
+    harvest.digest, harvest.everywhere = digest.hexdigest(), everywhere.hexdigest()
     return harvest
 
 

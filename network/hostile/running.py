@@ -19,12 +19,23 @@ CONTEXT = CallContext(caller=CALLER, height=7, time_ms=1_700_000_000_000, txid=b
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a program came to: its outcome in the form of `Program.expect`, its gas, and a digest of all it left."""
+    """What a program came to: its outcome in the form of `Program.expect`, its gas, and a digest of all it left.
+
+    Of a refused source the digest is of the verdict alone, which every Python gives; `places` are all diagnostics, whose
+    words and places differ by Python's version where its parser is the one who refuses.
+    """
 
     name: str
     came_to: str
     gas_used: int
     digest: str
+    places: str = ""
+
+    @property
+    def everywhere(self) -> tuple[str, str, int, str]:
+        """The part that is the same on every Python, and not only in every process of this one."""
+        came_to = REFUSED if self.came_to.startswith(REFUSED) else self.came_to
+        return self.name, came_to, self.gas_used, self.digest
 
     def fits(self, program: Program) -> bool:
         """Whether the outcome is the one that was expected."""
@@ -66,7 +77,8 @@ def run_program(program: Program) -> Finding:
     except ContractSourceError as refusal:
         codes = ",".join(sorted({one.code for one in refusal.diagnostics}))
         places = "|".join(f"{one.line}:{one.column} {one.code}" for one in refusal.diagnostics)
-        return Finding(program.name, REFUSED + codes, 0, hashlib.sha256(places.encode()).hexdigest())
+        said = hashlib.sha256(repr(refusal.verdict).encode("utf-8", "backslashreplace")).hexdigest()
+        return Finding(program.name, REFUSED + codes, 0, said, hashlib.sha256(places.encode()).hexdigest())
     host = CallHost(make_state(program))
     host.begin()
     outcome = call_program(program, contracts, host)

@@ -1,4 +1,4 @@
-"""Plays the golden vectors, and random programs both ways, in a process of its own; prints what came of it.
+"""Plays the golden vectors, random programs both ways, and the hostile ones, in a process of its own; prints what came.
 
 Arguments: the folder of the vectors, how many programs, and `stand-ins` where the libraries are missing.
 """
@@ -20,6 +20,8 @@ def main() -> None:
 
         stand_ins.install()
     from contracts import vectors
+    from network.hostile.child import run_corpus
+    from network.hostile.fuzzing import fuzz
     from tests.property.both_ways import digest_of_programs, digest_of_readings
 
     differences = []
@@ -29,7 +31,11 @@ def main() -> None:
         count += vectors.count(document)
     digest = digest_of_programs(int(sys.argv[2])) + digest_of_readings(4 * int(sys.argv[2]))
     version = list(sys.version_info[:3])
-    told = {"version": version, "count": count, "differences": differences, "programs": digest}
+    corpus, found = run_corpus(), fuzz(0, 4 * int(sys.argv[2]))
+    told = {
+        "version": version, "count": count, "differences": differences, "programs": digest, "misfits": corpus["misfits"],
+        "corpus": corpus["everywhere"], "fuzzed": found.everywhere,
+    }  # fmt: skip
     sys.stdout.write(json.dumps(told))
 
 

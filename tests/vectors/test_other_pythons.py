@@ -1,4 +1,4 @@
-"""The golden vectors and random programs, in processes of their own: other hash seeds, other Pythons on the path.
+"""Golden vectors, random programs and hostile ones, in processes of their own: other hash seeds, other Pythons.
 
 Each gives the same outcomes and charges as this one. Where msgspec and coincurve cannot be installed for a Python, that
 is said out loud and stand-ins in plain Python take their place: the vectors were written with the real ones.
@@ -98,6 +98,7 @@ def expect_the_same(found: dict[str, Any], version: tuple[int, int]) -> None:
         vectors.count(document) for document in vectors.read_vectors(HERE / "contracts").values()
     )
     assert found["programs"] == here()["programs"]
+    assert (found["misfits"], found["corpus"], found["fuzzed"]) == ([], here()["corpus"], here()["fuzzed"])
     assert tuple(found["version"][:2]) == version
 
 
@@ -123,7 +124,7 @@ def test_every_other_python_on_the_path_gives_the_same(capsys):
             told[version] = play(python, seed, *(["stand-ins"] if missing else []))
             expect_the_same(told[version], version)
     assert set(told) == {THIS, *((3, int(name.split(".")[1])) for name in PYTHONS)}
-    assert len({found["programs"] for found in told.values()}) == 1
+    assert len({(found["programs"], found["corpus"], found["fuzzed"]) for found in told.values()}) == 1
 
 
 def test_pythons_that_do_not_answer_are_not_taken_for_pythons(tmp_path, monkeypatch):

@@ -92,6 +92,21 @@ PROGRAMS: tuple[Program, ...] = (
         others={"other": "@export\ndef f():\n    emit('a', {})\n"},
         mode="view",
     ),
+    source(
+        "view-called-back-to-write",
+        "REENTRANT",
+        "@view\ndef f() -> object:\n    return call('other', 'ask')\n\n\n"
+        "@export\ndef write():\n    state.put(b'k', 1)\n",
+        others={"other": "@view\ndef ask() -> object:\n    return call('it', 'write')\n"},
+        mode="view",
+    ),
+    body(
+        "view-called-back-to-look",
+        "REENTRANT",
+        "state.put(b'k', 1)\nreturn call('other', 'ask')",
+        before="@view\ndef look() -> object:\n    return state.get(b'k')\n",
+        others={"other": "@view\ndef ask() -> object:\n    return call('it', 'look')\n"},
+    ),
     source("view-called-as-export", "ENTRY_UNKNOWN", "@view\ndef f():\n    pass\n"),
     source("export-called-as-view", "ENTRY_UNKNOWN", "@export\ndef f():\n    state.put(b'k', 1)\n", mode="view"),
     body(

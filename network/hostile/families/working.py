@@ -134,6 +134,12 @@ PROGRAMS: tuple[Program, ...] = (
     body("copy-and-again", SPENT, "x = [0] * 10 ** 5\nwhile True:\n    y = x.copy()"),
     body("enumerate-and-again", SPENT, "x = [0] * 10 ** 4\nwhile True:\n    y = enumerate(x)"),
     body("zip-and-again", SPENT, "x = [0] * 3000\nwhile True:\n    y = zip(x, x, x)"),
+    body(
+        "signs-and-annotations",
+        SPENT,
+        "x: int = 2 ** 255\nwhile x >= 0:\n    if x is None or 5 not in [x]:\n        x = +(x & ~7 | 5) >> 0\n"
+        "    for i in [x]:\n        break",
+    ),
     body("unpack-wrongly", "VALUE_ERROR", "a, b = [1, 2, 3]"),
     body("unpack-a-text", "TYPE_ERROR", "a, b = 'ab'"),
     body("add-true", "TYPE_ERROR", "return True + 1"),
