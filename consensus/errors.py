@@ -47,7 +47,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("TRANSACTION_EXPIRED", 400, "The transaction's valid_until lies in the past.", "Sign it again with a later valid_until."),
     ErrorEntry("TRANSACTION_TOO_FAR_AHEAD", 400, "valid_until is more than ten minutes ahead.", "Choose a valid_until within ten minutes; check your clock."),
     ErrorEntry("TRANSACTION_REPLAYED", 409, "This transaction is already known.", "Nothing to do: look it up by its txid."),
-    ErrorEntry("TRANSACTION_CONTRACT_UNKNOWN", 404, "There is no such contract or entry.", "List the contracts of the chain and check the name."),
+    ErrorEntry("TRANSACTION_CONTRACT_UNKNOWN", 404, "There is no such contract or entry.", "See what there is with `blockrobot contract list` and `blockrobot contract show NAME --abi`."),
     ErrorEntry("CALL_REFUSED", 409, "The contract refused the call.", "See the contract's own code in the detail."),
     ErrorEntry("CONTRACT_NOT_FOUND", 404, "The chain has no such contract, or no such version of it.", "See what it has with `blockrobot contract list`; `blockrobot contract show NAME` names the versions."),
     ErrorEntry("CONTRACT_DISABLED", 409, "The organisations have disabled this contract.", "Wait until they activate a version again; `blockrobot contract show NAME` says since when it rests.", retryable=True),
@@ -110,6 +110,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("JOURNAL_DAMAGED", 500, "The voting journal is damaged in its middle.", "Keep a copy for inspection and start the node once with `--restored`: it is then silent until the chain has gone on without it."),
     ErrorEntry("CONFIGURATION_INVALID", 400, "The configuration is incomplete or contradicts itself.", "Compare it with the reference in docs/reference."),
     ErrorEntry("FILE_HOLDS_PRIVATE_KEY", 400, "A file that everybody would read holds a private key.", "Name a file with the certificates or public keys alone; keep the key where only its owner reads it."),
+    ErrorEntry("USAGE_INVALID", 400, "A command was not called as it takes it.", "See how it is called: the same command with --help."),
     ErrorEntry("FILE_UNUSABLE", 400, "A file or folder cannot be read or written.", "Check its path, its permissions and the space on the disk."),
     ErrorEntry("EVIDENCE_INVALID", 400, "The evidence does not show two words of one producer.", "Accuse nobody of it; a node that made it is damaged or dishonest."),
     ErrorEntry("CLUSTER_NOT_RUNNING", 409, "No cluster runs in this directory.", "Start one with `blockrobot up`."),
@@ -172,7 +173,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("VECTORS_MISSING", 404, "There are no golden vectors in this folder.", "Name the folder of a source tree with `--from tests/vectors/contracts`."),
     ErrorEntry("CONTRACT_SOURCE_INVALID", 400, "The contract's source is not in the contract language.", "See the diagnostics: each has a line and a fix."),
     ErrorEntry("CONTRACT_ARGUMENTS_INVALID", 400, "The arguments do not fit what the entry takes.", "Give one argument for each parameter: numbers, text, bytes as 0x..., lists and objects as JSON; -- before the first if one begins with a minus."),
-    ErrorEntry("CONTRACT_KIT_INCOMPLETE", 400, "Something that the author's kit needs is not installed.", "Install it: pip install 'blockrobot[kit]', or pytest beside BlockRobot."),
+    ErrorEntry("CONTRACT_KIT_INCOMPLETE", 400, "Something that the author's kit needs is not installed.", "Install pytest beside BlockRobot: `make types` does, and so does its extra `kit`."),
 )
 
 

@@ -9,7 +9,6 @@ from rich.markup import escape
 
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from network.cli.contract_signers import find_signers, read_with_first, signer_options
 from network.contract_tracing import TracedTransaction, trace_transaction
@@ -42,7 +41,7 @@ def trace(
     except ValueError:
         wanted = b""
     if len(wanted) != TXID_BYTES:
-        raise BlockRobotError("VALUE_INVALID", "A transaction's id has 32 bytes, 64 hexadecimal digits.")
+        raise click.BadParameter("a transaction's id has 64 hexadecimal digits", param_hint="TXID")
     signers = find_signers(folder, officer, key_file, wallet_profile)
 
     async def read(client: NetworkClient, key: PrivateKey) -> TracedTransaction:

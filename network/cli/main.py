@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import click
 
-from network.cli.lazy_group import LazyGroup
+from network.cli.root_group import RootGroup
 
 _COMMANDS = {
     "up": ("network.cli.cluster_commands", "up"),
@@ -33,7 +33,7 @@ _COMMANDS = {
 }
 
 
-@click.group(cls=LazyGroup, places=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=RootGroup, places=_COMMANDS, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="blockrobot")
 def main() -> None:
     """BlockRobot: a permissioned ledger that gives patients control of what a social robot records of them."""

@@ -93,6 +93,35 @@ def test_an_unknown_command_is_a_matter_of_usage() -> None:
     assert run("conquer").exit_code == 2
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("conquer", "--json"), "conquer"),
+        (("--json", "status"), "--json"),
+        (("contract", "call", "--json"), "CONTRACT"),
+        (("contract", "trace", "--json", "not-an-id"), "64"),
+        (("up", "--nodes", "99", "--json"), "--nodes"),
+        (("logs", "--lines", "many", "--json"), "--lines"),
+        (("sim", "run", "--json", "--unheard-of"), "--unheard-of"),
+        (("wallet", "erase", "--json"), "--all"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_wrong_usage_is_told_in_json_too(network: Path, arguments: tuple[str, ...], named: str) -> None:
+    result = run(*arguments)
+    assert (result.exit_code, result.stderr) == (2, "")
+    problem = problem_of(result)
+    assert problem["code"] == "USAGE_INVALID"
+    assert named in problem["detail"]
+
+
+def test_without_json_wrong_usage_is_for_people(network: Path) -> None:
+    for arguments in (("conquer",), ("up", "--nodes", "99"), ("contract", "call", "--", "--json")):
+        result = run(*arguments)
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert "Usage: " in result.stderr
+
+
 @pytest.mark.parametrize("command", [("status",), ("down",), ("logs",)])
 def test_where_there_is_no_network_that_is_said(home: Path, command: tuple[str, ...]) -> None:
     result = run(*command, "--json")

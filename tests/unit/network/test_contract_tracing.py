@@ -169,6 +169,6 @@ def test_the_command_shows_lines_and_values(
     document = json.loads(CliRunner().invoke(contract, ["trace", served.txid(3, 1).hex(), "--json"]).stdout)
     assert (document["ok"], document["code"], document["height"]) == (True, "SETTING_UNKNOWN", 3)
     assert document["steps"][-1]["line"] == document["line"]
-    assert "VALUE_INVALID" in CliRunner().invoke(contract, ["trace", "12"]).stderr
+    assert "64 hexadecimal digits" in CliRunner().invoke(contract, ["trace", "12"]).stderr
     unknown = CliRunner().invoke(contract, ["trace", "00" * 32])
     assert (unknown.exit_code, "TRANSACTION_NOT_FINAL_IN_TIME" in unknown.stderr) == (5, True)

@@ -1,0 +1,47 @@
+"""The group that every command line enters by: wrong usage is told as JSON too. Must never change what a command does."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import EXIT_FAILED, fail
+from consensus.errors import BlockRobotError
+from network.cli.lazy_group import LazyGroup
+
+JSON_OPTION = "--json"
+
+
+def wants_json(arguments: Sequence[str]) -> bool:
+    """Tell whether a command line asks for JSON, also one that nobody can parse."""
+    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    return JSON_OPTION in options
+
+
+class RootGroup(LazyGroup):
+    """A lazy group that tells wrong usage as every other error is told, where --json is on the command line."""
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run what a command line says, and exit; see click.Command.main."""
+        given = sys.argv[1:] if args is None else list(args)
+        if not standalone_mode or not wants_json(given):
+            return super().main(args, prog_name, complete_var, standalone_mode=standalone_mode, **extra)
+        try:
+            code = super().main(given, prog_name, complete_var, standalone_mode=False, **extra)
+        except click.ClickException as error:
+            fail(BlockRobotError("USAGE_INVALID", error.format_message()), as_json=True)
+            sys.exit(error.exit_code)
+        except click.Abort:
+            click.echo("Aborted!", err=True)
+            sys.exit(EXIT_FAILED)
+        sys.exit(code if isinstance(code, int) else 0)
