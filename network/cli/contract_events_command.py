@@ -36,6 +36,7 @@ RETRY_S = 1.0
 PAUSE_S = 0.1
 BEGINNING = "start"
 NOW = "now"
+EVENT_BEGINS = b'{"place": "'
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,8 +87,16 @@ def last_written(path: Path) -> Place | None:
     with path.open("r+b") as file:
         content = file.read()
         whole = content[: content.rfind(b"\n") + 1]
-        if len(whole) < len(content):
+        place = _place_of_last(path, whole)
+        rest = content[len(whole) :]
+        if not rest.startswith(EVENT_BEGINS[: len(rest)]):
+            raise BlockRobotError("FILE_UNUSABLE", f"The last line of {path} is no event.")
+        if rest:
             file.truncate(len(whole))
+    return place
+
+
+def _place_of_last(path: Path, whole: bytes) -> Place | None:
     lines = whole.splitlines()
     if not lines:
         return None
@@ -176,6 +185,15 @@ async def follow(
             return
 
 
+def _check_place(_context: click.Context, _parameter: click.Parameter, text: str) -> str:
+    try:
+        if text not in {BEGINNING, NOW}:
+            read_place(text)
+    except BlockRobotError as error:
+        raise click.BadParameter(error.detail) from None
+    return text
+
+
 @click.command()
 @click.option("--follow", "forever", is_flag=True, help="Go on until stopped, also while nodes are away.")
 @click.option("--contract", metavar="NAME", help="Only events of this contract.")
@@ -185,6 +203,7 @@ async def follow(
     "first",
     default=BEGINNING,
     show_default=True,
+    callback=_check_place,
     help="start (the oldest kept), now, or a place height:index.",
 )
 @click.option(

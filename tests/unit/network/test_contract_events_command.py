@@ -134,10 +134,14 @@ def test_a_kill_in_the_middle_of_a_page_says_nothing_twice_in_a_file(story: Stor
         run("--out", str(out))
         assert out.read_bytes() == whole
     assert written(out) == ["1:0", "1:1", "3:0", "3:1", "5:0"]
-    out.write_text("something else\n", encoding="utf-8")
-    assert "FILE_UNUSABLE" in run("--out", str(out)).stderr
+    for other in ("something else\n", "something else", '{"place": "1:0"}\nand something else', "\n", '{"plan": 1}'):
+        out.write_text(other, encoding="utf-8")
+        assert "FILE_UNUSABLE" in run("--out", str(out)).stderr
+        assert out.read_text(encoding="utf-8") == other
     assert run("--out", str(out), "--state", str(out)).exit_code == 2
 
 
 def test_a_place_that_is_none_is_refused(story: Story) -> None:
-    assert "VALUE_INVALID" in run("--from", "yesterday").stderr
+    for wrong in ("yesterday", "7", "7:", "-1:0"):
+        result = run("--from", wrong)
+        assert (result.exit_code, "height:index" in result.stderr) == (2, True)
