@@ -57,6 +57,9 @@ def check_words(answers: Sequence[Answer]) -> list[Finding]:
             found.append(Finding("NODE_FAULT", answer.name, str(status["fault"])))
         if status.get("silent"):
             found.append(Finding("PRODUCER_SILENT", answer.name, "It waits until it is safe to sign again."))
+        if status.get("suspended_height") is not None:
+            detail = f"It has been suspended since height {status['suspended_height']}: blockrobot producer list"
+            found.append(Finding("PRODUCER_SUSPENDED", answer.name, f"{detail} shows why."))
         lacks = _what_the_wall_lacks(status.get("contracts", {}))
         if lacks:
             found.append(Finding("CONTRACT_WALL_INCOMPLETE", answer.name, lacks))

@@ -73,6 +73,13 @@ KINDS: dict[str, FindingKind] = _table(
         "Wait: it speaks again when the chain has gone on without it long enough.",
     ),
     FindingKind(
+        "PRODUCER_SUSPENDED",
+        "problem",
+        "The producer signed twice in one round, as evidence on the chain proves: it is suspended.",
+        "Find out why (a restored copy, one key on two machines), mend it, then a majority reinstates it: "
+        "blockrobot producer approve NODE --as ORG (docs/how-to/govern-a-network.md).",
+    ),
+    FindingKind(
         "CONTRACT_WALL_INCOMPLETE",
         "warning",
         "The wall around the processes that run contracts lacks something, or is switched off.",

@@ -87,6 +87,13 @@ def test_what_nodes_say_of_themselves_and_of_peers_is_passed_on() -> None:
     ]
 
 
+def test_a_suspended_producer_is_named_with_the_command_that_brings_it_back() -> None:
+    [found] = check_words([answer("a", suspended_height=None), answer("b", suspended_height=12)])
+    assert (found.code, found.node, found.kind.severity) == ("PRODUCER_SUSPENDED", "b", "problem")
+    assert "since height 12" in found.detail
+    assert "blockrobot producer approve b --as ORG" in found.next_step
+
+
 def test_a_node_that_the_network_does_not_count_in_is_named_and_may_be_down() -> None:
     content = directory("a", "b")
     gone = replace(content, nodes={**content.nodes, "b": replace(content.nodes["b"], is_active=False)})
