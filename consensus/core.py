@@ -82,6 +82,8 @@ class Core(Hearing):
             return
         if self._end_silence():
             self._speak_again()
+        while self._voter.may_have_spoken(self.round):
+            self._time_out()
         self._lead()
         branch = self._certified_branch()
         delay_ms = self._pacemaker.round_delay_ms(
@@ -350,9 +352,10 @@ class Core(Hearing):
     def _count_timeout(self, timeout: Timeout) -> None:
         tc = self._timeouts.add(timeout)
         self._timeout_seen_round = self.round
+        is_abandoned = timeout.index == self.leader and self._proposal_seen_round != self.round
         if tc is not None:
             self._accept_tc(tc)
-        elif len(self._timeouts) > self._schedule.faults_tolerated:
+        elif is_abandoned or len(self._timeouts) > self._schedule.faults_tolerated:
             self._time_out()
 
     # Finality

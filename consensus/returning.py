@@ -1,8 +1,9 @@
 """Whether a producer may speak: not before others said what they last heard of it. Must never trust its own memory alone.
 
-A data directory put back from a backup has forgotten what was signed since. On start a producer asks (R33); if it
-forgot something, or is told so by its operator (`--restored`), it is silent until the chain has gone on without it above
-every round that it can have signed in (R34, R35). The mark of silence stands in the journal.
+A data directory put back from a backup has forgotten what was signed since. On start a producer asks (R33), and
+speaks only above every round that it can have signed in (R40). If it forgot something, or is told so by its operator
+(`--restored`), it is silent until the chain has gone on without it above those rounds (R34, R35). The mark of silence
+stands in the journal.
 """
 
 from __future__ import annotations
@@ -36,8 +37,12 @@ class Returning:
         mark: SilenceMark | None,
         *,
         asks: bool = True,
+        speaks_above_round: int = 0,
     ) -> None:
-        """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36)."""
+        """Begin with the journal's mark. `asks` is False only if this process spoke in the epoch before (R36).
+
+        `speaks_above_round` is then what it may still have forgotten of this epoch (R40).
+        """
         self._epoch, self._retry_ms = schedule.epoch, base_timeout_ms
         self._producers = frozenset(schedule.producers)
         self._tolerated = schedule.faults_tolerated
@@ -50,6 +55,8 @@ class Returning:
         self._willing: set[int] = set()
         self._silent: set[int] = set()
         self._signed_rounds: dict[int, int] = {}
+        self._highest_told_round = 0
+        self.speaks_above_round = speaks_above_round
         self.mark = _carried(mark, schedule.epoch, same_producers=False)
 
     @property
@@ -126,10 +133,12 @@ class Returning:
             self._silent.add(sender)
         else:
             self._willing.add(sender)
+            self._highest_told_round = max(self._highest_told_round, answer.signed_round)
         if answer.speech == SPEAKING:
             self._signed_rounds[sender] = answer.signed_round
-        if len(self._willing) >= self._needed_to_speak:
+        if self._is_asking and len(self._willing) >= self._needed_to_speak:
             self._is_asking = False
+            self.speaks_above_round = self._first_safe_round() - 1
         mark = self.mark
         if mark is not None and mark.above_round is None and len(self._signed_rounds) >= self._needed_for_round:
             above_round = 1 + max(last_voted_round, *self._signed_rounds.values())
@@ -140,6 +149,14 @@ class Returning:
         if not self.is_waiting:
             effects.append(CancelTimer(kind=TIMER_ASK))
         return effects
+
+    def _first_safe_round(self) -> int:
+        """R40: a quorum led into every round that this producer can have signed in, and one of it was among the asked.
+
+        Where nobody has signed anything since genesis there is nothing to forget but the first round.
+        """
+        is_beginning = self._epoch == 0 and self._highest_told_round == 0
+        return _FIRST_ROUND if is_beginning else self._highest_told_round + 2
 
     # Silence
 
@@ -173,13 +190,18 @@ class Returning:
 
     # The next epoch
 
-    def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int) -> Returning:
-        """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again."""
+    def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> Returning:
+        """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again.
+
+        If the boundary lies so low that it may have spoken above it before, and forgotten it, that was in the first
+        round at most: a quorum of the next epoch had left this one, and none of those who were asked had (R40).
+        """
         spoke = self._has_others and not self._is_asking
+        speaks_above_round = _FIRST_ROUND if spoke and boundary_round <= self.speaks_above_round else 0
         is_following = schedule.epoch == self._epoch + 1
         same_producers = is_following and self._producers == frozenset(schedule.producers)
         mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
-        return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke)
+        return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke, speaks_above_round=speaks_above_round)
 
 
 def _carried(mark: SilenceMark | None, epoch: int, *, same_producers: bool) -> SilenceMark | None:

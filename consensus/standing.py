@@ -64,7 +64,9 @@ class Standing:
         self._voter = Voter(settings, chain_id, schedule, key, restored)
         if before is not None:
             returning = before._voter.returning
-            self._voter.returning = returning.next(schedule, self._voter.index, settings.base_timeout_ms)
+            self._voter.returning = returning.next(
+                schedule, self._voter.index, settings.base_timeout_ms, boundary_round=before._tree.root.header.round
+            )
         self._witness = Witness(chain_id, schedule, self._voter.index, check)
         self._fetcher = Fetcher(self._voter.index, settings.base_timeout_ms)
         self._retry_ms = max(1, settings.base_timeout_ms // 4)

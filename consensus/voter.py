@@ -44,8 +44,14 @@ class Voter:
         self.has_ended = False
 
     def may_speak(self, round_number: int) -> bool:
-        """R4: tell whether nothing was said yet in this round or a later one, and the producer may sign at all."""
-        return self.index is not None and not self._is_barred and round_number > self.last_voted_round
+        """R4, R40: tell whether nothing can have been said yet in this round or later, and the producer may sign at all."""
+        spoken_round = max(self.last_voted_round, self.returning.speaks_above_round)
+        return self.index is not None and not self._is_barred and round_number > spoken_round
+
+    def may_have_spoken(self, round_number: int) -> bool:
+        """R40: tell whether this producer knows of no word of its own in this round, and may have forgotten one."""
+        is_open = self.index is not None and not self._is_barred
+        return is_open and self.last_voted_round < round_number <= self.returning.speaks_above_round
 
     @property
     def _is_barred(self) -> bool:

@@ -10,6 +10,7 @@ from collections.abc import Callable
 import msgspec
 
 from network.sim.plan import Fault, Plan
+from network.sim.plan_file import ROUNDS_MIN_COUNT
 from network.sim.run import RunResult
 
 RUNS_MAX_COUNT = 80
@@ -38,7 +39,7 @@ class _Shrinking:
         for number in range(len(self._plan.faults)):
             while self._plan.faults[number].for_ms > SHORTEST_MS and self._shorten(number):
                 pass
-        while self._plan.rounds > SHORTEST_MS and self._try(
+        while self._plan.rounds >= 2 * ROUNDS_MIN_COUNT and self._try(
             msgspec.structs.replace(self._plan, rounds=self._plan.rounds // 2)
         ):
             pass

@@ -18,7 +18,7 @@ from node.engine import Engine
 from node.journal import Journal, _frame
 from tests.sim.mutants.mutant import Mutant
 from tests.sim.mutants.schedules import CHAOS, OLD_JOURNAL, POWER_CUTS, STORES_BEHIND
-from tests.sim.mutants.scripts import TWO_ROUNDS_GIVEN_UP
+from tests.sim.mutants.scripts import A_WORD_THAT_NOBODY_TELLS, TWO_ROUNDS_GIVEN_UP
 
 
 def _forget(patch: pytest.MonkeyPatch, forget: Callable[[JournalState], None]) -> None:
@@ -50,8 +50,17 @@ def lose_the_tc(patch: pytest.MonkeyPatch) -> None:
     _forget(patch, forget)
 
 
+def speak_where_it_may_have_spoken(patch: pytest.MonkeyPatch) -> None:
+    """Once others have answered a producer speaks in any round, also where only who did not answer heard it before."""
+    patch.setattr(Returning, "_first_safe_round", lambda self: 1)
+
+
 def propose_unrecorded(patch: pytest.MonkeyPatch) -> None:
-    """A leader's own block and its vote for it are said without a record: after a crash it makes another one."""
+    """A leader's own block and its vote for it are said without a record: after a crash it makes another one.
+
+    R40 would make up for it.
+    """
+    speak_where_it_may_have_spoken(patch)
     original = Voter.vote
 
     def vote(self: Voter, *arguments: object, is_own: bool = False) -> tuple[Vote, list[Effect]]:
@@ -75,7 +84,8 @@ def skip_the_sync(patch: pytest.MonkeyPatch) -> None:
 
 
 def send_before_the_sync(patch: pytest.MonkeyPatch) -> None:
-    """What stands behind a record leaves at once; the record is synced a moment later."""
+    """What stands behind a record leaves at once; the record is synced a moment later. R40 would make up for it."""
+    speak_where_it_may_have_spoken(patch)
 
     def persist(self: Engine, records: tuple[bytes, ...]) -> None:
         if self._recorder.append(records):
@@ -119,4 +129,11 @@ REMEMBERING = (
         frozenset({"liveness"}),
     ),
     Mutant("trust a restored journal", "R33, R34", trust_a_restored_journal, OLD_JOURNAL, TWO_WORDS),
+    Mutant(
+        "speak where it may have spoken",
+        "R40",
+        speak_where_it_may_have_spoken,
+        A_WORD_THAT_NOBODY_TELLS,
+        frozenset({"no_double_vote", "no_double_proposal"}),
+    ),
 )

@@ -5,11 +5,12 @@ Everybody hears only what the story says. Without the mutant the story ends wher
 
 from __future__ import annotations
 
-from consensus.messages import Proposal, Timeout
+from consensus.effects import BuildBlock
+from consensus.messages import Proposal, Timeout, Vote
 from network.sim.checkers import Violation
 from tests.sim.mutants.mutant import Schedule
 from tests.sim.test_scripted_schedules import Table, play_two_branches_of_alternating_rounds
-from tests.unit.consensus.one_core import GENESIS_QC, TRANSACTION, OneCore, said
+from tests.unit.consensus.one_core import GENESIS_QC, TRANSACTION, OneCore, of_type, said
 
 
 def disagreements(table: Table) -> list[Violation]:
@@ -76,6 +77,34 @@ def play_two_rounds_given_up(_seed: int) -> list[Violation]:
     return found
 
 
+def play_a_word_that_nobody_tells(_seed: int) -> list[Violation]:
+    """A leader's block reaches one node only. The leader is put back from a backup taken before, and asks two others."""
+    node = OneCore(2)
+    first = node.block(1, transactions=(TRANSACTION,))
+    backup = [*node.journal]
+    blocks: list[Proposal] = []
+    votes: list[Vote] = []
+    for transactions in ((), (TRANSACTION,)):
+        effects = [*node.receive(first), *node.notice(node.qc(first, (0, 1, 3)))]
+        for order in of_type(effects, BuildBlock):
+            effects = node.built(order, transactions)
+            blocks += said(effects, Proposal)
+            votes += said(effects, Vote)
+        node = OneCore(2, journal=backup, answered=False)
+        for peer in (0, 1):
+            node.answer_from(peer, signed_round=1, qc=node.qc(first, (0, 1, 3)))
+
+    if not blocks:
+        raise AssertionError("the leader proposed nothing")
+    found = []
+    if len({block.block.block_id for block in blocks}) > 1:
+        found.append(Violation("no_double_proposal", 0.0, 2, "proposed two blocks in round 2"))
+    if len({vote.block_id for vote in votes}) > 1:
+        found.append(Violation("no_double_vote", 0.0, 2, "voted for two blocks in round 2"))
+    return found
+
+
 ALTERNATING_ROUNDS = Schedule("script: alternating rounds", play_alternating_rounds, range(1))
 A_BLOCK_LEFT_BEHIND = Schedule("script: a block left behind", play_a_block_left_behind, range(1))
 TWO_ROUNDS_GIVEN_UP = Schedule("script: two rounds given up", play_two_rounds_given_up, range(1))
+A_WORD_THAT_NOBODY_TELLS = Schedule("script: a word that nobody tells", play_a_word_that_nobody_tells, range(1))

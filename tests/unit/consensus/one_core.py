@@ -124,10 +124,16 @@ class Peers:
         signature = sign_block(key, self.chain_id, self.schedule.epoch, round_number, sha256(data))
         return Block(header_bytes=data, signature=signature, transactions=transactions)
 
-    def boundary(self, round_number: int, parent: Block | None = None, following: Epoch | None = None) -> Block:
+    def boundary(
+        self,
+        round_number: int,
+        parent: Block | None = None,
+        following: Epoch | None = None,
+        tc: TimeoutCertificate | None = None,
+    ) -> Block:
         """Return a block that ends the epoch; `following` is the next one (these producers again, unless said)."""
         next_hash = compute_epoch_hash(following or self.following())
-        return self.block(round_number, parent, transactions=(TRANSACTION,), next_schedule_hash=next_hash)
+        return self.block(round_number, parent, tc=tc, transactions=(TRANSACTION,), next_schedule_hash=next_hash)
 
     def following(self, producers: tuple[bytes, ...] | None = None) -> Epoch:
         """Return the epoch after this one, with these producers or others."""
@@ -203,6 +209,7 @@ class OneCore(Peers):
         epoch: int = 0,
         root: Block = GENESIS,
     ) -> None:
+        """Make the core; `answered` (or, in a later epoch, having spoken in the one before) lets it speak at once."""
         self.settings = settings or ChainSettings()
         super().__init__(count, self.settings.blocks_per_turn, epoch=epoch, root=root)
         self.index = index
@@ -221,6 +228,8 @@ class OneCore(Peers):
             journal=self.journal,
             check=CHECK,
         )
+        if answered and epoch > 0:
+            self.core._voter.returning._is_asking = False
         self.started = self.handle(Started(now_ms=self.now_ms)) if start else []
         if start and answered and index is not None:
             for peer in others[: self.schedule.quorum - 1]:

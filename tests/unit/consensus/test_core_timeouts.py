@@ -189,3 +189,17 @@ def test_a_follower_gives_nothing_up():
     for index in (0, 1, 2):
         node.timeout_from(index, 1)
     assert node.core.round == 2
+
+
+def test_a_round_that_its_leader_gave_up_is_given_up_at_once():
+    """R6: its block will not come. Another producer's timeout alone moves nobody."""
+    node = OneCore(3)
+    node.work()
+    assert said(node.timeout_from(2, 1), Timeout) == []
+    assert [word.round for word in said(node.timeout_from(1, 1), Timeout)] == [1]
+
+
+def test_a_round_whose_block_is_known_goes_on_though_its_leader_gave_it_up():
+    node = OneCore(3)
+    node.receive(node.block(1))
+    assert said(node.timeout_from(1, 1), Timeout) == []
