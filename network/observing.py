@@ -65,7 +65,7 @@ class Picture:
 
 
 def state_of(look: NodeLook) -> str:
-    """Say in a few words how a node is: stopped, paused, no answer, a fault, silent, waiting or signing."""
+    """Say in a few words how a node is: stopped, paused, no answer, a fault, silent, waiting, suspended or signing."""
     if not look.running:
         return "stopped"
     if look.paused:
@@ -77,7 +77,8 @@ def state_of(look: NodeLook) -> str:
         return f"fault: {status['fault']}"
     if status.get("silent"):
         return f"silent: {status['silent'].get('reason', '')}"
-    return "signing" if status.get("ready") else "waiting"
+    usual = "signing" if status.get("suspended_height") is None else "suspended"
+    return usual if status.get("ready") else "waiting"
 
 
 class Observer:

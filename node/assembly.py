@@ -22,6 +22,7 @@ from consensus.block import FinalityProof
 from consensus.core import Core
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode_stored_value
 from consensus.primitives.keys import PrivateKey
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.transaction import Transaction
@@ -30,13 +31,14 @@ from contracts.execution.standing import require_standing
 from node.accuser import Accuser
 from node.api.services import Clock
 from node.call_check import CallCheck
-from node.candidacy import Candidacy
+from node.candidacy import CANDIDATE_PREFIX, Candidacy
 from node.custody import Custody
 from node.directory import Directory
 from node.engine import Engine, Outbox
 from node.epochs import EpochStart, Head, read_head
 from node.execution import ExecutedBlock, Executor, Machine
 from node.finality import FinalityFeed, LedgerWriter
+from node.finality_watch import FinalityWatch
 from node.interface import FinalizedLedger, Pool
 from node.journal import JournalEntry
 from node.machine import genesis_block
@@ -222,6 +224,7 @@ class Assembly:
             calls=CallCheck(lambda: self.executor.reader),
         )
         self.finalized = FinalizedLedger(around.ledger, self.feed)
+        self.finality_watch = FinalityWatch(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
@@ -292,6 +295,7 @@ class Assembly:
         self.writer.add_listener(self._follow_directory)
         self.writer.add_listener(self._note_stored)
         self.writer.add_listener(self.feed.publish)
+        self.writer.add_listener(self.finality_watch.note_final)
         self.writer.add_listener(self._metrics.note_finalized)
         self.writer.add_listener(self._after_stored)
         self.writer.start(
@@ -372,6 +376,7 @@ class Assembly:
             if self._directory_is_behind:
                 self._catch_up_with_directory()
             self.pool.purge_expired()
+            self.finality_watch.look(len(self.mempool))
             self.peers.retry_unsettled()
             self.engine.note_work()
             self.sync.look_again()
@@ -415,6 +420,8 @@ class Assembly:
             "custody_checkpoint": None if self.custody is None else self.custody.checkpoint_height,
             "fault": core.halted or self.engine.fault,
             "silent": None if core.silence is None else core.silence._asdict(),
+            "finality": self.finality_watch.describe(),
+            "suspended_height": self._suspended_height(),
             "version": version("blockrobot"),
             "uptime_s": round(self.surroundings.stopwatch() - self._started_at, 1),
         }
@@ -428,6 +435,13 @@ class Assembly:
         if self.directory.node(self.surroundings.name) is not None:
             return "active"
         return "removed" if self.surroundings.name in self.directory.content.nodes else "unknown"
+
+    def _suspended_height(self) -> int | None:
+        """Return the height at which the node's producer key was suspended, or None if it is not."""
+        key = self.surroundings.key
+        data = None if key is None else self.executor.reader.get(CANDIDATE_PREFIX + key.public_key)
+        entry: dict[str, Any] = {} if data is None else decode_stored_value(data)
+        return int(entry["suspended_height"]) if entry.get("status") == "suspended" else None
 
     def _leader_name(self) -> str | None:
         return self._name_of_producer(self.engine.epoch.schedule.producers[self.core.leader])

@@ -5,9 +5,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import click
+from rich.markup import escape
 from rich.table import Table
 
 from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
@@ -21,6 +24,7 @@ ORGANISATIONS_COUNT = 2
 TOLD_NODES_COUNT = 2
 TOLD_LINES_COUNT = 5
 TOLD_LINE_CHARS = 400
+_TEXT_COLUMNS = frozenset({"node", "state", "leads"})
 
 
 def network_folder(folder: Path | None) -> Path:
@@ -156,12 +160,19 @@ def logs(node: str | None, folder: Path | None, lines: int, as_json: bool) -> No
 
 
 def _state_of(row: NodeStatusReport) -> str:
-    """Say in a word how a node is: one that runs but gives no answer may be starting or stuck."""
+    """Say in a word or two how a node is: one that runs but gives no answer may be starting or stuck.
+
+    One that is ready itself may be cut off with a quorum it cannot hear from, or not be allowed to lead.
+    """
     if not row.running:
         return "stopped"
     if row.status is None:
         return "silent"
-    return "ready" if row.status.get("ready") else "waiting"
+    if not row.status.get("ready"):
+        return "waiting"
+    if row.status.get("finality", {}).get("late"):
+        return "stuck"
+    return "ready" if row.status.get("suspended_height") is None else "suspended"
 
 
 def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> None:
@@ -170,9 +181,13 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         nodes = [{"name": row.name, "running": row.running, **(row.status or {})} for row in reports]
         print_json({"ok": all(row.status for row in reports), "directory": str(folder), "nodes": nodes})
         return
-    table = Table(title=f"Network in {folder}", title_justify="left")
+    table = Table(
+        title=f"Network in {escape(str(folder))}", title_justify="left", pad_edge=False, collapse_padding=True
+    )
     for column in ("node", "state", "height", "final", "round", "leads", "peers", "waiting", "custody"):
-        table.add_column(column, justify="left" if column in {"node", "state", "leads"} else "right")
+        table.add_column(
+            column, justify="left" if column in _TEXT_COLUMNS else "right", no_wrap=column in _TEXT_COLUMNS
+        )
     for row in reports:
         seen = row.status or {}
         state = _state_of(row)
@@ -182,7 +197,27 @@ def report(reports: list[NodeStatusReport], folder: Path, *, as_json: bool) -> N
         cells = [*values, peers, seen.get("mempool"), custody]
         table.add_row(row.name, state, *("-" if cell is None else str(cell) for cell in cells))
     console.print(table)
+    told = [row.status for row in reports if row.status is not None and "finality" in row.status]
+    if told:
+        newest = min(told, key=lambda status: (-status["finalized_height"], status["finality"]["age_s"]))
+        age_s = newest["finality"]["age_s"]
+        console.print(f"Newest final block: {newest['finalized_height']}, {age_s:.0f} s ago.")
     for row in reports:
-        if row.status is not None and row.status.get("silent"):
-            silent = row.status["silent"]
-            console.print(f"{row.name} signs nothing ({silent['reason']}) until {silent['until']}.", soft_wrap=True)
+        for sentence in _troubles(row.name, row.status or {}):
+            console.print(escape(sentence), soft_wrap=True)
+
+
+def _troubles(name: str, status: Mapping[str, Any]) -> list[str]:
+    """Say what a node's own words tell of that does not go as it should, a sentence each."""
+    told = []
+    if status.get("silent"):
+        told.append(f"{name} signs nothing ({status['silent']['reason']}) until {status['silent']['until']}.")
+    finality = status.get("finality", {})
+    if finality.get("late"):
+        work = f", and transactions wait ({status.get('mempool')})" if status.get("mempool") else ""
+        told.append(f"{name} has had no new final block for {finality['age_s']:.0f} s{work}.")
+    height = status.get("suspended_height")
+    if height is not None:
+        back = f"a majority brings it back: blockrobot producer approve {name} --as ORG"
+        told.append(f"{name} is suspended since height {height} and leads nothing; {back}")
+    return told

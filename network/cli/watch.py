@@ -124,7 +124,9 @@ def render(picture: Picture, folder: str) -> Group:
 
 
 def _cells(row: NodeRow) -> list[str]:
-    style = "green" if row.state == "signing" else "yellow" if row.state in {"waiting", "paused"} else "red"
+    style = (
+        "green" if row.state == "signing" else "yellow" if row.state in {"waiting", "paused", "suspended"} else "red"
+    )
     figures = (row.height, row.finalized_height, row.round, row.epoch, row.leader, row.peers, row.waiting)
     shown = ["-" if figure is None else str(figure) for figure in figures]
     return [row.name, f"[{style}]{escape(row.state)}[/{style}]", *shown, escape("; ".join(row.faults)) or "-"]

@@ -32,6 +32,8 @@ def look(name: str = "node-1", *, faults: tuple[str, ...] = (), **status: Any) -
     [
         (look(), "signing"),
         (look(ready=False), "waiting"),
+        (look(suspended_height=7), "suspended"),
+        (look(suspended_height=None), "signing"),
         (look(fault="The disk is full."), "fault: The disk is full."),
         (look(silent={"reason": "asking", "until": "later"}), "silent: asking"),
         (NodeLook("node-1", running=True, paused=False, status=None), "no answer"),

@@ -1,0 +1,62 @@
+"""`blockrobot status` does not call a network well in which nothing becomes final, nor a producer that may not lead."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from network.cli.cluster_commands import report
+from network.cluster import NodeStatusReport
+
+
+def said(capsys: pytest.CaptureFixture[str], *, as_json: bool = False, **status: Any) -> str:
+    usual = {
+        "ready": True,
+        "height": 9,
+        "finalized_height": 8,
+        "round": 12,
+        "leader": "node-2",
+        "peers": ["node-2"],
+        "mempool": 0,
+        "custody_checkpoint": None,
+        "silent": None,
+        "finality": {"age_s": 3.4, "waiting_s": 0.0, "late": False},
+        "suspended_height": None,
+    }
+    row = NodeStatusReport("node-1", running=True, status=usual | status)
+    report([row], Path("network"), as_json=as_json)
+    return capsys.readouterr().out
+
+
+def test_a_node_at_work_is_ready_and_its_newest_final_block_has_an_age(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said(capsys)
+    assert "ready" in text
+    assert "Newest final block: 8, 3 s ago." in text
+    assert "no new final block" not in text
+    assert "suspended" not in text
+
+
+def test_a_stuck_network_is_not_called_ready(capsys: pytest.CaptureFixture[str]) -> None:
+    late = {"age_s": 45.2, "waiting_s": 44.0, "late": True}
+    text = said(capsys, finality=late, mempool=3)
+    assert "stuck" in text
+    assert "ready" not in text
+    assert "node-1 has had no new final block for 45 s, and transactions wait (3)." in text
+    assert "wait" not in said(capsys, finality=late).splitlines()[-1]
+    assert json.loads(said(capsys, as_json=True, finality=late))["nodes"][0]["finality"] == late
+
+
+def test_a_suspended_producer_is_told_with_the_way_back(capsys: pytest.CaptureFixture[str]) -> None:
+    text = said(capsys, suspended_height=7)
+    assert "ready" not in text
+    assert "node-1 is suspended since height 7 and leads nothing" in text
+    assert "blockrobot producer approve node-1 --as ORG" in text
+    assert json.loads(said(capsys, as_json=True, suspended_height=7))["nodes"][0]["suspended_height"] == 7
+
+
+def test_a_node_of_an_earlier_version_says_less_and_is_shown_all_the_same(capsys: pytest.CaptureFixture[str]) -> None:
+    report([NodeStatusReport("node-1", running=True, status={"ready": True})], Path("network"), as_json=False)
+    assert "ready" in capsys.readouterr().out
