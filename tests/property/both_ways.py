@@ -15,8 +15,26 @@ from tests.property.plain_python import run_plainly
 
 CONTEXT = CallContext(caller=b"c" * 33, height=1, time_ms=2, txid=b"t" * 32, chain_id=b"i" * 32)
 BUDGETS = {"OUT_OF_GAS", "MEMORY_BUDGET", "CALL_DEPTH", "WRITE_BUDGET", "EVENT_BUDGET"}
-LIMITS = ("A stored value", "An event's data", "A result", "A key of a dict")
+LIMITS = ("A stored value", "An event's data", "A result", "A key of a dict", "An integer key of a dict")
 
+OTHER = compile_contract(
+    """\
+@view
+def echo(value: object) -> object:
+    return value
+
+
+@view
+def total(values: list) -> int:
+    return sum(values)
+
+
+@export
+def keep(value: object):
+    state.put(b"kept", value)
+""",
+    "other",
+)
 TOKENS = (Path(__file__).parent / "spoilt_sources.txt").read_text("utf-8").split()
 
 
@@ -43,7 +61,7 @@ class DictHost:
 
 def run(source: str, arguments: list[Any]) -> tuple[Outcome, DictHost]:
     host = DictHost()
-    contracts = {"it": compile_contract(source, "it")}
+    contracts = {"it": compile_contract(source, "it"), "other": OTHER}
     outcome = invoke(contracts, "it", "f", arguments, host=host, context=CONTEXT, gas_limit=2_000_000, mode="export")
     return outcome, host
 
@@ -58,7 +76,11 @@ def compare(source: str, arguments: list[Any]) -> str:
         f"{outcome.code} here, {code} in Python: {outcome.message} (line {outcome.line})\n{source}"
     )
     if outcome.ok:
-        stored = {key.removeprefix(b"it\x00"): decode_value(value) for key, value in host.entries.items()}
+        stored = {
+            key.removeprefix(b"it\x00"): decode_value(value)
+            for key, value in host.entries.items()
+            if key.startswith(b"it\x00")
+        }
         assert (outcome.result, host.events, stored) == (result, events, state), source
         assert repr(outcome.result) == repr(result), source
     return outcome.code

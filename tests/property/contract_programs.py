@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from random import Random
 
-TYPES = ("int", "str", "bytes", "bool", "ints", "strs", "table")
-ANNOTATIONS = {"ints": "list[int]", "strs": "list[str]", "table": "dict[str, int]"}
+from tests.property.contract_phrases import BLOCKS, HEAD, PHRASES, SIGNS, STATEMENTS
+
+TYPES = ("int", "str", "bytes", "bool", "ints", "strs", "table", "pair", "grid", "byint")
+ANNOTATIONS = {
+    "ints": "list[int]", "strs": "list[str]", "table": "dict[str, int]", "pair": "object", "grid": "list[list[int]]",
+    "byint": "dict[int, str]",
+}  # fmt: skip
+LEAVES = {
+    "ints": "[3, 1, 2]", "strs": "['b', 'a', '']", "table": "{'a': 1, 'b': 2}", "pair": "(1, 'a')", "grid": "[[1], [2, 3]]",
+    "byint": "{1: 'a', -1: 'b'}",
+}  # fmt: skip
+KINDS = ("int", "str", "list", "dict", "bool", "bytes", "tuple")
+HOLE = re.compile(r"\{\{|\}\}|\{(\w+)(!?)\}")
 INTS = ("0", "1", "2", "7", "255", "(-1)", "0x1f", "(2 ** 64)", "(2 ** 63 - 1)", "(2 ** 255)", "-(2 ** 255)")
 STRS = ("''", "'a'", "'abc'", "'a,b'", "' x '", "'12'", "'-7'", "'Zz9'", "'é'", "'ab' 'ab'", "'\\n\\x41\\u00e9'")
 BYTES = ("b''", "b'a'", "b'ab'", "b'\\x00\\xff'", "b'abab'")
@@ -16,8 +28,6 @@ MISTAKES = (
     "5 in 5", "[1] + (2,)", "sorted([1, 'a'])", "'a'.append(1)", "b'a' + 'a'", "abs('a')", "[1]['a']", "~None",
     "'a' in 5", "[1, 2][None:]", "max(1, 'a')", "'a'.join([1])", "(5).upper()", "range('a')", "bytes('a')",
 )  # fmt: skip
-# So that the order in which arguments are computed can be seen.
-NOTE = ["def note(p0: int) -> int:", "    emit('noted', {'v': p0})", "    return p0", ""]
 
 
 class ProgramWriter:
@@ -29,7 +39,7 @@ class ProgramWriter:
         self.maybe: list[str] = []
         self.helpers: list[tuple[str, list[str], str]] = []
         self.count = 0
-        self.loops = 0
+        self.result = "int"
 
     def pick(self, options: tuple[str, ...] | list[str]) -> str:
         return options[self.random.randrange(len(options))]
@@ -62,13 +72,32 @@ class ProgramWriter:
         if self.chance(8):
             test, one, other = self.expression("bool", depth - 1), self.expression(kind, depth - 1), self.leaf(kind)
             return f"({one} if {test} else {other})"
+        if kind in ("pair", "grid", "byint") or self.chance(2):
+            return self.filled(self.pick(PHRASES[kind]), depth - 1)
         return str(getattr(self, f"of_{kind}")(depth - 1))
+
+    def filled(self, phrase: str, depth: int) -> str:
+        """Return a phrase with expressions and variables in its holes."""
+        one = self.pick(TYPES)
+
+        def fill(hole: re.Match[str]) -> str:
+            if hole[0] in ("{{", "}}"):
+                return hole[0][0]
+            kind = one if hole[1] == "any" else hole[1]
+            if kind in ("key", "sign"):
+                return self.pick(SIGNS) if kind == "sign" else f"({self.pick(BYTES)} + b'k')"
+            names = self.named(kind)
+            if hole[2]:
+                return self.pick(names) if names else self.leaf(kind)
+            return self.expression(kind, depth)
+
+        return HOLE.sub(fill, phrase)
 
     def leaf(self, kind: str) -> str:
         if kind == "int" and self.helpers and self.chance(15):
             return f"note({self.random.randrange(99)})"
-        if kind in ("ints", "strs", "table"):
-            return {"ints": "[3, 1, 2]", "strs": "['b', 'a', '']", "table": "{'a': 1, 'b': 2}"}[kind]
+        if kind in LEAVES:
+            return LEAVES[kind]
         leaves = {"int": INTS, "str": STRS, "bytes": BYTES, "bool": ("True", "False")}
         return self.pick(leaves[kind])
 
@@ -173,7 +202,7 @@ class ProgramWriter:
             lambda: f"{self.pick(['any', 'all'])}(x > 1 for x in {some('ints')})",
             lambda: f"({some('str')}){self.pick(TEXT_TESTS)}",
             lambda: f"{some('str')}.{self.pick(['startswith', 'endswith'])}({some('str')})",
-            lambda: f"isinstance({some(self.pick(list(TYPES)))}, {self.pick(['int', 'str', 'list', 'dict', 'bool'])})",
+            lambda: f"isinstance({some(self.pick(list(TYPES)))}, {self.pick(KINDS)})",
             lambda: f"({some(self.pick(list(TYPES)))} is {self.pick(['', 'not '])}None)",
             lambda: f"({some('int')} in range({some('int')} % 99, {some('int')} % 99, {self.pick(['1', '2', '-3'])}))",
         )[self.random.randrange(15)]()
@@ -235,9 +264,11 @@ class ProgramWriter:
         return lines
 
     def statement(self, depth: int, indent: str) -> list[str]:
-        choice = self.random.randrange(18)
+        choice = self.random.randrange(24)
         if depth > 0 and choice < 5:
             return self.block(choice, depth, indent)
+        if choice >= 18:
+            return self.phrase(depth, indent) if choice < 23 or depth == 0 else self.phrase_block(depth, indent)
         if choice < 9:
             kind = self.pick(TYPES)
             value = self.expression(kind, 3)
@@ -247,6 +278,43 @@ class ProgramWriter:
             return [f"{indent}{name}{note} = {value}"]
         simple = self.simple(choice - 9)
         return [indent + line for line in simple.split("\n")] if simple else self.statement(0, indent)
+
+    def phrase(self, depth: int, indent: str) -> list[str]:
+        """Return a statement of the phrases; now and then a `return`, where the function may go on without it."""
+        if self.chance(12):
+            return [
+                f"{indent}if {self.expression('bool', 2)}:",
+                f"{indent}    return {self.expression(self.result, 2)}",
+            ]
+        phrase = self.pick(STATEMENTS)
+        lines = []
+        for kind in re.findall(r"\{(\w+)!\}", phrase):
+            if kind != "any" and not self.named(kind):
+                name = self.fresh()
+                lines.append(f"{indent}{name} = {self.expression(kind, 1)}")
+                self.variables[name] = kind
+        return [*lines, indent + self.filled(self.unless_any(phrase), min(depth, 2))]
+
+    def unless_any(self, phrase: str) -> str:
+        """`{any!}` is assigned to: of one type on both sides, and a name that there is."""
+        return phrase.replace("{any!}", f"{{{self.variables[self.pick(list(self.variables))]}!}}")
+
+    def phrase_block(self, depth: int, indent: str) -> list[str]:
+        before = dict(self.variables)
+        head = self.pick(BLOCKS)
+        targets = head.split(" in ")[0] if head.startswith("for") else ""
+        for kind in re.findall(r"\{(\w+)!\}", targets):
+            name = self.fresh("i")
+            targets = targets.replace(f"{{{kind}!}}", name, 1)
+            self.variables[name] = kind
+        rest = head.partition(" in ")[2]
+        shown = {name: kind for name, kind in self.variables.items() if name in before}
+        inside, self.variables = self.variables, shown
+        line = self.filled(f"{targets} in {rest}" if targets else head, 2)
+        self.variables = inside
+        lines = [indent + line, *self.loop_body(depth, indent + "    ", loop=bool(targets))]
+        self.forget(before)
+        return lines
 
     def simple(self, choice: int) -> str:
         ints, strs, tables, numbers = self.named("ints"), self.named("strs"), self.named("table"), self.named("int")
@@ -320,9 +388,9 @@ class ProgramWriter:
         self.forget(before)
         return lines
 
-    def loop_body(self, depth: int, inner: str) -> list[str]:
+    def loop_body(self, depth: int, inner: str, *, loop: bool = True) -> list[str]:
         lines = self.statements(2, depth - 1, inner)
-        if self.chance(3):
+        if loop and self.chance(3):
             lines += [f"{inner}if {self.expression('bool', 2)}:", f"{inner}    {self.pick(['break', 'continue'])}"]
         return lines
 
@@ -334,6 +402,7 @@ class ProgramWriter:
     def function(self, name: str, kinds: list[str], result: str, size: int) -> list[str]:
         self.variables = {f"p{place}": kind for place, kind in enumerate(kinds)}
         self.maybe = []
+        self.result = result
         entry = name == "f"
         params = ", ".join(f"p{place}: {ANNOTATIONS.get(kind, kind)}" for place, kind in enumerate(kinds))
         head = ["@export"] if entry else []
@@ -345,7 +414,7 @@ class ProgramWriter:
         return [*head, f"def {name}({params}):", *body, f"    return {answer}", ""]
 
     def program(self) -> str:
-        lines = ["LIMIT = 2 ** 8 - 1", "NAMES = ['x', 'y']", "", *NOTE]
+        lines = HEAD.split("\n")
         self.helpers.append(("note", ["int"], "int"))
         for _ in range(self.random.randrange(3)):
             kinds = [self.pick(TYPES) for _ in range(self.random.randrange(1, 4))]

@@ -111,6 +111,7 @@ def test_the_stand_ins_give_the_same():
     expect_the_same(play(sys.executable, "0", "stand-ins"), THIS)
 
 
+@pytest.mark.timeout(900)
 def test_every_other_python_on_the_path_gives_the_same(capsys):
     told = {THIS: here()}
     for name in PYTHONS:
