@@ -105,7 +105,8 @@ def check_purposes(purposes: list):
 
 
 def require_member(handle: bytes) -> dict:
-    """Return the caller's own state; he must be active and registered under this handle."""
+    """Return the caller's own state; he must be active and registered under this handle, and call by himself."""
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     owner = state.get(b"handle/" + handle)
     require(owner is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
@@ -200,6 +201,7 @@ def leave(handle: bytes):
 @export
 def revoke(handle: bytes):
     """End another's membership (a stolen robot). Who may call: an admin or registrar of the member's organisation."""
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     owner = state.get(b"handle/" + handle)
     require(owner is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")

@@ -59,8 +59,13 @@ def new_version(facts: dict, note: str, organisation: str, proposal_id: bytes) -
     return record
 
 
+def require_direct():
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+
+
 def require_admin() -> str:
-    """Return the active organisation that the caller speaks for."""
+    """Return the active organisation that the caller speaks for; no other contract speaks in his name."""
+    require_direct()
     organisation = call("membership", "electorate", ctx.caller)[0]
     require(organisation != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")
     return organisation
@@ -313,6 +318,7 @@ def propose(kind: str, arguments: dict):
 @export
 def approve(proposal_id: bytes):
     """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
+    require_direct()
     reached, kind, arguments = call("membership", "approve_contract", proposal_id)
     if reached:
         organisation = call("membership", "proposal", proposal_id)["organisation"]

@@ -225,7 +225,9 @@ def rekey(arguments: dict):
 
 
 def require_admin() -> str:
-    """Return the active organisation that the caller speaks for."""
+    """Return the active organisation that the caller speaks for; no contract but these two speaks in his name."""
+    known = ctx.calling_contract in ["", "settings", "lifecycle"]
+    require(known, "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     name = call("identity", "admin_of", ctx.caller)
     require(name != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")
     return name

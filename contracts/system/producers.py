@@ -144,6 +144,7 @@ def require_candidate(key: bytes) -> dict:
 
 def require_admin() -> list:
     """Return [the active organisation that the caller speaks for, all active organisations]."""
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     organisation, organisations = call("membership", "electorate", ctx.caller)
     require(organisation != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")
     return [organisation, organisations]

@@ -59,9 +59,14 @@ def check(name: str, value: int | str):
     require(fits, "VALUE_WRONG", "min_block_interval_ms must be below base_timeout_ms, or every round would be given up.")
 
 
+def require_direct():
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+
+
 @export
 def propose(name: str, value: int | str):
     """Propose a value; its proposer stands behind it. Who may call: an admin of an active organisation."""
+    require_direct()
     check(name, value)
     if call("membership", "propose_setting", name, value):
         take_effect(name, value)
@@ -70,6 +75,7 @@ def propose(name: str, value: int | str):
 @export
 def approve(proposal_id: bytes):
     """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
+    require_direct()
     reached, name, value = call("membership", "approve_setting", proposal_id)
     if reached:
         check(name, value)
