@@ -59,7 +59,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     # Governance
     ErrorEntry("GOVERNANCE_NOT_ADMIN", 403, "Only an admin of an active organisation may do that.", "Sign with the key of an admin who may: --as ORGANISATION; `blockrobot org list` shows the organisations."),
     ErrorEntry("GOVERNANCE_APPROVED_ALREADY", 409, "The organisation has said so already; each has one voice.", "Let an admin of another organisation approve."),
-    ErrorEntry("GOVERNANCE_PROPOSAL_CLOSED", 404, "There is no open proposal with this id.", "List the open ones with `blockrobot org list` and `blockrobot settings list`, or propose it anew."),
+    ErrorEntry("GOVERNANCE_PROPOSAL_CLOSED", 404, "There is no open proposal with this id.", "List the open ones with `blockrobot org list`, `settings list` and `contract list`, or propose it anew."),
     ErrorEntry("GOVERNANCE_WOULD_STOP_CHAIN", 409, "The change would leave the network without what it cannot do without.", "Add what is to take its place first."),
     ErrorEntry("GOVERNANCE_QUORUM_UNWELL", 409, "Too few of the producers that would be left are well: nothing could become final any more.", "Start or mend the nodes it names first (`blockrobot status`); with --anyway it is done all the same."),
     ErrorEntry("GOVERNANCE_SETTING_REFUSED", 409, "The setting does not exist or does not take this value.", "See names, values and ranges with `blockrobot settings list`."),

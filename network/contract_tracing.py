@@ -33,7 +33,7 @@ from contracts.vm import CompiledContract, compile_contract
 from node.replaying import base_of_genesis, execute_on, machine_of
 
 AT_ONCE_COUNT = 16
-FIND_TIMEOUT_MS = 10_000
+FIND_TIMEOUT_MS = 5_000
 
 Progress = Callable[[int, int], None]
 
@@ -69,7 +69,12 @@ async def trace_transaction(
     Raises TRANSACTION_NOT_FINAL_IN_TIME for one that nobody knows, BLOCK_PRUNED where no node has all blocks,
     BLOCK_INVALID if blocks do not give the roots that they name.
     """
-    receipt = await client.wait_final(txid, FIND_TIMEOUT_MS)
+    try:
+        receipt = await client.wait_final(txid, FIND_TIMEOUT_MS)
+    except BlockRobotError as error:
+        if error.code != "TRANSACTION_NOT_FINAL_IN_TIME":
+            raise
+        raise BlockRobotError(error.code, "No node has it as final: it waits still, or was never sent here.") from None
     machine, base = machine_of(client.genesis), base_of_genesis(client.genesis)
     state, parent_id = base.state, base.block_id
     for first in range(1, receipt.height + 1, AT_ONCE_COUNT):

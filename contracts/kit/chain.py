@@ -29,6 +29,7 @@ from contracts.execution.call_host import CallHost
 from contracts.execution.opening import MIGRATION_GAS_MAX
 from contracts.execution.views import VIEW_GAS_MAX
 from contracts.kit.recorder import ContractWatch, LineFigures, Recorder
+from contracts.kit.sources import read_source
 from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
 from contracts.state.view import MemoryState
@@ -160,7 +161,7 @@ class Chain:
         Deploying again under the same name replaces the contract, and runs its @migrate entry, if it has one.
         """
         place = self.folder / path
-        return self.deploy_source(place.read_text(encoding="utf-8"), name or place.stem, place.resolve())
+        return self.deploy_source(read_source(place), name or place.stem, place.resolve())
 
     def deploy_source(self, source: str, name: str, path: Path | None = None) -> Contract:
         """Deploy a source text, of the file `path` if it is of one.

@@ -14,6 +14,7 @@ import pytest
 
 from contracts.kit.chain import Chain
 from contracts.kit.report import Report
+from contracts.kit.sources import is_contract_file
 
 _REPORT = pytest.StashKey[Report]()
 _FILE = pytest.StashKey[Path]()
@@ -31,6 +32,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if place:
         config.stash[_REPORT] = Report()
         config.stash[_FILE] = Path(str(place))
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out contracts whose name looks like that of a test, such as blood_test.py."""
+    if collection_path.suffix == ".py" and collection_path.is_file() and is_contract_file(collection_path):
+        return True
+    return None
 
 
 @pytest.fixture

@@ -19,12 +19,14 @@ from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
+from contracts.kit.sources import is_contract_file
 from contracts.kit.template import project_files, write_project
 from contracts.vm import compile_contract
 from network.cli.governing import plain_table
 
 PLUGIN = "contracts.kit.plugin"
-MISSING_SHOWN_CHARS = 60
+# What a plugin for other tests says where a project has no settings for it.
+_NOISE = 'ignore:The configuration option "asyncio_default_fixture_loop_scope" is unset'
 
 
 @click.command()
@@ -63,6 +65,8 @@ def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
 
     Example: blockrobot contract test visitor_log --lines
     """
+    if path.is_file() and is_contract_file(path):
+        raise click.UsageError(f"{path} is a contract: name its test, or the folder of both.")
     if importlib.util.find_spec("pytest") is None:
         raise BlockRobotError("CONTRACT_KIT_INCOMPLETE", "pytest is not installed.")
     with tempfile.TemporaryDirectory() as scratch:
@@ -85,7 +89,7 @@ def test(path: Path, lines: bool, chosen: str | None, as_json: bool) -> None:
 
 def _run_pytest(path: Path, chosen: str | None, report: Path, *, quiet: bool) -> tuple[int, str]:
     """Run pytest on a path; return its exit code, and what it printed if that is not to be seen."""
-    command = [sys.executable, "-m", "pytest", str(path), "--contract-report", str(report), "-q"]
+    command = [sys.executable, "-W", _NOISE, "-m", "pytest", str(path), "--contract-report", str(report), "-q"]
     # Named as pytest names it, for it would not take the same plugin a second time under another name.
     command += ["-p", "blockrobot" if importlib.metadata.entry_points(group="pytest11", name="blockrobot") else PLUGIN]
     if chosen is not None:
@@ -96,13 +100,17 @@ def _run_pytest(path: Path, chosen: str | None, report: Path, *, quiet: bool) ->
 
 
 def _print_gas(sources: list[dict[str, Any]]) -> None:
-    rows = [(source["contract"], entry) for source in sources for entry in source["entries"]]
+    rows = [(source, entry) for source in sources for entry in source["entries"]]
     if not rows:
         return
-    table = plain_table("Gas of the calls that succeeded", ["entry", "calls", "least", "median", "most"])
-    for contract, entry in rows:
+    columns = ["entry", "calls", "least", "median", "most"]
+    names = [source["contract"] for source in sources]
+    has_versions = len(set(names)) < len(names)
+    table = plain_table("Gas of the calls that succeeded", [*columns, "source"] if has_versions else columns)
+    for source, entry in rows:
         figures = [str(entry[name]) for name in ("calls", "gas_min", "gas_median", "gas_max")]
-        table.add_row(f"{contract}.{entry['name']}", *figures)
+        place = [_shown_file(source)] if has_versions else []
+        table.add_row(f"{source['contract']}.{entry['name']}", *figures, *place)
     console.print(table)
 
 

@@ -15,6 +15,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
+from contracts.kit.sources import read_source
 from contracts.kit.telling import told
 from contracts.vm.abi import Entry
 from network.cli.contract_forms import ContractForm, find_form
@@ -114,7 +115,7 @@ def call(
 
 
 def _read_source(path: Path | None) -> str | None:
-    return None if path is None else path.read_text(encoding="utf-8")
+    return None if path is None else read_source(path)
 
 
 def _receipt_json(receipt: FinalReceipt) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from rich.markup import escape
 from clients.sdk.governance import Decision, Governor
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from contracts.execution.registry import compute_source_hash
+from contracts.kit.sources import read_source
 from contracts.vm import compile_contract
 from network.cli.governing import (
     Seat,
@@ -101,7 +102,7 @@ def propose(
     Example: blockrobot contract propose visitors.py --as hospital
     Example: blockrobot contract propose visitors.py --as hospital --height 5000 --note "floors"
     """
-    source, contract = file.read_text(encoding="utf-8"), name or file.stem
+    source, contract = read_source(file), name or file.stem
     compile_contract(source, contract)
     data, source_hash = source.encode(), compute_source_hash(source)
     parts = [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]

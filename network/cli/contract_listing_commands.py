@@ -15,8 +15,10 @@ from rich.syntax import Syntax
 from clients.sdk.governance import ID_PREFIX_MIN_CHARS, find_proposal
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.describing import ChangeDue, EntryRow, VersionRow
+from contracts.kit.sources import read_source
 from network.chain_contracts import (
     ContractsView,
     Edition,
@@ -251,13 +253,16 @@ def diff(
     console.print("[bold]For callers[/bold]" if changes else "Nothing changes for callers.")
     for kind, text in changes:
         console.print(escape(f"  {kind:<10}  {text}"), soft_wrap=True)
-    console.print(Syntax("\n".join(lines), "diff", background_color="default", word_wrap=True))
+    if console.is_terminal:
+        console.print(Syntax("\n".join(lines), "diff", background_color="default", word_wrap=True))
+    else:
+        click.echo("\n".join(lines))
 
 
 def _read_file(name: str, text: str) -> Edition | None:
     """Return a file's source, or None if there is no such file."""
     path = Path(text)
-    return edition_of_source(path.read_text(encoding="utf-8"), name, text) if text and path.is_file() else None
+    return edition_of_source(read_source(path), name, text) if text and path.is_file() else None
 
 
 async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
@@ -265,4 +270,9 @@ async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text:
     if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
         return await read_edition(client, key, name, int(text))
     view = await read_contracts(client, key)
-    return await read_proposed(client, key, find_proposal(view.proposals, text))
+    try:
+        proposal = find_proposal(view.proposals, text)
+    except BlockRobotError as error:
+        known = f"{text!r} is no version's number, no file, and no open proposal."
+        raise BlockRobotError(error.code, known) from None
+    return await read_proposed(client, key, proposal)

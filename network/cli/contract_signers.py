@@ -27,6 +27,7 @@ from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.governing import admin_keys, read_private_key
 
 T = TypeVar("T")
+OFFICES = ("", "admin", "registrar")
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,11 +74,19 @@ def find_signers(
         return [Signer(place, genesis, key_file.stem, read_private_key(key_file))]
     if wallet_profile is not None:
         path = home_folder() / "wallets" / f"{wallet_profile}.wallet"
+        if not path.exists():
+            raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.")
         words = Keystore.open(path, read_passphrase()).content.words
         return [Signer(place, genesis, wallet_profile, derive_keys(words).identity)]
     if officer is not None:
         organisation, _, role = officer.partition("/")
         path = place / "organisations" / organisation / f"{role or 'admin'}.key"
+        known = sorted(folder.name for folder in (place / "organisations").glob("*") if folder.is_dir())
+        if organisation not in known or role not in OFFICES:
+            there = ", ".join(known) or "none"
+            raise BlockRobotError(
+                "ORGANISATION_KEY_NOT_FOUND", f"There is no key of {officer!r} in {place}; organisations: {there}."
+            )
         return [Signer(place, genesis, officer, read_private_key(path))]
     found = [Signer(place, genesis, name, read_private_key(path)) for name, path in admin_keys(place).items()]
     if not found:

@@ -101,6 +101,36 @@ def test_mypy_knows_the_language(project: Path) -> None:
     assert 'has incompatible type "str"; expected "bytes"' in found
 
 
+def test_a_contract_may_be_called_as_a_test_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    monkeypatch.chdir(tmp_path)
+    for name in ("blood_test", "test_of_blood"):
+        assert run("new", name).exit_code == 0
+        document = outcome_of(name)
+        assert document["ok"], document["output"]
+
+
+def test_a_contract_is_not_taken_for_its_test(project: Path) -> None:
+    result = run("test", "notes/notes.py")
+    assert (result.exit_code, "name its test" in result.stderr) == (2, True)
+
+
+def test_versions_of_a_contract_are_told_apart(project: Path) -> None:
+    source = (project / "notes.py").read_text(encoding="utf-8")
+    (project / "notes_1.py").write_text(source + "\n# The first one.\n", encoding="utf-8")
+    (project / "test_versions.py").write_text(
+        "def test_both(chain):\n"
+        "    notes = chain.deploy('notes_1.py', 'notes')\n"
+        "    notes.call('write', 'Milk')\n"
+        "    chain.deploy('notes.py').call('write', 'Bread')\n",
+        encoding="utf-8",
+    )
+    shown = run("test", "notes/test_versions.py").output
+    rows = [line for line in shown.splitlines() if "notes.write" in line]
+    assert ["notes/notes.py" in row for row in rows] == [True, False]
+    assert ["notes/notes_1.py" in row for row in rows] == [False, True]
+
+
 def test_the_stub_names_all_that_the_language_adds() -> None:
     stub = read_dialect_stub()
     builtin = set(dir(__builtins__)) if not isinstance(__builtins__, dict) else set(__builtins__)

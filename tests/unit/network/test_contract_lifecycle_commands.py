@@ -132,6 +132,24 @@ def test_a_proposal_can_be_compared_before_it_is_approved(chain: Consortium) -> 
     assert compared["abi"] == [{"change": "added", "entry": "view count() -> int"}]
     run("withdraw", opened[:12], "--as", "org-01")
     assert refusal("diff", "visitors", opened[:12]) == "GOVERNANCE_PROPOSAL_CLOSED"
+    assert (
+        "'visitor.py' is no version's number, no file, and no open proposal."
+        in run("diff", "visitors", "visitor.py").stderr
+    )
+
+
+def test_what_is_no_text_is_neither_proposed_nor_compared(chain: Consortium) -> None:
+    deploy(chain)
+    Path("visitors.py").write_bytes(b"\xff\xfe")
+    assert refusal("propose", "visitors.py", "--as", "org-01") == "FILE_UNUSABLE"
+    assert "visitors.py is not a text file" in run("diff", "visitors", "visitors.py").stderr
+
+
+def test_long_lines_stay_whole_where_no_terminal_is(chain: Consortium) -> None:
+    deploy(chain)
+    remark = "# " + "who is in the house, and since when, " * 5
+    Path("visitors.py").write_text(VISITORS + remark + "\n", encoding="utf-8")
+    assert f"+{remark}" in run("diff", "visitors", "visitors.py").output.splitlines()
 
 
 def test_a_version_that_could_not_take_effect_says_why(chain: Consortium) -> None:

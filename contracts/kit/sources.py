@@ -1,0 +1,36 @@
+"""Sources as they lie on the disk, and how they are told from tests. Must never change a byte of one.
+
+A node takes a source as it is: what an editor or Python would quietly repair, such as the ends of lines, stays.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+
+_KINDS = frozenset({"export", "view", "genesis", "migrate"})
+_MARK = re.compile(rb"^@(?:export|view|genesis|migrate)\b", re.MULTILINE)
+
+
+def read_source(path: Path) -> str:
+    """Return the text of a source file. Raises FILE_UNUSABLE if it is no UTF-8 text, OSError."""
+    try:
+        return path.read_bytes().decode()
+    except UnicodeDecodeError:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path} is not a text file in UTF-8.") from None
+
+
+def is_contract_file(path: Path) -> bool:
+    """Tell whether a file is written in the contract language: it imports nothing and marks an entry."""
+    try:
+        data = path.read_bytes()
+        body = ast.parse(data).body if _MARK.search(data) else []
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return False
+    if any(isinstance(item, ast.Import | ast.ImportFrom) for item in body):
+        return False
+    marks = [mark for item in body if isinstance(item, ast.FunctionDef) for mark in item.decorator_list]
+    return any(isinstance(mark, ast.Name) and mark.id in _KINDS for mark in marks)
