@@ -31,7 +31,8 @@ class ContractViews:
     ) -> bytes:
         """Return the encoded result of a view; height and time (ms) are those of the state's newest block.
 
-        Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, REQUEST_INVALID if the contract refuses.
+        Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CONTRACT_DISABLED, CALL_REFUSED if the
+        contract refuses.
         """
         context = BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms)
         return encode_value(run_view(state, self._catalogue.active(state), context, contract, view, arguments))

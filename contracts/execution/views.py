@@ -7,6 +7,8 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from contracts.execution.call_host import CallHost
+from contracts.execution.catalogue import ActiveContracts
+from contracts.execution.changed_calls import ARGUMENTS_INVALID, CONTRACT_DISABLED, explain_absence
 from contracts.execution.results import BlockContext
 from contracts.state.view import StateReader
 from contracts.vm import CallContext, CompiledContract, invoke
@@ -27,11 +29,17 @@ def run_view(
 ) -> Any:
     """Return what a view answers. `context` is that of the newest block of this state.
 
-    Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, REQUEST_INVALID if the view refuses.
+    Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view, CONTRACT_DISABLED, CALL_REFUSED with the
+    contract's code if the view refuses.
     """
     compiled = contracts.get(contract)
-    if compiled is None or not any(entry.name == view and entry.kind == "view" for entry in compiled.abi.entries):
-        raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", f"There is no view {contract}.{view}.")
+    if compiled is None:
+        code, sentence = explain_absence(contracts, contract)
+        known = code == CONTRACT_DISABLED
+        raise BlockRobotError(CONTRACT_DISABLED if known else "TRANSACTION_CONTRACT_UNKNOWN", sentence)
+    if not any(entry.name == view and entry.kind == "view" for entry in compiled.abi.entries):
+        detail = f"There is no view {contract}.{view}.{_in_force(contracts, contract)}"
+        raise BlockRobotError("TRANSACTION_CONTRACT_UNKNOWN", detail)
     call = CallContext(
         caller=caller, height=context.height, time_ms=context.time_ms, txid=bytes(32), chain_id=context.chain_id
     )
@@ -39,5 +47,13 @@ def run_view(
         contracts, contract, view, arguments, host=CallHost(state), context=call, gas_limit=gas_limit, mode="view"
     )
     if not outcome.ok:
-        raise BlockRobotError("REQUEST_INVALID", f"The view refused: {outcome.code}: {outcome.message}")
+        version = _in_force(contracts, contract) if outcome.code == ARGUMENTS_INVALID else ""
+        raise BlockRobotError("CALL_REFUSED", f"The view refused: {outcome.code}: {outcome.message}{version}")
     return outcome.result
+
+
+def _in_force(contracts: Mapping[str, CompiledContract], name: str) -> str:
+    """Say which version answers, for those who know another one."""
+    if not isinstance(contracts, ActiveContracts):
+        return ""
+    return f" Version {contracts.versions[name]} of {name} is active since height {contracts.since[name]}."

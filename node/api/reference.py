@@ -45,7 +45,7 @@ def _describe_parameter(parameter: Parameter) -> str:
     if parameter.size_bytes is not None:
         form = f"{parameter.size_bytes} bytes, hexadecimal"
     elif parameter.pattern is not None:
-        form = f"text `{parameter.pattern}`, optional"
+        form = f"text `{parameter.pattern}`{'' if parameter.required else ', optional'}"
     else:
         form = f"{parameter.minimum} to {parameter.maximum}"
         form += "" if parameter.default is None else f", {parameter.default} unless given"

@@ -109,7 +109,7 @@ class ViewRunner(Protocol):
         """Return the encoded result of a view on this snapshot.
 
         The snapshot must stay open until then. Raises TRANSACTION_CONTRACT_UNKNOWN for an unknown contract or view,
-        REQUEST_INVALID if the contract refuses, VIEWS_BUSY if too many wait, CONTRACT_WORKER_FAILED.
+        CONTRACT_DISABLED, CALL_REFUSED if the contract refuses, VIEWS_BUSY if too many wait, CONTRACT_WORKER_FAILED.
         """
         ...
 

@@ -33,6 +33,7 @@ ROUTES = (
         Body(JSON, QueryRequest, "Contract, view and encoded arguments."),
         errors=(
             "TRANSACTION_CONTRACT_UNKNOWN",
+            "CONTRACT_DISABLED",
             "CALL_REFUSED",
             "ENCODING_INVALID",
             "ENCODING_NOT_CANONICAL",

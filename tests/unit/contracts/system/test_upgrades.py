@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from consensus.errors import BlockRobotError
 from contracts.execution.changed_calls import explain_call
 from contracts.execution.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
@@ -181,3 +182,27 @@ def test_nobody_else_may_have_sources_compiled(chain: Consortium) -> None:
     chain.refused("LIFECYCLE_ONLY", ANYONE, "curious", "f", b"data")
     with pytest.raises(Exception, match="LIFECYCLE_ONLY"):
         chain.view("curious", "g")
+
+
+def test_views_of_an_old_interface_and_of_a_disabled_contract_are_told_so(chain: Consortium) -> None:
+    def refusal(view: str, *arguments: object) -> tuple[str, str]:
+        with pytest.raises(BlockRobotError) as caught:
+            chain.view("visitors", view, *arguments)
+        return caught.value.code, caught.value.detail
+
+    assert refusal("inside") == ("TRANSACTION_CONTRACT_UNKNOWN", "There is no contract of this name.")
+    upgrade(chain, "visitors", VISITORS)
+    height = chain.height
+    since = f"Version 1 of visitors is active since height {height}."
+    code, detail = refusal("outside")
+    assert (code, detail) == ("TRANSACTION_CONTRACT_UNKNOWN", f"There is no view visitors.outside. {since}")
+    code, detail = refusal("inside", 3)
+    assert code == "CALL_REFUSED"
+    assert "ARGUMENTS_INVALID" in detail
+    assert detail.endswith(since)
+    agree(chain, "disable", disabling("visitors"))
+    chain.block([])
+    assert refusal("inside") == (
+        "CONTRACT_DISABLED",
+        f"The organisations have disabled visitors at height {chain.height}.",
+    )
