@@ -7,6 +7,7 @@ Whatever does not encode again to the very same bytes is rejected.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, TypeVar
 
@@ -29,6 +30,7 @@ class Wire(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fields=T
 
 
 _encoder = msgspec.msgpack.Encoder()
+_encode = _encoder.encode
 _decoders: dict[Any, msgspec.msgpack.Decoder[Any]] = {}
 
 
@@ -116,9 +118,31 @@ def encode_ordered(value: Any) -> bytes | None:
     Only for what has been checked already. None if an integer needs the form for large ones.
     """
     try:
-        return _encoder.encode(value)
+        return _encode(value)
     except (OverflowError, UnicodeEncodeError):
         return None
+
+
+def encoder_of_dicts(keys: tuple[Any, ...]) -> Callable[[tuple[Any, ...]], bytes | None]:
+    """Return what encodes dicts with these keys, which are in order, from their items: as `encode_ordered` does.
+
+    A map is encoded as an array of its keys and items by turns, but for the first bytes, which say how many there are.
+    """
+    count = len(keys)
+    prepared: list[Any] = [None] * (2 * count)
+    header = _encode(dict.fromkeys(range(count)))[: -2 * count or None]
+    skipped = len(_encode(prepared)) - 2 * count
+    prepared[::2] = [msgspec.Raw(_encode(key)) for key in keys]
+
+    def encode_items(items: tuple[Any, ...]) -> bytes | None:
+        parts = prepared.copy()
+        parts[1::2] = items
+        try:
+            return header + _encode(parts)[skipped:]
+        except (OverflowError, UnicodeEncodeError):
+            return None
+
+    return encode_items
 
 
 def _is_flat(value: Any) -> bool:

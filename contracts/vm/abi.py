@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from contracts.vm.faults import ARGUMENTS_INVALID, Fault
-from contracts.vm.meter import Runtime
 from contracts.vm.values import Mark
 
 EntryKind = Literal["export", "view", "genesis", "migrate"]
@@ -134,20 +133,11 @@ def plain_types(params: tuple[tuple[str, str], ...]) -> list[type] | None:
     return types if len(types) == len(params) else None
 
 
-def check_arguments(
-    runtime: Runtime, entry: Entry, accepts: tuple[Accepts, ...], plain: list[type] | None, arguments: list[Any]
-) -> None:
-    """Refuse arguments that do not fit the entry's annotations; `plain` are its types, if each is of one plain type.
+def check_arguments(entry: Entry, accepts: tuple[Accepts, ...], arguments: list[Any]) -> None:
+    """Refuse arguments that do not fit the entry's annotations. Raises ARGUMENTS_INVALID.
 
-    Raises ARGUMENTS_INVALID.
-
-    The walk of a container was charged when the argument was copied in; here one unit per parameter is taken.
+    The walk of a container was charged when the argument was copied in.
     """
-    runtime.gas -= len(accepts) + 1
-    if runtime.gas < 0:
-        runtime.exhausted()
-    if list(map(type, arguments)) == plain:
-        return
     if not entry.required <= len(arguments) <= len(accepts):
         wanted = str(len(accepts)) if entry.required == len(accepts) else f"{entry.required} to {len(accepts)}"
         message = f"{entry.name} takes {wanted} arguments, not {len(arguments)}."

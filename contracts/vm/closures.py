@@ -1,7 +1,7 @@
 """The small closures that compiled contracts are made of. Must never hold anything of one call: they serve all calls.
 
-A frame is a list: slot 0 the runtime, slot 1 the result, then parameters, variables and constants. A closure takes the
-frame. Where an operand is simply a slot, a shape of the closure exists that reads it without a call.
+A frame is a list: slot 0 the runtime, slot 1 the result, then what `ctx` says, parameters, variables and constants. A
+closure takes the frame. Where an operand is simply a slot, a shape of the closure exists that reads it without a call.
 """
 
 from __future__ import annotations
@@ -17,23 +17,30 @@ from contracts.vm.values import HEADER_BYTES, INT_LIMIT, MISSING, UNSET, check_i
 
 Frame = list[Any]
 Run = Callable[[Frame], Any]
+RESULT_SLOT = 1
+CONTEXT_SLOTS = {"caller": 2, "height": 3, "time": 4, "txid": 5, "chain": 6}
+"""Where a frame has what `ctx.<name>` reads and no call changes: the runtime's `context_values`."""
+FIRST_FREE_SLOT = 7
 
 
 @dataclass(frozen=True, slots=True)
 class Code:
     """A compiled expression.
 
-    `slot` is set if it only reads that slot, which certainly holds a value; `constant` if that value is always the same.
+    `slot` is set if it only reads that slot, which certainly holds a value; `constant` if that value is always the same;
+    `gives` if its value is always of that type; `measures` if it is the length of what that slot holds.
     """
 
     run: Run
     slot: int | None = None
     constant: Any = MISSING
+    gives: type | None = None
+    measures: int | None = None
 
 
 def read_slot(slot: int, constant: Any = MISSING) -> Code:
     """Read a slot that certainly holds a value."""
-    return Code(itemgetter(slot), slot, constant)
+    return Code(lambda frame: frame[slot], slot, constant, None if constant is MISSING else type(constant))
 
 
 def read_constant(value: Any) -> Code:
@@ -92,7 +99,7 @@ def fast_arithmetic(
     operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[int, int], int], left: Code, right: Code
 ) -> Code:
     """`left + right`, `-` or `*`: two ints are computed on the spot, by `of_ints`."""
-    first, second, constant = left.run, right.run, right.constant
+    first, second, constant, i, j = left.run, right.run, right.constant, left.slot, right.slot
 
     def run(frame: Frame) -> Any:
         one, other = first(frame), second(frame)
@@ -108,34 +115,52 @@ def fast_arithmetic(
             return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
         return operation(frame[0], one, constant)
 
+    def both_slots(frame: Frame) -> Any:
+        one, other = frame[i], frame[j]  # type: ignore[index]
+        if type(one) is int and type(other) is int:
+            total = of_ints(one, other)
+            return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
+        return operation(frame[0], one, other)
+
+    if i is not None and j is not None:
+        return Code(both_slots)
     return Code(with_constant if type(constant) is int else run)
 
 
-def add_to_bytes(operation: Callable[[Any, Any, Any], Any], prefix: bytes, right: Code) -> Code:
-    """`b"prefix/" + right`, as most keys of the state are made."""
-    header, j = HEADER_BYTES + len(prefix), right.slot
-    if j is None:
-        return binary(operation, read_constant(prefix), right)
+def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
+    """`left + right`, as keys of the state are made; what `left` gives is certainly bytes."""
+    first, second, i, j = left.run, right.run, left.slot, right.slot
 
-    def run(frame: Frame) -> Any:
-        runtime, rest = frame[0], frame[j]
+    def both_slots(frame: Frame) -> Any:
+        runtime, one, rest = frame[0], frame[i], frame[j]  # type: ignore[index]
         if type(rest) is not bytes:
-            return operation(runtime, prefix, rest)
-        size = header + len(rest)
+            return operation(runtime, one, rest)
+        size = HEADER_BYTES + len(one) + len(rest)
         runtime.memory -= size
         runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if runtime.memory < 0 or runtime.gas < 0:
             runtime.exhausted()
-        return prefix + rest
+        return one + rest
 
-    return Code(run)
+    def general(frame: Frame) -> Any:
+        runtime, one, rest = frame[0], first(frame), second(frame)
+        if type(rest) is not bytes:
+            return operation(runtime, one, rest)
+        size = HEADER_BYTES + len(one) + len(rest)
+        runtime.memory -= size
+        runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
+        if runtime.memory < 0 or runtime.gas < 0:
+            runtime.exhausted()
+        return one + rest
+
+    return Code(general if i is None or j is None else both_slots, gives=bytes)
 
 
 def fast_compare(
     operation: Callable[[Any, Any, Any], Any], of_ints: Callable[[Any, Any], bool], left: Code, right: Code
 ) -> Code:
     """A comparison: two ints are compared on the spot, by `of_ints`."""
-    first, second, constant = left.run, right.run, right.constant
+    first, second, constant, i, j = left.run, right.run, right.constant, left.slot, right.slot
 
     def run(frame: Frame) -> Any:
         one, other = first(frame), second(frame)
@@ -147,12 +172,33 @@ def fast_compare(
         one = first(frame)
         return of_ints(one, constant) if type(one) is int else operation(frame[0], one, constant)
 
+    def both_slots(frame: Frame) -> Any:
+        one, other = frame[i], frame[j]  # type: ignore[index]
+        if type(one) is int and type(other) is int:
+            return of_ints(one, other)
+        return operation(frame[0], one, other)
+
+    if i is not None and j is not None:
+        return Code(both_slots)
     return Code(to_constant if type(constant) is int else run)
+
+
+def length_is(operation: Callable[[Any, Any], Any], left: Code, number: int) -> Code:
+    """`len(left) == number`, as sizes are checked; `left` measures a slot."""
+    i = left.measures
+
+    def run(frame: Frame) -> Any:
+        value = frame[i]  # type: ignore[index]
+        return (len(value) if type(value) is bytes else operation(frame[0], value)) == number
+
+    return Code(run)
 
 
 def equals_text(left: Code, text: str | bytes, *, wanted: bool) -> Code:
     """`left == "text"` or `!=`, for a text so short that comparing it costs nothing more."""
-    first = left.run
+    first, i = left.run, left.slot
+    if i is not None:
+        return Code((lambda frame: frame[i] == text) if wanted else (lambda frame: frame[i] != text))
     if wanted:
         return Code(lambda frame: first(frame) == text)
     return Code(lambda frame: first(frame) != text)
@@ -183,7 +229,7 @@ def length_of(operation: Callable[[Any, Any], Any], operand: Code) -> Code:
         value = frame[i]
         return len(value) if type(value) is bytes else operation(frame[0], value)
 
-    return Code(run)
+    return Code(run, gives=int, measures=i)
 
 
 def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], tuple[Any, ...]]:
@@ -191,10 +237,13 @@ def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], 
 
     Parts that are no slots get one of their own (a part cannot change another's slot), so that one read gives all.
     """
+    if not parts:
+        return lambda _: ()
+    if len(parts) == 1:
+        only = parts[0].run
+        return lambda frame: (only(frame),)
     slots = [new_slot() if part.slot is None else part.slot for part in parts]
     moves = [(slot, part.run) for slot, part in zip(slots, parts, strict=True) if part.slot is None]
-    if len(slots) < 2:
-        return lambda frame: tuple([part.run(frame) for part in parts])
     read: Callable[[Frame], tuple[Any, ...]] = itemgetter(*slots)
     if not moves:
         return read
@@ -209,29 +258,25 @@ def gather(parts: list[Code], new_slot: Callable[[], int]) -> Callable[[Frame], 
 
 def is_none(operand: Code, *, wanted: bool) -> Code:
     """`operand is None` (or `is not None`)."""
-    inner = operand.run
+    inner, i = operand.run, operand.slot
+    if i is not None:
+        return Code((lambda frame: frame[i] is None) if wanted else (lambda frame: frame[i] is not None))
     if wanted:
         return Code(lambda frame: inner(frame) is None)
     return Code(lambda frame: inner(frame) is not None)
 
 
-def call_function(function: Callable[..., Any], arguments: list[Code]) -> Code:
+def call_function(function: Callable[..., Any], arguments: list[Code], new_slot: Callable[[], int]) -> Code:
     """Call a builtin with the runtime and its arguments, in order."""
     runs = [argument.run for argument in arguments]
-    slots = [argument.slot for argument in arguments]
     if not runs:
         return Code(lambda frame: function(frame[0]))
     if len(runs) == 1:
         return unary(function, arguments[0])
     if len(runs) == 2:
         return binary(function, arguments[0], arguments[1])
-    if None not in slots:
-        read = itemgetter(*[slot for slot in slots if slot is not None])
-        return Code(lambda frame: function(frame[0], *read(frame)))
-    if len(runs) == 3:
-        first, second, third = runs
-        return Code(lambda frame: function(frame[0], first(frame), second(frame), third(frame)))
-    return Code(lambda frame: function(frame[0], *[run(frame) for run in runs]))
+    read = gather(arguments, new_slot)
+    return Code(lambda frame: function(frame[0], *read(frame)))
 
 
 def call_method(

@@ -12,6 +12,8 @@ from typing import Any
 
 from contracts.vm.builtins_table import TYPES, join_texts, text_of
 from contracts.vm.closures import (
+    FIRST_FREE_SLOT,
+    RESULT_SLOT,
     Code,
     Frame,
     add_to_bytes,
@@ -24,6 +26,7 @@ from contracts.vm.closures import (
     gather,
     get_named,
     is_none,
+    length_is,
     length_of,
     read_slot,
     read_variable,
@@ -63,7 +66,6 @@ from contracts.vm.values import (
 CALL_NODE_GAS = 2
 FUNCTION_GAS = 10
 COMPREHENSION_STEP_GAS = 3
-_FIRST_SLOT = 2
 
 
 class FunctionCode:
@@ -78,16 +80,6 @@ class FunctionCode:
         self.tail: list[Any] = []
         self.depth = 0
 
-    def call(self, runtime: Any, arguments: list[Any]) -> Any:
-        """Run the function on all its arguments and return its result."""
-        runtime.depth -= self.depth
-        if runtime.depth < 0:
-            raise Fault(CALL_DEPTH, "Functions call each other too deep.")
-        frame = [runtime, None, *arguments, *self.tail]
-        self.body(frame)
-        runtime.depth += self.depth
-        return frame[1]
-
 
 def _unfinished(frame: Frame) -> Any:
     raise AssertionError(f"a function ran before it was compiled ({len(frame)} slots)")
@@ -98,7 +90,7 @@ class Scope:
 
     def __init__(self, facts: FunctionFacts) -> None:
         self.initial: list[Any] = []
-        self._next = _FIRST_SLOT
+        self._next = FIRST_FREE_SLOT
         self.slots: dict[str, int] = {}
         self._constants: dict[tuple[type, Any], int] = {}
         self.definite: set[int] = set()
@@ -165,8 +157,8 @@ class ExpressionCompiler:
     def _binop(self, node: ast.BinOp) -> Code:
         operation = BINARY[type(node.op).__name__]
         left, right = self.expression(node.left), self.expression(node.right)
-        if operation is add and type(left.constant) is bytes:
-            return add_to_bytes(operation, left.constant, right)
+        if operation is add and left.gives is bytes:
+            return add_to_bytes(operation, left, right)
         of_ints = ARITHMETIC.get(operation)
         return binary(operation, left, right) if of_ints is None else fast_arithmetic(operation, of_ints, left, right)
 
@@ -223,6 +215,8 @@ class ExpressionCompiler:
         operation = COMPARE[type(op).__name__]
         if operation in (equal, not_equal) and is_short_text(right.constant):
             return equals_text(left, right.constant, wanted=operation is equal)
+        if operation is equal and left.measures is not None and type(right.constant) is int:
+            return length_is(CALLABLES["len"].run, left, right.constant)
         of_ints = operator.eq if operation is equal else ORDER.get(type(op).__name__)
         return binary(operation, left, right) if of_ints is None else fast_compare(operation, of_ints, left, right)
 
@@ -231,7 +225,7 @@ class ExpressionCompiler:
         return Code(lambda frame: body(frame) if test(frame) else orelse(frame))
 
     def _attribute(self, node: ast.Attribute) -> Code:
-        return Code(CONTEXT_FIELDS[node.attr])
+        return CONTEXT_FIELDS[node.attr]
 
     def _subscript(self, node: ast.Subscript) -> Code:
         container = self.expression(node.value)
@@ -243,7 +237,7 @@ class ExpressionCompiler:
         nothing = read_slot(self.scope.constant(None))
         start = nothing if node.slice.lower is None else self.expression(node.slice.lower)
         stop = nothing if node.slice.upper is None else self.expression(node.slice.upper)
-        return call_function(get_slice, [container, start, stop])
+        return call_function(get_slice, [container, start, stop], self.scope.new_slot)
 
     def _items(self, nodes: list[ast.expr]) -> tuple[list[Callable[[Frame], Any]], int]:
         return [self.expression(element).run for element in nodes], HEADER_BYTES + ITEM_BYTES * len(nodes)
@@ -286,7 +280,7 @@ class ExpressionCompiler:
                 runtime.gas -= gas
                 if runtime.memory < 0 or runtime.gas < 0:
                     runtime.exhausted()
-                return dict(zip(names, read(frame), strict=True))
+                return dict(zip(names, read(frame))) if names else {}  # noqa: B905 - as many as names; `strict` takes time
 
             return Code(run_named)
         entries = [(self.expression(key).run, value.run) for key, value in zip(node.keys, values, strict=True) if key]
@@ -383,7 +377,8 @@ class ExpressionCompiler:
             if name == "len":
                 assert bound.arguments[0] is not None
                 return length_of(builtin.run, self.expression(bound.arguments[0]))
-            return call_function(builtin.run, [self.expression(part) for part in bound.arguments if part is not None])
+            arguments = [self.expression(part) for part in bound.arguments if part is not None]
+            return call_function(builtin.run, arguments, self.scope.new_slot)
         if name is not None and name in self.functions:
             return self._function_call(node, name)
         assert isinstance(node.func, ast.Attribute)
@@ -411,23 +406,20 @@ class ExpressionCompiler:
                 parts.append(self.expression(given))
             else:
                 parts.append(self.constant(self.defaults[name][place - facts.required]))
-        runs = [part.run for part in parts]
-        return Code(_user_call(function, runs))
+        return Code(_user_call(function, gather(parts, self.scope.new_slot)))
 
 
-def _user_call(function: FunctionCode, runs: list[Callable[[Frame], Any]]) -> Callable[[Frame], Any]:
+def _user_call(function: FunctionCode, read: Callable[[Frame], tuple[Any, ...]]) -> Callable[[Frame], Any]:
     def run(frame: Frame) -> Any:
         runtime = frame[0]
-        inner = [runtime, None]
-        for part in runs:
-            inner.append(part(frame))  # noqa: PERF401 - measured: a comprehension is slower here
+        arguments = read(frame)
         runtime.depth -= function.depth
         if runtime.depth < 0:
             raise Fault(CALL_DEPTH, "Functions call each other too deep.")
-        inner += function.tail
+        inner = [runtime, None, *runtime.context_values, *arguments, *function.tail]
         function.body(inner)
         runtime.depth += function.depth
-        return inner[1]
+        return inner[RESULT_SLOT]
 
     return run
 

@@ -7,11 +7,11 @@ statements when it is entered; what hangs inside (bodies of ifs and loops) are b
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Final
 
 from contracts.vm.builtins_table import require_fault
-from contracts.vm.closures import Code, Frame, Run
+from contracts.vm.closures import RESULT_SLOT, Code, Frame, Run
 from contracts.vm.compiler_expressions import FUNCTION_GAS, ExpressionCompiler, FunctionCode, Scope, bind_many
 from contracts.vm.faults import OUT_OF_GAS, Fault
 from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, dotted_name
@@ -42,11 +42,10 @@ class StatementCompiler(ExpressionCompiler):
         lines: dict[Run, int] = {}
         leaves = False
         plain_count = 0
-        for statement in body:
-            if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
-                continue
-            before, self.cost = self.cost, self.cost + 1
-            step, leaves_here = self._statement(statement)
+        for group in self._groups(body):
+            statement, before = group[0], self.cost
+            self.cost += len(group)
+            step, leaves_here = (self._require(group), False) if _is_require(statement) else self._statement(statement)
             leaves = leaves or leaves_here
             if step is not None:
                 if plain_count == len(steps) and isinstance(statement, _PLAIN_STATEMENTS):
@@ -62,6 +61,21 @@ class StatementCompiler(ExpressionCompiler):
         self.cost = outer_cost
         return run, leaves
 
+    def _groups(self, body: list[ast.stmt]) -> Iterator[list[ast.stmt]]:
+        """Yield the statements that do something, each by itself; what requires in a row is one step, unless watched."""
+        requirements: list[ast.stmt] = []
+        for statement in body:
+            if _is_require(statement) and self.watch is None:
+                requirements.append(statement)
+                continue
+            if requirements:
+                yield requirements
+                requirements = []
+            if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)):
+                yield [statement]
+        if requirements:
+            yield requirements
+
     def _statement(self, node: ast.stmt) -> tuple[Run | None, bool]:  # noqa: PLR0911 - one per node type
         match node:
             case ast.Assign():
@@ -72,7 +86,7 @@ class StatementCompiler(ExpressionCompiler):
             case ast.AugAssign():
                 return self._augmented(node), False
             case ast.Expr():
-                return self._effect(node.value), False
+                return self.expression(node.value).run, False
             case ast.Return():
                 return self._return(node), True
             case ast.If():
@@ -145,21 +159,30 @@ class StatementCompiler(ExpressionCompiler):
 
         return update_item
 
-    def _effect(self, node: ast.expr) -> Run:
-        if isinstance(node, ast.Call) and dotted_name(node.func) == "require":
-            return self._require(node)
-        return self.expression(node).run
-
-    def _require(self, node: ast.Call) -> Run:
-        bound = bind(CALLABLES["require"].params, 2, node)
-        assert isinstance(bound, Bound)
-        parts = [self.expression(part).run for part in bound.arguments if part is not None]
-        condition, code = parts[0], parts[1]
-        message = parts[2] if len(parts) > 2 else None
+    def _require(self, statements: list[ast.stmt]) -> Run:
+        """Compile statements that all are calls of `require` into one step, which finds the line of a fault itself."""
+        tests: list[tuple[Run, Run]] = []
+        lines: dict[Run, int] = {}
+        for statement in statements:
+            assert isinstance(statement, ast.Expr)
+            assert isinstance(statement.value, ast.Call)
+            bound = bind(CALLABLES["require"].params, 2, statement.value)
+            assert isinstance(bound, Bound)
+            parts = [self.expression(part).run for part in bound.arguments if part is not None]
+            refuse = _refusal(parts[1], parts[2] if len(parts) > 2 else None)
+            tests.append((parts[0], refuse))
+            lines[refuse] = statement.lineno
 
         def require(frame: Frame) -> None:
-            if not condition(frame):
-                raise require_fault(code(frame), MISSING if message is None else message(frame))
+            refuse = None
+            try:
+                for condition, refuse in tests:
+                    if not condition(frame):
+                        raise refuse(frame)
+            except Fault as fault:
+                if fault.line is None and refuse is not None:
+                    fault.line = lines[refuse]
+                raise
 
         return require
 
@@ -169,7 +192,7 @@ class StatementCompiler(ExpressionCompiler):
         run = self.expression(node.value).run
 
         def leave(frame: Frame) -> Mark:
-            frame[1] = run(frame)
+            frame[RESULT_SLOT] = run(frame)
             return RETURN
 
         return leave
@@ -256,6 +279,15 @@ class StatementCompiler(ExpressionCompiler):
         return delete
 
 
+def _is_require(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Call) and dotted_name(node.value.func) == "require"
+
+
+def _refusal(code: Run, message: Run | None) -> Run:
+    """Return what makes the fault of a requirement that is not met."""
+    return lambda frame: require_fault(code(frame), MISSING if message is None else message(frame))
+
+
 def _without_value(step: Run) -> Run:
     """Evaluate an expression for what it does, where its value could be taken for a signal."""
 
@@ -338,6 +370,20 @@ def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: 
 
         return run_one
 
+    def run_plain(frame: Frame) -> None:
+        runtime = frame[0]
+        runtime.gas -= cost
+        if runtime.gas < 0:
+            raise Fault(OUT_OF_GAS, "The call used up its gas.", first_line)
+        step = None
+        try:
+            for step in plain:
+                step(frame)
+        except Fault as fault:
+            if fault.line is None and step is not None:
+                fault.line = lines[step]
+            raise
+
     def run(frame: Frame) -> Any:
         runtime = frame[0]
         runtime.gas -= cost
@@ -357,7 +403,7 @@ def _run_block(steps: list[Run], plain_count: int, lines: dict[Run, int], cost: 
             raise
         return None
 
-    return run
+    return run if others else run_plain
 
 
 def nesting(node: ast.AST) -> int:

@@ -6,15 +6,16 @@ Every key a contract names is put under that contract's own prefix here; there i
 from __future__ import annotations
 
 import re
+from functools import lru_cache
 from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.limits import STATE_KEY_MAX_BYTES, STATE_VALUE_MAX_BYTES
 from consensus.primitives import hashing, keys
 from contracts.vm.builtins_table import Builtin
-from contracts.vm.closures import Run
+from contracts.vm.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
-from contracts.vm.meter import Runtime
+from contracts.vm.meter import EVENTS_MAX_COUNT, Runtime
 from contracts.vm.source_functions import SOURCE_FUNCTIONS
 from contracts.vm.values import (
     HEADER_BYTES,
@@ -31,6 +32,7 @@ from contracts.vm.values import (
 EVENT_DATA_MAX_BYTES = 8 * 1024
 SCAN_MAX_COUNT = 256
 TAG_MAX_CHARS = 64
+_EVENT_NAME_MAX_CHARS = 64
 _EVENT_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.-]{0,63}", re.ASCII)
 
 GET_GAS = 15
@@ -44,6 +46,15 @@ EMIT_GAS = 50
 HASH_GAS = 15
 RECOVER_GAS = 80
 RECOVERED_GAS = 600
+
+
+def _is_event_name(name: str) -> bool:
+    return len(name) <= _EVENT_NAME_MAX_CHARS and _has_form_of_event(name)
+
+
+@lru_cache(maxsize=256)
+def _has_form_of_event(name: str) -> bool:
+    return _EVENT_NAME.fullmatch(name) is not None
 
 
 def flat_prefix(contract: str) -> bytes:
@@ -117,13 +128,16 @@ def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
 
 
 def _emit(runtime: Runtime, name: Any, data: Any) -> None:
-    if _EVENT_NAME.fullmatch(need_str(name, "emit")) is None:
+    if not _is_event_name(need_str(name, "emit")):
         raise Fault(VALUE_ERROR, "An event's name is 1 to 64 ASCII letters, digits, '_', '.' or '-', a letter first.")
     if type(data) is not dict:
         raise Fault(TYPE_ERROR, f"An event's data is a dict, not {type_name(data)}.")
-    runtime.check_event()
+    if runtime.read_only or len(runtime.events) >= EVENTS_MAX_COUNT:
+        runtime.check_event()
     encoded = encode_checked(runtime, data, EVENT_DATA_MAX_BYTES, "An event's data")
-    runtime.charge(EMIT_GAS + (len(name) + len(encoded) >> 4))
+    runtime.gas -= EMIT_GAS + (len(name) + len(encoded) >> 4)
+    if runtime.gas < 0:
+        runtime.exhausted()
     runtime.events.append((runtime.contract, name, encoded))
     runtime.host.emit(name, encoded)
 
@@ -164,7 +178,7 @@ def _recover(runtime: Runtime, tag: Any, signature: Any, message: Any) -> bytes 
 def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:
     if type(contract) is not str or type(fn) is not str:
         raise type_fault("call", fn if type(contract) is str else contract)
-    return runtime.enter(runtime, contract, fn, list(arguments))
+    return runtime.enter(runtime, contract, fn, [*arguments])
 
 
 HOST_FUNCTIONS: dict[str, Builtin] = {
@@ -180,14 +194,10 @@ HOST_FUNCTIONS: dict[str, Builtin] = {
     "recover": Builtin(_recover, ("tag", "signature", "message"), 3),
     **SOURCE_FUNCTIONS,
 }
-CONTEXT_FIELDS: dict[str, Run] = {
-    "caller": lambda frame: frame[0].context.caller,
-    "height": lambda frame: frame[0].context.height,
-    "time": lambda frame: frame[0].context.time_ms,
-    "txid": lambda frame: frame[0].context.txid,
-    "chain": lambda frame: frame[0].context.chain_id,
-    "contract": lambda frame: frame[0].contract,
-    "calling_contract": lambda frame: frame[0].calling_contract,
+CONTEXT_FIELDS: dict[str, Code] = {
+    **{name: read_slot(slot) for name, slot in CONTEXT_SLOTS.items()},
+    "contract": Code(lambda frame: frame[0].contract),
+    "calling_contract": Code(lambda frame: frame[0].calling_contract),
 }
-"""What `ctx.<name>` reads: closures of a frame, whose first slot is the runtime."""
+"""What `ctx.<name>` reads."""
 WRITING = frozenset({"state.put", "state.delete", "emit"})

@@ -12,6 +12,7 @@ from typing import Any, Literal
 import msgspec
 
 from contracts.vm.abi import check_arguments
+from contracts.vm.closures import RESULT_SLOT
 from contracts.vm.compiled import CompiledContract, CompiledEntry
 from contracts.vm.faults import (
     ARGUMENTS_INVALID,
@@ -33,7 +34,7 @@ from contracts.vm.meter import (
     HostInterface,
     Runtime,
 )
-from contracts.vm.values import copy_across, fresh_constant
+from contracts.vm.values import INT_LIMIT, copy_across, fresh_constant
 
 Mode = Literal["export", "view", "genesis", "migrate"]
 
@@ -88,8 +89,8 @@ def invoke(
         context,
         gas_limit,
         _enter_by_call,
-        read_only=mode == "view",
-        writes_max=_WRITES_MAX_COUNT[mode],
+        mode == "view",
+        _WRITES_MAX_COUNT[mode],
     )
     try:
         found = _find(runtime, contract, entry, (mode,))
@@ -125,7 +126,12 @@ def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -
 
 def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
     try:
-        return [value if type(value) is bytes else copy_across(runtime, value, "An argument", 1) for value in args]
+        return [
+            value
+            if type(value) is bytes or (type(value) is int and -INT_LIMIT < value < INT_LIMIT)
+            else copy_across(runtime, value, "An argument", 1)
+            for value in args
+        ]
     except Fault as fault:
         if fault.code in (OUT_OF_GAS, MEMORY_BUDGET):
             raise
@@ -136,12 +142,23 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
     """Run an entry as the contract on top of the stack and return its result, copied."""
     runtime.stack.append(compiled.name)
     runtime.contract, runtime.prefix = compiled.name, compiled.prefix
-    check_arguments(runtime, found.entry, found.accepts, found.plain, arguments)
+    runtime.gas -= len(found.accepts) + 1
+    if runtime.gas < 0:
+        runtime.exhausted()
+    if list(map(type, arguments)) != found.plain:
+        check_arguments(found.entry, found.accepts, arguments)
     missing = len(found.accepts) - len(arguments)
     if missing:
         defaults = found.defaults[len(found.defaults) - missing :]
         arguments = [*arguments, *[fresh_constant(runtime, value) for value in defaults]]
-    result = found.function.call(runtime, arguments)
+    function = found.function
+    runtime.depth -= function.depth
+    if runtime.depth < 0:
+        raise Fault(CALL_DEPTH, "Functions call each other too deep.")
+    frame = [runtime, None, *runtime.context_values, *arguments, *function.tail]
+    function.body(frame)
+    runtime.depth += function.depth
+    result = frame[RESULT_SLOT]
     if type(result) not in _PLAIN:
         result = copy_across(runtime, result, "A result")
     if found.accepts_result is not None and not found.accepts_result(result):

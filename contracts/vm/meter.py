@@ -66,8 +66,8 @@ class Runtime:
     """
 
     __slots__ = (
-        "calling_contract", "context", "contract", "contracts", "deleted", "depth", "enter", "events", "gas", "host",
-        "memory", "prefix", "read_only", "stack", "writes_left",
+        "calling_contract", "context_values", "contract", "contracts", "deleted", "depth", "enter", "events", "gas",
+        "host", "memory", "prefix", "read_only", "stack", "writes_left",
     )  # fmt: skip
 
     def __init__(
@@ -77,13 +77,12 @@ class Runtime:
         context: CallContext,
         gas_limit: int,
         enter: Callable[[Runtime, str, str, list[Any]], Any],
-        *,
         read_only: bool,
         writes_max: int = WRITES_MAX_COUNT,
     ) -> None:
         self.contracts = contracts
         self.host = host
-        self.context = context
+        self.context_values = (context.caller, context.height, context.time_ms, context.txid, context.chain_id)
         self.gas = gas_limit
         self.enter = enter
         self.memory = MEMORY_MAX_BYTES

@@ -98,7 +98,8 @@ def floor_divide(runtime: Runtime, left: Any, right: Any) -> int:
 
 def modulo(runtime: Runtime, left: Any, right: Any) -> int:
     """`left % right` of ints, with the sign of the divisor."""
-    _both_ints("'%'", left, right)
+    if type(left) is not int or type(right) is not int:
+        raise type_fault("'%'", left, right)
     if right == 0:
         raise Fault(ZERO_DIVISION, "The divisor is zero.")
     result: int = left % right
@@ -248,7 +249,9 @@ def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
     """Return the first index at which `items` holds `wanted`, or -1."""
     runtime.charge(1)
     for index, item in enumerate(items):
-        runtime.charge(3)
+        runtime.gas -= 3
+        if runtime.gas < 0:
+            runtime.exhausted()
         if equal(runtime, item, wanted):
             return index
     return -1

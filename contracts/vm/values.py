@@ -10,7 +10,7 @@ from typing import Any
 
 from consensus.primitives.encoding import VALUE_DEPTH_MAX, decode_stored_value, encode_ordered, encode_value
 from contracts.vm.faults import INT_OVERFLOW, TYPE_ERROR, VALUE_ERROR, Fault
-from contracts.vm.meter import Runtime
+from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT, Runtime
 from contracts.vm.shapes import encode_by_shape
 
 INT_LIMIT = 1 << 256
@@ -196,15 +196,9 @@ def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> by
     """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
     kind = type(value)
     if kind is dict:
-        found = encode_by_shape(value, size_max)
-        if found is not None:
-            data, gas = found
-            runtime.gas -= gas
-            if runtime.gas < 0:
-                runtime.exhausted()
-            if len(data) > size_max:
-                raise _too_large(what)
-            return data
+        quick = encode_by_shape(runtime, value, size_max)
+        if quick is not None:
+            return quick
     elif kind is int or kind is bool:
         return encode_ordered(value) or encode_value(value)
     _walk(runtime, value, 0, size_max, what)
@@ -263,8 +257,7 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
     if kind is int:
         return value if -INT_LIMIT < value < INT_LIMIT else check_int(value)
     if kind is str:
-        runtime.allocate(text_bytes(value))
-        return value if value.isascii() else _check_text(value, what)
+        return _copy_text(runtime, value, what)
     if depth >= VALUE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
     if kind is list or kind is tuple:
@@ -276,11 +269,19 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
         for key in value:
             check_dict_key(key)
-        return {key: copy_across(runtime, item, what, depth + 1) for key, item in value.items()}
+        return {key: copy_across(runtime, item, what, depth + 1) for key, item in value.items()} if value else {}
     raise Fault(TYPE_ERROR, f"{what} cannot hold a {type_name(value)}; make it a list.")
 
 
-def _check_text(text: str, what: str) -> str:
+def _copy_text(runtime: Runtime, text: str, what: str) -> str:
+    is_ascii = text.isascii()
+    size = HEADER_BYTES + (len(text) if is_ascii else 4 * len(text))
+    runtime.memory -= size
+    runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
+    if runtime.memory < 0 or runtime.gas < 0:
+        runtime.exhausted()
+    if is_ascii:
+        return text
     try:
         text.encode()
     except UnicodeEncodeError:

@@ -22,9 +22,13 @@ items = st.one_of(scalars, texts, empties, st.lists(scalars, max_size=2), st.jus
 dicts = st.dictionaries(keys, items, max_size=40)
 
 
+def new_runtime(gas: int) -> Runtime:
+    return Runtime({}, None, CONTEXT, gas, None, read_only=False)  # type: ignore[arg-type]
+
+
 def encode(value: dict[Any, Any], gas: int, size_max: int, *, quickly: bool) -> Any:
     """Return what encoding gives and what is left of the gas; quickly or by the walk alone."""
-    runtime = Runtime({}, None, CONTEXT, gas, None, read_only=False)  # type: ignore[arg-type]
+    runtime = new_runtime(gas)
     given_up = shapes._KEYS_MAX_COUNT
     shapes._KEYS_MAX_COUNT = given_up if quickly else -1
     try:
@@ -46,13 +50,18 @@ def test_the_quick_way_and_the_walk_agree(value, gas, size_max):
 
 @given(st.dictionaries(st.text("abc", min_size=1, max_size=6), st.one_of(texts, st.integers(0, 99)), max_size=20))
 def test_plain_dicts_take_the_quick_way(value):
-    found = shapes.encode_by_shape(value, 10_000)
-    assert found is not None
-    assert found[0] == encode_value(value)
+    assert shapes.encode_by_shape(new_runtime(1000), value, 10_000) == encode_value(value)
 
 
 def test_the_memory_of_shapes_is_bounded():
     for number in range(shapes._SHAPES_MAX_COUNT + 20):
-        shapes.encode_by_shape({f"key{number}": number}, 1000)
-        assert len(shapes._shapes) <= shapes._SHAPES_MAX_COUNT
-    assert shapes.encode_by_shape({"x" * 2000: 1}, 10_000) is None
+        shapes.encode_by_shape(new_runtime(1000), {f"key{number}": number}, 1000)
+        assert len(shapes._latest) <= len(shapes._shapes) <= shapes._SHAPES_MAX_COUNT
+    assert shapes.encode_by_shape(new_runtime(1000), {"x" * 2000: 1}, 10_000) is None
+
+
+def test_names_that_change_between_two_kinds_keep_both_shapes():
+    for value in [{"a": 1, "b": b"x"}, {"a": b"x", "b": 1}] * 3:
+        assert shapes.encode_by_shape(new_runtime(1000), value, 1000) == encode_value(value)
+    kinds = [kinds for names, kinds in shapes._shapes if names == ("a", "b")]
+    assert sorted(map(str, kinds)) == sorted(map(str, [(int, bytes), (bytes, int)]))

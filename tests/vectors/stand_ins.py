@@ -46,6 +46,10 @@ class Ext:
         self.code, self.data = code, data
 
 
+class Raw(bytes):
+    """A value that is encoded already."""
+
+
 class DecodeError(Exception):
     """Bytes that hold no value."""
 
@@ -62,6 +66,8 @@ def pack(value: Any) -> bytes:
         return (short or head(len(data), (0xD9, 0xDA, 0xDB))) + data
     if type(value) is bytes:
         return head(len(value), (0xC4, 0xC5, 0xC6)) + value
+    if isinstance(value, Raw):
+        return bytes(value)
     if isinstance(value, Ext):
         fixed = {1: b"\xd4", 2: b"\xd5", 4: b"\xd6", 8: b"\xd7", 16: b"\xd8"}.get(len(value.data))
         return (fixed or head(len(value.data), (0xC7, 0xC8, 0xC9))) + bytes([value.code]) + value.data
@@ -227,7 +233,7 @@ def install() -> None:
     msgpack = module("msgspec.msgpack", Encoder=Encoder, Decoder=Decoder, Ext=Ext)
     structs = module("msgspec.structs", replace=None, astuple=None, asdict=None, fields=None)
     errors = {"DecodeError": DecodeError, "MsgspecError": DecodeError, "ValidationError": DecodeError}
-    module("msgspec", Struct=Struct, msgpack=msgpack, structs=structs, **errors)
+    module("msgspec", Struct=Struct, Raw=Raw, msgpack=msgpack, structs=structs, **errors)
     ecdsa = module("coincurve.ecdsa", cdata_to_der=None, deserialize_compact=None)
     utils = module("coincurve.utils", GROUP_ORDER_INT=N)
     module("coincurve", PrivateKey=None, PublicKey=PublicKey, ecdsa=ecdsa, utils=utils)
