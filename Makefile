@@ -46,4 +46,4 @@ mongo-server: $(VENV)/.develop
 	$(BIN)/python -m tests.offchain.secantus
 
 clean:
-	rm -rf $(VENV) .venv-mongo build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
