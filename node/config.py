@@ -25,7 +25,7 @@ OPERATOR_HOST = "127.0.0.1"
 _PORT_MAX = 65_535
 _WALLS = ("on", "require", "off")
 _LOG_LEVELS = ("debug", "info", "warning", "error")
-_SECTIONS: dict[str, frozenset[str]] = {
+SECTIONS: dict[str, frozenset[str]] = {
     "node": frozenset({"name", "genesis", "organisation"}),
     "listen": frozenset({"host", "p2p_port", "api_port", "operator_port"}),
     "keys": frozenset({"tls_certificate", "tls_key", "producer", "custodian"}),
@@ -35,6 +35,7 @@ _SECTIONS: dict[str, frozenset[str]] = {
     "storage": frozenset({"keep_blocks", "snapshot_lag_blocks"}),
     "contracts": frozenset({"wall"}),
 }
+"""The tables of the file and their fields."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +117,7 @@ class _Section:
         table = document.get(name, {})
         if not isinstance(table, dict):
             raise _invalid(f"[{name}] is not a table.")
-        unknown = sorted(set(table) - _SECTIONS[name])
+        unknown = sorted(set(table) - SECTIONS[name])
         if unknown:
             raise _invalid(f"[{name}] has an unknown field {unknown[0]!r}.")
         self._name, self._table = name, table
@@ -161,10 +162,10 @@ def load_config(data_dir: Path) -> NodeConfig:
         raise BlockRobotError("DATA_DIRECTORY_INVALID", f"There is no {CONFIG_FILE} in {data_dir}.") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise _invalid(f"it is not TOML: {error}.") from None
-    unknown = sorted(set(document) - set(_SECTIONS))
+    unknown = sorted(set(document) - set(SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log, faults, storage, contracts = (_Section(document, name) for name in _SECTIONS)
+    node, listen, keys, custody, log, faults, storage, contracts = (_Section(document, name) for name in SECTIONS)
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")

@@ -18,8 +18,8 @@ from node.api.routing import Parameter, Route
 _MADE = "<!-- Made from the code by `python -m node.api.reference docs/reference`. Do not edit. -->"
 
 _HTTP_INTRODUCTION = """\
-Every node serves this interface; `GET /v1/openapi.json` describes it for machines. HTTPS with a certificate of the
-organisation's CA, plain HTTP on loopback only.
+Every node serves this interface; `GET /v1/openapi.json` describes it for machines. The node speaks plain HTTP. Clients
+take that on loopback only: elsewhere a TLS proxy stands before it, with a certificate of the organisation's CA.
 
 - **Bytes** are lower-case hexadecimal in JSON, in paths and in queries. Bodies of `application/msgpack` are the
   canonical encoding.

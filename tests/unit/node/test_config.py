@@ -12,7 +12,7 @@ from consensus.genesis import genesis_from_json, genesis_to_json
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from network.layout import create_network
-from node.config import config_to_toml, load_config, load_genesis, load_key
+from node.config import SECTIONS, config_to_toml, load_config, load_genesis, load_key
 
 GOOD = """
 [node]
@@ -104,3 +104,14 @@ def test_a_node_does_not_start_with_a_producer_that_never_proved_its_key(tmp_pat
     assert genesis_from_json(config.genesis_path.read_text()).nodes[1] == false
     with pytest.raises(BlockRobotError, match=r"GENESIS_INVALID.*'node-2'"):
         load_genesis(config)
+
+
+def test_the_reference_has_every_field_and_no_other() -> None:
+    page = Path(__file__).resolve().parents[3] / "docs" / "reference" / "node-toml.md"
+    found: dict[str, set[str]] = {}
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if line.startswith("## `["):
+            fields = found.setdefault(line[5:-2], set())
+        elif line.startswith("| `"):
+            fields.add(line.split("`")[1])
+    assert found == {name: set(fields) for name, fields in SECTIONS.items()}
