@@ -74,14 +74,21 @@ def measure_program(program: Program, *, rounds: int = 3, gas_limit: int = GAS_L
 
 
 def measure_all(programs: Iterable[Program], *, rounds: int = 3, gas_limit: int = GAS_LIMIT) -> list[Price]:
-    """Measure programs and return what they cost, dearest first; those at both ends are measured once more, longer."""
+    """Measure programs and return what they cost, dearest first.
+
+    Those at both ends are measured more often, in turns, and the least counts: so that neither a machine that is slower
+    for a while nor what else it does makes a program dear.
+    """
     given = {program.name: program for program in programs}
     measured = (measure_program(program, rounds=rounds, gas_limit=gas_limit) for program in given.values())
     prices = sorted((price for price in measured if price is not None), key=_seconds)
     ends = {price.name for price in [*prices[-EXTREMES_COUNT:], *cheapest_first(prices)[:EXTREMES_COUNT]]}
-    again = (measure_program(given[name], rounds=SURE_ROUNDS_COUNT, gas_limit=gas_limit) for name in sorted(ends))
-    sure = {price.name: price for price in again if price is not None}
-    return sorted((sure.get(price.name, price) for price in prices), key=_seconds, reverse=True)
+    sure: dict[str, Price] = {price.name: price for price in prices}
+    for name in sorted(ends) * SURE_ROUNDS_COUNT:
+        price = measure_program(given[name], rounds=1, gas_limit=gas_limit)
+        if price is not None:
+            sure[name] = min(sure[name], price, key=_seconds)
+    return sorted(sure.values(), key=_seconds, reverse=True)
 
 
 def cheapest_first(prices: Iterable[Price]) -> list[Price]:

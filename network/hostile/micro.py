@@ -11,7 +11,26 @@ from network.hostile.program import SPENT, Program, body
 
 _REPEATS_COUNT = 8
 _HOST_OTHER = "@export\ndef f(x: object = 0) -> object:\n    return x\n\n\n@view\ndef g():\n    pass\n"
-_HELPERS = "def h0():\n    pass\n\n\ndef h1(a):\n    return a\n\n\ndef h4(a, b, c, d):\n    return a\n"
+_HELPERS = """\
+CONSTANT = [[1, 2], {'a': 3}]
+TEXT = 'abc' * 9
+
+
+def h0():
+    pass
+
+
+def h1(a):
+    return a
+
+
+def h2(a=[1]):
+    return a
+
+
+def h4(a, b, c, d):
+    return a
+"""
 
 _STEPS: tuple[tuple[str, str, str], ...] = (
     ("pass", "", "pass"),
@@ -105,6 +124,46 @@ _STEPS: tuple[tuple[str, str, str], ...] = (
     ("recover-bad", "y = bytes(65)", "x = recover('t', y, b'abc')"),
     ("recover-good", "y = b'\\x01' * 64 + b'\\x01'", "x = recover('t', y, b'abc')"),
     ("recover-short", "y = bytes(3)", "x = recover('t', y, b'abc')"),
+    ("annotated", "", "x: int = 1"),
+    ("plus", "x = 5", "z = +x"),
+    ("xor-bits", "x = 2 ** 200\ny = 7", "z = x ^ y"),
+    ("unequal", "x = 5\ny = 6", "z = x != y"),
+    ("unequal-text-constant", "x = 'abc'", "z = x != 'abd'"),
+    ("order-of-constants", "x = 5", "z = x > 4\nz = x >= 4\nz = x <= 4"),
+    ("is-not-none", "x = 5", "z = x is not None"),
+    ("continue", "", "for i in (1, 2, 3):\n    continue"),
+    ("add-to-item", "x = [5]", "x[0] += 1"),
+    ("add-to-entry", "x = {'a': 5}", "x['a'] += 1"),
+    ("add-to-text", "y = 'abc'", "x = ''\nx += y"),
+    ("shift-and-mask", "x = 2 ** 200", "y = x >> 9 & 255 | 7"),
+    ("entry-by-name", "x = {'a': 5, 'b': 6}", "z = x['b']"),
+    ("item-of-item", "x = [[[5]]]", "z = x[0][0][0]"),
+    ("item-of-a-tuple", "x = (5, 6)", "z = x[1]"),
+    ("item-of-a-range", "x = range(5, 50, 7)", "z = x[-1]"),
+    ("constant-list", "", "x = CONSTANT"),
+    ("constant-text", "", "x = TEXT"),
+    ("default-list", "", "x = h2()"),
+    ("call-by-name", "", "x = h4(a=1, b=2, c=3, d=4)"),
+    ("call-in-call", "", "x = h1(h1(h1(1)))"),
+    ("loop-of-pairs", "x = [(1, 2), (3, 4), (5, 6)]", "for a, b in x:\n    pass"),
+    ("comprehension-of-pairs", "x = [(1, 2), (3, 4), (5, 6)]", "y = [a for a, b in x]"),
+    ("generator-of-three", "x = [1, 2, 3]", "y = sum(i for i in x)"),
+    ("any-of-a-generator", "x = [1, 2, 3]", "y = any(i > 5 for i in x)"),
+    ("list-of-lists", "", "x = [[1], [2], [3]]"),
+    ("dict-of-dicts", "", "x = {'a': {'b': 1}, 'c': {'d': 2}}"),
+    ("negative-power-base", "x = -3\ny = 5", "z = x ** y"),
+    ("power-of-one", "x = 1\ny = 10 ** 70", "z = x ** y"),
+    ("divide-negative", "x = -(2 ** 255)\ny = 3", "z = x // y\nz = x % y"),
+    ("call-other-for-a-dict", "x = {'a': 1, 'b': [1, 2, 3], 'c': bytes(33)}", "y = call('other', 'f', x)"),
+    ("call-other-nested", "x = [[[[[[[[1]]]]]]]]", "y = call('other', 'f', x)"),
+    ("clear-a-list", "", "x = [1, 2]\nx.clear()"),
+    ("clear-a-dict", "", "x = {1: 2}\nx.clear()"),
+    ("text-of-truth", "", "x = str(True)"),
+    ("split-short", "x = 'a,b'", "y = x.split(',')"),
+    ("join-short", "x = ['a', 'b']", "y = ','.join(x)"),
+    ("replace-short", "x = 'a,b'", "y = x.replace(',', '.')"),
+    ("strip-short", "x = ' a '", "y = x.strip()"),
+    ("upper-short", "x = 'ab'", "y = x.upper()"),
 )
 _SIZED: tuple[tuple[str, str, str], ...] = (
     ("list-index", "x = [1] * N", "y = x[0]"),
@@ -212,6 +271,75 @@ _SIZED: tuple[tuple[str, str, str], ...] = (
     ("pass-list", "x = [1] * N", "call('other', 'f', x)"),
     ("pass-texts", "x = ['abc'] * N", "call('other', 'f', x)"),
     ("pass-dict", "x = {i: i for i in range(N)}", "call('other', 'f', x)"),
+    ("pass-lists", "x = [[1] for i in range(N)]", "call('other', 'f', x)"),
+    ("pass-dicts", "x = [{'a': 1} for i in range(N)]", "call('other', 'f', x)"),
+    ("pass-huge", "x = [2 ** 255] * N", "call('other', 'f', x)"),
+    ("range-sum", "", "y = sum(range(N))"),
+    ("range-max", "", "y = max(range(N))"),
+    ("range-any", "", "y = any(range(0, 1))\ny = all(range(1, N + 1))"),
+    ("range-sorted", "", "y = sorted(range(N))"),
+    ("range-reversed", "", "y = reversed(range(N))"),
+    ("range-enumerate", "", "y = enumerate(range(N))"),
+    ("range-zip", "", "y = zip(range(N), range(N))"),
+    ("range-bytes", "", "y = bytes(range(min(N, 256)))"),
+    ("range-extend", "", "y = []\ny.extend(range(N))"),
+    ("range-loop", "", "for i in range(N):\n    continue"),
+    ("range-huge-loop", "", "for i in range(2 ** 59, 2 ** 59 + N):\n    pass"),
+    ("tuple-add", "x = (1,) * N", "y = x + x"),
+    ("tuple-slice", "x = (1,) * N", "y = x[1:]"),
+    ("tuple-index-of", "x = (0,) * N + (1,)", "y = x.index(1)"),
+    ("tuple-equal", "x = (1,) * N\nz = (1,) * N", "y = x == z"),
+    ("tuple-loop", "x = (1,) * N", "for i in x:\n    pass"),
+    ("tuple-of-text", "x = 'a' * N", "y = tuple(x)"),
+    ("zip-of-four", "x = [1] * N", "y = zip(x, x, x, x)"),
+    ("enumerate-texts", "x = 'ab' * N", "y = enumerate(x)"),
+    ("min", "x = [str(i * 7919 % 10007) for i in range(N)]", "y = min(x)"),
+    ("sorted-backwards", "x = list(range(N))", "y = sorted(x, reverse=True)"),
+    ("sorted-bytes", "x = [u64(i * 7919 % 10007) for i in range(N)]", "y = sorted(x)"),
+    ("sort-alike-texts", "x = ['a' * 100 + str(i * 7919 % 10007) for i in range(N)]", "y = sorted(x)"),
+    ("list-not-in", "x = [1] * N", "y = 2 not in x"),
+    ("list-in-dicts", "x = [{'a': 1}] * N\nz = {'a': 2}", "y = z in x"),
+    ("list-equal-dicts", "x = [{'a': 1}] * N\nz = [{'a': 1}] * N", "y = x == z"),
+    ("list-insert-at-the-end", "x = [1] * N", "x.insert(2 ** 70, 1)\nx.pop()"),
+    ("list-add-to", "x = [1] * N", "y = []\ny += x"),
+    ("dict-of-texts-equal", "x = {str(i): 'a' for i in range(N)}\nz = x.copy()", "y = x == z"),
+    ("dict-of-bytes-index", "x = {u64(i): i for i in range(N)}\nz = u64(0)", "y = x[z]"),
+    ("dict-of-lists-copy", "x = {i: [i] for i in range(N)}", "y = x.copy()"),
+    ("dict-items-loop", "x = {i: i for i in range(N)}", "for a, b in x.items():\n    pass"),
+    ("dict-comprehended", "x = [str(i) for i in range(N)]", "y = {i: 1 for i in x}"),
+    ("text-not-in", "x = 'a' * N", "y = 'b' not in x"),
+    ("text-times", "x = 'ab'", "y = x * N"),
+    ("text-lstrip", "x = ' ' * N + 'a'", "y = x.lstrip()"),
+    ("text-rstrip", "x = 'a' + ' ' * N", "y = x.rstrip()"),
+    ("text-isalnum", "x = 'a1' * N", "y = x.isalnum()"),
+    ("text-isupper", "x = 'A' * N", "y = x.isupper()"),
+    ("text-islower", "x = 'a' * N", "y = x.islower()"),
+    ("text-f-string", "x = 'a' * N", "y = f'{x}{x}'"),
+    ("wide-add", "x = '\\U0001F600' * N", "y = x + x"),
+    ("wide-slice", "x = '\\U0001F600' * N", "y = x[1:]"),
+    ("wide-equal", "x = '\\U0001F600' * N\nz = '\\U0001F600' * N", "y = x == z"),
+    ("wide-in", "x = '\\U0001F600' * N", "y = '\\U0001F601' in x"),
+    ("wide-count", "x = '\\U0001F600a' * N", "y = x.count('a')"),
+    ("wide-replace", "x = '\\U0001F600a' * N", "y = x.replace('a', 'b')"),
+    ("wide-split", "x = '\\U0001F600a' * N", "y = x.split('a')"),
+    ("wide-join", "x = ['\\U0001F600'] * N", "y = 'a'.join(x)"),
+    ("wide-loop", "x = '\\U0001F600' * N", "for i in x:\n    pass"),
+    ("wide-list", "x = '\\U0001F600' * N", "y = list(x)"),
+    ("wide-strip", "x = '\\u20ac' * N + 'a'", "y = x.strip('\\u20ac')"),
+    ("wide-isalpha", "x = '\\u20ac' * N", "y = x.isalpha()"),
+    ("wide-encode-four", "x = '\\U0001F600' * N", "y = x.encode()"),
+    ("wide-decode", "x = ('\\U0001F600' * N).encode()", "y = x.decode()"),
+    ("bytes-startswith", "x = b'a' * N\nz = b'a' * N", "y = x.startswith(z)"),
+    ("bytes-endswith", "x = b'a' * N\nz = b'a' * N", "y = x.endswith(z)"),
+    ("bytes-count", "x = b'ab' * N", "y = x.count(b'ab')"),
+    ("bytes-strip", "x = b' ' * N + b'a'", "y = x.strip()"),
+    ("bytes-lstrip", "x = b' ' * N + b'a'", "y = x.lstrip()"),
+    ("bytes-rstrip", "x = b'a' + b' ' * N", "y = x.rstrip()"),
+    ("bytes-times", "x = b'ab'", "y = x * N"),
+    ("bytes-less", "x = b'a' * N\nz = b'a' * N", "y = x < z"),
+    ("bytes-of-bytes", "x = b'a' * N", "y = bytes(x)"),
+    ("bytes-to-list", "x = b'a' * N", "y = list(x)"),
+    ("bytes-slice-short", "x = b'a' * N", "y = x[1:3]"),
 )
 _SIZES = (1, 40, 2000)
 _STATE = {

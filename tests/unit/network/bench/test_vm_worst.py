@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ast
+
 from network.bench.vm_worst import PROGRAMS, run_worst_benchmark
 from network.hostile.measuring import cheapest_first, measure_program
 from network.hostile.micro import MICRO
@@ -19,8 +21,15 @@ def test_every_builtin_method_and_host_function_has_a_program():
     text = "\n".join(program.source for program in MICRO)
     names = (set(BUILTINS) | set(HOST_FUNCTIONS)) - {"charge_source", "check_source"}
     assert {name for name in names if f"{name}(" not in text} == set()
-    alike = {"rstrip", "lstrip", "isalnum", "isupper", "islower", "clear"}  # as strip, isalpha, and at most that
-    assert {name for name in METHODS if f".{name}(" not in text} == alike
+    assert {name for name in METHODS if f".{name}(" not in text} == set()
+
+
+def test_every_construct_has_a_program():
+    used = {type(node).__name__ for program in MICRO for node in ast.walk(ast.parse(program.source))}
+    operators = {kind.__name__ for base in (ast.operator, ast.cmpop, ast.unaryop) for kind in base.__subclasses__()}
+    assert operators - used == {"Div", "MatMult"}
+    blocks = {"If", "For", "While", "Break", "Continue", "Pass", "Delete", "AugAssign", "AnnAssign", "Return"}
+    assert (blocks | {"ListComp", "DictComp", "GeneratorExp", "JoinedStr", "IfExp", "BoolOp", "Slice"}) - used == set()
 
 
 def test_a_table_of_programs_dearest_first():
