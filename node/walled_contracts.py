@@ -18,6 +18,7 @@ import structlog
 
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_to_json
+from contracts.execution.registry import check_contracts
 from contracts.worker.machine import Hold, Staff, WorkerMachine, WorkerViews, missing_parts
 from contracts.worker.wire import Begin, WallPart
 from node.api.services import LedgerSnapshot, ViewRunner
@@ -188,6 +189,7 @@ async def open_contracts(config: NodeConfig, genesis: Genesis, ledger: LedgerSto
     if config.contract_wall == "off":
         log.warning("contract_wall_off")
         return InsideContracts(genesis)
+    check_contracts(genesis)  # said here: a worker that cannot begin only ends
     begin = Begin(genesis_to_json(genesis), str(config.ledger_dir), WORKER_MEMORY_MAX_BYTES)
     place = WalledContracts(config.contract_wall, Staff(WORKER_COMMAND, begin), ledger)
     try:

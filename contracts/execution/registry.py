@@ -66,8 +66,8 @@ def contract_entries() -> tuple[ContractEntry, ...]:
     )
 
 
-def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
-    """Return the first contracts of a chain. After that no shipped source is read from a file any more.
+def check_contracts(genesis: Genesis) -> None:
+    """Look whether this version of BlockRobot can run a chain, without compiling anything.
 
     Raises GENESIS_INVALID if its sources are not the ones that ship here, or its contract language is of another
     version than the one spoken here.
@@ -83,4 +83,12 @@ def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
         raise BlockRobotError(
             "GENESIS_INVALID", "The genesis file names contracts that this version of BlockRobot does not ship."
         )
+
+
+def require_contracts(genesis: Genesis) -> Mapping[str, CompiledContract]:
+    """Return the first contracts of a chain. After that no shipped source is read from a file any more.
+
+    Raises what `check_contracts` raises.
+    """
+    check_contracts(genesis)
     return load_contracts()

@@ -1,0 +1,19 @@
+"""A chain whose contracts this version does not have: the node says so, with the wall and without."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import msgspec
+import pytest
+
+from consensus.errors import BlockRobotError
+from node.walled_contracts import open_contracts
+from tests.unit.contracts.system.consortium import Consortium
+
+
+@pytest.mark.parametrize("wall", ["on", "off"])
+async def test_contracts_that_do_not_ship_here_are_named_as_the_reason(wall: str):
+    genesis = msgspec.structs.replace(Consortium().genesis, contracts=())
+    with pytest.raises(BlockRobotError, match="names contracts that this version of BlockRobot does not ship"):
+        await open_contracts(SimpleNamespace(contract_wall=wall), genesis, None)
