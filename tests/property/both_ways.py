@@ -15,7 +15,7 @@ from tests.property.plain_python import run_plainly
 
 CONTEXT = CallContext(caller=b"c" * 33, height=1, time_ms=2, txid=b"t" * 32, chain_id=b"i" * 32)
 BUDGETS = {"OUT_OF_GAS", "MEMORY_BUDGET", "CALL_DEPTH", "WRITE_BUDGET", "EVENT_BUDGET"}
-LIMITS = ("A stored value", "An event's data", "A result", "A key of a dict", "An integer key of a dict")
+LIMITS = ("A stored value", "An event's data", "A result", "A key of a dict", "An integer key of a dict", "At most ")
 
 OTHER = compile_contract(
     """\
