@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -103,7 +104,11 @@ def call(
         found = find_entry(form.abi, entry, "export")
         values = read_arguments(found, arguments)
         transaction = client.transactions.build(signer.key, contract, entry, values)
-        return await client.submit_and_wait(transaction), form, found
+        try:
+            return await client.submit_and_wait(transaction), form, found
+        except asyncio.CancelledError:
+            click.echo(f"No longer waiting; it may still become final: txid {transaction.txid.hex()}", err=True)
+            raise
 
     receipt, form, found = with_network(signer, send)
     if as_json:

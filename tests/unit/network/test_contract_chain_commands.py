@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
+import os
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +13,13 @@ import pytest
 from click.testing import CliRunner, Result
 
 import network.cli.contract_signers as contract_signers
+from clients.sdk.receipts import FinalReceipt
 from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore, PassphraseCost
 from consensus.errors import BlockRobotError
 from consensus.genesis import genesis_to_json
 from consensus.primitives.keys import PrivateKey
+from consensus.transaction import Transaction
 from contracts.execution.results import BlockContext
 from contracts.execution.views import run_view
 from network.cli.contract_commands import contract
@@ -98,6 +103,21 @@ def test_a_refused_call_shows_code_line_and_next_step(chain: Consortium) -> None
     document = json.loads(run("call", "settings", "propose", "colour", "1", "--as", "org-01", "--json").stdout)
     assert (document["ok"], document["code"], document["events"]) == (False, "SETTING_UNKNOWN", [])
     assert document["line"] > 0
+
+
+def test_who_stops_waiting_is_told_what_was_sent(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
+    sent: list[str] = []
+
+    async def wait(_client: AskedClient, transaction: Transaction) -> FinalReceipt:
+        sent.append(transaction.txid.hex())
+        os.kill(os.getpid(), signal.SIGINT)
+        await asyncio.Event().wait()
+        raise AssertionError("it was stopped")
+
+    monkeypatch.setattr(AskedClient, "submit_and_wait", wait)
+    result = run("call", "settings", "propose", "heartbeat_ms", "9000", "--as", "org-01")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert f"it may still become final: txid {sent[0]}" in result.stderr
 
 
 def test_what_does_not_fit_is_never_signed(chain: Consortium) -> None:
