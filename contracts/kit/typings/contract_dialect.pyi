@@ -75,8 +75,11 @@ def sha256(data: bytes) -> bytes:
 def tagged_hash(tag: str, data: bytes) -> bytes:
     """SHA-256 over SHA-256(tag) twice and the data, 32 bytes."""
 
-def recover(tag: str, signature: bytes, message: bytes) -> bytes | None:
-    """The 33-byte key that made a 65-byte signature over the tagged hash, or None."""
+def recover(tag: str, signature: bytes, message: bytes) -> bytes | Any:
+    """The 33-byte key that made a 65-byte signature over the tagged hash, or None.
+
+    `Any` stands for None: type checkers do not see that `require(key is not None, ...)` rules it out.
+    """
 
 def u32(number: int) -> bytes:
     """Four bytes, big-endian."""

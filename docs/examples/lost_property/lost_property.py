@@ -1,76 +1,79 @@
 """A register of lost property: what was found, who claims it, and who got it back.
 
-A finder enters a thing with the hash of a mark that only its owner knows (an engraving, what is in the pocket). Who
-claims it names the mark. The desk that keeps the thing hands it out to a claimant whose mark is right, or, when nobody
-came for ninety days, to the finder.
+Everybody reads a chain, so what only the owner knows (an engraving, what is in the pocket) is on it as a hash with a
+salt that the desk keeps. A claim is a hash too, over the mark, the claimant and a blind of theirs: it can neither be
+read nor copied. At the desk both are opened; only if they are of the same mark the thing is handed out. If nobody came
+for ninety days, its finder gets it.
 """
 
 KEEP_MS = 90 * 24 * 3600 * 1000
 KINDS = ["bag", "clothing", "device", "jewellery", "key", "other"]
-OPEN_MAX_COUNT = 500
+
+
+def item_key(number: int) -> bytes:
+    return b"item/" + u64(number)
 
 
 def find(number: int) -> dict:
-    found = state.get(b"item/" + u64(number))
+    require(number > 0, "ITEM_UNKNOWN", "Things are counted from 1.")
+    found = state.get(item_key(number))
     require(found is not None, "ITEM_UNKNOWN", "There is no such thing in the register.")
+    require(found["given_to"] == b"", "GIVEN_BACK", "That was given back already.")
     return found
 
 
+def hand_out(number: int, thing: dict, to: bytes):
+    require(thing["desk"] == ctx.caller, "OTHER_DESK", "The desk that keeps it hands it out.")
+    thing["given_to"] = to
+    state.put(item_key(number), thing)
+    state.delete(b"kind/" + thing["kind"].encode() + b"/" + u64(number))
+    emit("given_back", {"number": number, "to": to})
+
+
 @export
-def enter(kind: str, where: str, mark_hash: bytes, finder: bytes) -> int:
-    """Enter a thing that was brought to this desk; return its number."""
+def enter(kind: str, where: str, seal: bytes, finder: bytes) -> int:
+    """Enter a thing that was brought to this desk, with the seal sha256(salt + mark); return its number."""
     require(kind in KINDS, "KIND_WRONG", "Things are: " + ", ".join(KINDS) + ".")
     require(0 < len(where) <= 120, "PLACE_WRONG", "Say in 1 to 120 characters where it was found.")
-    require(len(mark_hash) == 32, "MARK_WRONG", "The mark is given as its hash, 32 bytes.")
-    opened = state.get(b"open", 0)
-    require(opened < OPEN_MAX_COUNT, "REGISTER_FULL", "Hand something out first.")
+    require(len(seal) == 32, "SEAL_WRONG", "The mark is given as its seal, 32 bytes.")
     number = state.get(b"last", 0) + 1
     state.put(b"last", number)
-    state.put(b"open", opened + 1)
-    thing = {
-        "kind": kind,
-        "where": where,
-        "mark_hash": mark_hash,
-        "finder": finder,
-        "desk": ctx.caller,
-        "entered": ctx.time,
-        "claims": [],
-        "given_to": b"",
-    }
-    state.put(b"item/" + u64(number), thing)
+    thing = {"kind": kind, "where": where, "seal": seal, "finder": finder, "desk": ctx.caller, "entered": ctx.time}
+    thing["given_to"] = b""
+    state.put(item_key(number), thing)
     state.put(b"kind/" + kind.encode() + b"/" + u64(number), True)
     emit("entered", {"number": number, "kind": kind, "where": where})
     return number
 
 
 @export
-def claim(number: int, mark: str) -> bool:
-    """Claim a thing by its mark; tell whether the mark is right. Three wrong marks of one person are enough."""
-    thing = find(number)
-    require(thing["given_to"] == b"", "GIVEN_BACK", "That was given back already.")
-    right = sha256(mark.encode()) == thing["mark_hash"]
-    tries = sum([1 for claimant, was_right in thing["claims"] if claimant == ctx.caller and not was_right])
-    require(tries < 3, "TRIED_ENOUGH", "Three wrong marks are enough; come to the desk.")
-    thing["claims"].append([ctx.caller, right])
-    state.put(b"item/" + u64(number), thing)
-    emit("claimed", {"number": number, "by": ctx.caller, "right": right})
-    return right
+def claim(number: int, answer: bytes):
+    """Claim a thing with the answer sha256(blind + key + mark). One answer each: nobody guesses twice."""
+    find(number)
+    require(len(answer) == 32, "ANSWER_WRONG", "An answer has 32 bytes.")
+    key = b"claim/" + u64(number) + ctx.caller
+    require(not state.has(key), "CLAIMED_ALREADY", "Everybody has one answer.")
+    state.put(key, answer)
+    emit("claimed", {"number": number, "by": ctx.caller})
 
 
 @export
-def give_back(number: int, to: bytes):
-    """Hand a thing out to who claimed it rightly, or after ninety days to its finder."""
+def give_back(number: int, to: bytes, mark: str, salt: bytes, blind: bytes):
+    """Hand a thing out to who claimed it with its mark: the desk opens its seal, the claimant the answer."""
     thing = find(number)
-    require(thing["desk"] == ctx.caller, "OTHER_DESK", "The desk that keeps it hands it out.")
-    require(thing["given_to"] == b"", "GIVEN_BACK", "That was given back already.")
-    is_owner = any([claimant == to and right for claimant, right in thing["claims"]])
-    is_late = ctx.time >= thing["entered"] + KEEP_MS and to == thing["finder"]
-    require(is_owner or is_late, "NOT_THEIRS", "It goes to who named the mark, or after 90 days to who found it.")
-    thing["given_to"] = to
-    state.put(b"item/" + u64(number), thing)
-    state.put(b"open", state.get(b"open") - 1)
-    state.delete(b"kind/" + thing["kind"].encode() + b"/" + u64(number))
-    emit("given_back", {"number": number, "to": to, "to_finder": not is_owner})
+    require(len(salt) == 16 and len(blind) == 16, "OPENING_WRONG", "Salt and blind have 16 bytes each.")
+    require(sha256(salt + mark.encode()) == thing["seal"], "MARK_WRONG", "That is not the mark that was sealed.")
+    answer = state.get(b"claim/" + u64(number) + to)
+    require(answer == sha256(blind + to + mark.encode()), "NOT_THEIRS", "Their answer was not this mark.")
+    hand_out(number, thing, to)
+
+
+@export
+def give_to_finder(number: int):
+    """Hand a thing out to who found it, ninety days after it was entered."""
+    thing = find(number)
+    require(ctx.time >= thing["entered"] + KEEP_MS, "TOO_EARLY", "Its owner has ninety days.")
+    hand_out(number, thing, thing["finder"])
 
 
 @view
@@ -81,5 +84,6 @@ def waiting(kind: str, limit: int) -> list[int]:
 
 
 @view
-def item(number: int) -> dict:
-    return find(number)
+def item(number: int) -> dict | None:
+    """What is known of a thing, or None."""
+    return state.get(item_key(number))

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner, Result
 
+from contracts.kit import template
 from contracts.kit.template import read_dialect_stub
 from contracts.vm.names import RESERVED
 from network.cli.contract_author_commands import ranges
@@ -99,6 +100,19 @@ def test_mypy_knows_the_language(project: Path) -> None:
     found = mypy()
     assert 'Name "u46" is not defined' in found
     assert 'has incompatible type "str"; expected "bytes"' in found
+
+
+def test_mypy_knows_the_examples(tmp_path: Path) -> None:
+    typings = Path(template.__file__).parent / "typings"
+    settings = f"[mypy]\nplugins = contracts.kit.mypy_plugin\nmypy_path = {typings}\nstrict = true\n"
+    settings += "allow_untyped_defs = true\nallow_untyped_calls = true\nallow_incomplete_defs = true\n"
+    settings += "allow_any_generics = true\nwarn_return_any = false\nallow_untyped_decorators = true\n"
+    (tmp_path / "mypy.ini").write_text(settings, encoding="utf-8")
+    sources = [str(path) for path in sorted(EXAMPLES.glob("*/*.py")) if not path.name.startswith("test_")]
+    assert len(sources) == 3
+    command = [sys.executable, "-m", "mypy", "--no-incremental", "--config-file", "mypy.ini", *sources]
+    done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, "Success: no issues found in 3 source files\n"), done.stderr
 
 
 def test_a_contract_may_be_called_as_a_test_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
