@@ -129,16 +129,19 @@ def encoder_of_dicts(keys: tuple[Any, ...]) -> Callable[[tuple[Any, ...]], bytes
     A map is encoded as an array of its keys and items by turns, but for the first bytes, which say how many there are.
     """
     count = len(keys)
+    if not count:
+        return lambda _: _encode({})
     prepared: list[Any] = [None] * (2 * count)
-    header = _encode(dict.fromkeys(range(count)))[: -2 * count or None]
+    header = _encode(dict.fromkeys(range(count)))[: -2 * count]
     skipped = len(_encode(prepared)) - 2 * count
     prepared[::2] = [msgspec.Raw(_encode(key)) for key in keys]
+    prepared[0] = msgspec.Raw(header + _encode(keys[0]))
 
     def encode_items(items: tuple[Any, ...]) -> bytes | None:
         parts = prepared.copy()
         parts[1::2] = items
         try:
-            return header + _encode(parts)[skipped:]
+            return _encode(parts)[skipped:]
         except (OverflowError, UnicodeEncodeError):
             return None
 

@@ -220,8 +220,10 @@ def _int_from_bytes(runtime: Runtime, data: Any, byteorder: Any = "big", signed:
 
 
 def _fixed_width(name: str, width: int) -> Callable[..., bytes]:
+    limit = 1 << (8 * width)
+
     def run(runtime: Runtime, number: Any) -> bytes:
-        if not 0 <= need_int(number, name) < 1 << (8 * width):
+        if not 0 <= need_int(number, name) < limit:
             raise Fault(VALUE_ERROR, f"{name} takes 0 to 2^{8 * width}-1.")
         runtime.allocate(HEADER_BYTES + width)
         return int(number).to_bytes(width, "big")

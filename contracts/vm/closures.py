@@ -13,7 +13,7 @@ from typing import Any
 
 from contracts.vm.faults import NAME_UNSET, Fault
 from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT
-from contracts.vm.values import HEADER_BYTES, INT_LIMIT, MISSING, UNSET, check_int
+from contracts.vm.values import HEADER_BYTES, INT_FLOOR, INT_LIMIT, MISSING, UNSET, check_int
 
 Frame = list[Any]
 Run = Callable[[Frame], Any]
@@ -105,21 +105,21 @@ def fast_arithmetic(
         one, other = first(frame), second(frame)
         if type(one) is int and type(other) is int:
             total = of_ints(one, other)
-            return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
+            return total if INT_FLOOR < total < INT_LIMIT else check_int(total)
         return operation(frame[0], one, other)
 
     def with_constant(frame: Frame) -> Any:
         one = first(frame)
         if type(one) is int:
             total = of_ints(one, constant)
-            return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
+            return total if INT_FLOOR < total < INT_LIMIT else check_int(total)
         return operation(frame[0], one, constant)
 
     def both_slots(frame: Frame) -> Any:
         one, other = frame[i], frame[j]  # type: ignore[index]
         if type(one) is int and type(other) is int:
             total = of_ints(one, other)
-            return total if -INT_LIMIT < total < INT_LIMIT else check_int(total)
+            return total if INT_FLOOR < total < INT_LIMIT else check_int(total)
         return operation(frame[0], one, other)
 
     if i is not None and j is not None:
@@ -129,18 +129,19 @@ def fast_arithmetic(
 
 def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: Code) -> Code:
     """`left + right`, as keys of the state are made; what `left` gives is certainly bytes."""
-    first, second, i, j = left.run, right.run, left.slot, right.slot
+    first, second, prefix, j = left.run, right.run, left.constant, right.slot
+    header = HEADER_BYTES + (0 if prefix is MISSING else len(prefix))
 
-    def both_slots(frame: Frame) -> Any:
-        runtime, one, rest = frame[0], frame[i], frame[j]  # type: ignore[index]
+    def to_constant(frame: Frame) -> Any:
+        runtime, rest = frame[0], frame[j]  # type: ignore[index]
         if type(rest) is not bytes:
-            return operation(runtime, one, rest)
-        size = HEADER_BYTES + len(one) + len(rest)
+            return operation(runtime, prefix, rest)
+        size = header + len(rest)
         runtime.memory -= size
         runtime.gas -= ALLOCATION_GAS + (size >> ALLOCATION_SHIFT)
         if runtime.memory < 0 or runtime.gas < 0:
             runtime.exhausted()
-        return one + rest
+        return prefix + rest
 
     def general(frame: Frame) -> Any:
         runtime, one, rest = frame[0], first(frame), second(frame)
@@ -153,7 +154,7 @@ def add_to_bytes(operation: Callable[[Any, Any, Any], Any], left: Code, right: C
             runtime.exhausted()
         return one + rest
 
-    return Code(general if i is None or j is None else both_slots, gives=bytes)
+    return Code(general if prefix is MISSING or j is None else to_constant, gives=bytes)
 
 
 def fast_compare(
@@ -178,8 +179,14 @@ def fast_compare(
             return of_ints(one, other)
         return operation(frame[0], one, other)
 
-    if i is not None and j is not None:
-        return Code(both_slots)
+    def left_slot(frame: Frame) -> Any:
+        one, other = frame[i], second(frame)  # type: ignore[index]
+        if type(one) is int and type(other) is int:
+            return of_ints(one, other)
+        return operation(frame[0], one, other)
+
+    if i is not None:
+        return Code(left_slot if j is None else both_slots)
     return Code(to_constant if type(constant) is int else run)
 
 
@@ -277,6 +284,20 @@ def call_function(function: Callable[..., Any], arguments: list[Code], new_slot:
         return binary(function, arguments[0], arguments[1])
     read = gather(arguments, new_slot)
     return Code(lambda frame: function(frame[0], *read(frame)))
+
+
+def call_contract(function: Callable[..., Any], arguments: list[Code], new_slot: Callable[[], int]) -> Code:
+    """`call("contract", "entry", ...)`: where both names are constants they need no look when the call is made."""
+    contract, entry = arguments[0].constant, arguments[1].constant
+    if type(contract) is not str or type(entry) is not str:
+        return call_function(function, arguments, new_slot)
+    read = gather(arguments[2:], new_slot)
+
+    def run(frame: Frame) -> Any:
+        runtime = frame[0]
+        return runtime.enter(runtime, contract, entry, [*read(frame)])
+
+    return Code(run)
 
 
 def call_method(

@@ -18,6 +18,7 @@ from contracts.vm.closures import (
     Frame,
     add_to_bytes,
     binary,
+    call_contract,
     call_function,
     call_method,
     equals_text,
@@ -378,7 +379,8 @@ class ExpressionCompiler:
                 assert bound.arguments[0] is not None
                 return length_of(builtin.run, self.expression(bound.arguments[0]))
             arguments = [self.expression(part) for part in bound.arguments if part is not None]
-            return call_function(builtin.run, arguments, self.scope.new_slot)
+            compile_call = call_contract if name == "call" else call_function
+            return compile_call(builtin.run, arguments, self.scope.new_slot)
         if name is not None and name in self.functions:
             return self._function_call(node, name)
         assert isinstance(node.func, ast.Attribute)

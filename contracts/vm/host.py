@@ -16,11 +16,13 @@ from contracts.vm.builtins_table import Builtin
 from contracts.vm.closures import CONTEXT_SLOTS, Code, read_slot
 from contracts.vm.faults import TYPE_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import EVENTS_MAX_COUNT, Runtime
+from contracts.vm.shapes import encode_by_shape
 from contracts.vm.source_functions import SOURCE_FUNCTIONS
 from contracts.vm.values import (
     HEADER_BYTES,
     ITEM_BYTES,
     encode_checked,
+    encode_walked,
     need_bytes,
     need_int,
     need_str,
@@ -48,12 +50,9 @@ RECOVER_GAS = 80
 RECOVERED_GAS = 600
 
 
-def _is_event_name(name: str) -> bool:
-    return len(name) <= _EVENT_NAME_MAX_CHARS and _has_form_of_event(name)
-
-
 @lru_cache(maxsize=256)
-def _has_form_of_event(name: str) -> bool:
+def _is_event_name(name: str) -> bool:
+    """Whether a text of at most 64 characters may name an event; remembered, as calls name the same few."""
     return _EVENT_NAME.fullmatch(name) is not None
 
 
@@ -96,7 +95,12 @@ def _state_put(runtime: Runtime, key: Any, value: Any) -> None:
     if runtime.read_only or runtime.writes_left < 1:
         runtime.check_write()
     runtime.writes_left -= 1
-    data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
+    if type(value) is dict:
+        data = encode_by_shape(runtime, value, STATE_VALUE_MAX_BYTES) or encode_walked(
+            runtime, value, STATE_VALUE_MAX_BYTES, "A stored value"
+        )
+    else:
+        data = encode_checked(runtime, value, STATE_VALUE_MAX_BYTES, "A stored value")
     runtime.gas -= PUT_GAS + (len(key) + len(data) >> 3)
     if runtime.gas < 0:
         runtime.exhausted()
@@ -128,13 +132,15 @@ def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
 
 
 def _emit(runtime: Runtime, name: Any, data: Any) -> None:
-    if not _is_event_name(need_str(name, "emit")):
+    if len(need_str(name, "emit")) > _EVENT_NAME_MAX_CHARS or not _is_event_name(name):
         raise Fault(VALUE_ERROR, "An event's name is 1 to 64 ASCII letters, digits, '_', '.' or '-', a letter first.")
     if type(data) is not dict:
         raise Fault(TYPE_ERROR, f"An event's data is a dict, not {type_name(data)}.")
     if runtime.read_only or len(runtime.events) >= EVENTS_MAX_COUNT:
         runtime.check_event()
-    encoded = encode_checked(runtime, data, EVENT_DATA_MAX_BYTES, "An event's data")
+    encoded = encode_by_shape(runtime, data, EVENT_DATA_MAX_BYTES) or encode_walked(
+        runtime, data, EVENT_DATA_MAX_BYTES, "An event's data"
+    )
     runtime.gas -= EMIT_GAS + (len(name) + len(encoded) >> 4)
     if runtime.gas < 0:
         runtime.exhausted()

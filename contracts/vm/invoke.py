@@ -34,7 +34,7 @@ from contracts.vm.meter import (
     HostInterface,
     Runtime,
 )
-from contracts.vm.values import INT_LIMIT, copy_across, fresh_constant
+from contracts.vm.values import INT_FLOOR, INT_LIMIT, copy_across, fresh_constant
 
 Mode = Literal["export", "view", "genesis", "migrate"]
 
@@ -128,7 +128,7 @@ def _copy_arguments(runtime: Runtime, args: list[Any]) -> list[Any]:
     try:
         return [
             value
-            if type(value) is bytes or (type(value) is int and -INT_LIMIT < value < INT_LIMIT)
+            if type(value) is bytes or (type(value) is int and INT_FLOOR < value < INT_LIMIT)
             else copy_across(runtime, value, "An argument", 1)
             for value in args
         ]
@@ -180,10 +180,11 @@ def _enter_by_call(runtime: Runtime, contract: str, entry: str, arguments: list[
         raise Fault(REENTRANT, f"The contract {contract} is already running in this call.")
     found = _find(runtime, contract, entry, ("export", "view"))
     given = arguments if _PLAIN.issuperset(map(type, arguments)) else _copy_arguments(runtime, arguments)
-    before = runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only
-    runtime.calling_contract = runtime.contract
-    runtime.read_only = runtime.read_only or found.entry.kind == "view"
+    caller, prefix, before, read_only = runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only
+    runtime.calling_contract = caller
+    if found.entry.kind == "view":
+        runtime.read_only = True
     result = _run(runtime, runtime.contracts[contract], found, given)
-    runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only = before
+    runtime.contract, runtime.prefix, runtime.calling_contract, runtime.read_only = caller, prefix, before, read_only
     runtime.depth += CROSS_CALL_FRAMES
     return result

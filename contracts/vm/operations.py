@@ -16,6 +16,7 @@ from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT, Runtime
 from contracts.vm.values import (
     DICT_ENTRY_BYTES,
     HEADER_BYTES,
+    INT_FLOOR,
     INT_LIMIT,
     ITEM_BYTES,
     MISSING,
@@ -40,7 +41,7 @@ def add(runtime: Runtime, left: Any, right: Any) -> Any:
     if kind is type(right):
         if kind is int:
             total = left + right
-            if -INT_LIMIT < total < INT_LIMIT:
+            if INT_FLOOR < total < INT_LIMIT:
                 return total
             return check_int(total)
         if kind is bytes:
@@ -247,7 +248,9 @@ def contains(runtime: Runtime, item: Any, container: Any) -> bool:
 
 def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
     """Return the first index at which `items` holds `wanted`, or -1."""
-    runtime.charge(1)
+    runtime.gas -= 1
+    if runtime.gas < 0:
+        runtime.exhausted()
     for index, item in enumerate(items):
         runtime.gas -= 3
         if runtime.gas < 0:

@@ -87,12 +87,13 @@ def encode_by_shape(runtime: Runtime, value: dict[Any, Any], size_max: int) -> b
     shape = _latest.get(names) or _find(names, value)
     if shape is None:
         return None
-    items = shape.items(value)
-    if tuple(map(type, items)) != shape.kinds:
+    kinds, select, texts, containers, size, gas, encode = shape
+    items = select(value)
+    if tuple(map(type, items)) != kinds:
         shape = _find(names, value)
         if shape is None:
             return None
-    _, _, texts, containers, size, gas, encode = shape
+        _, _, texts, containers, size, gas, encode = shape
     if (containers is not None and any(containers(items))) or size + sum(map(len, texts(items))) > size_max:
         return None
     data = encode(items)

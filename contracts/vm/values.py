@@ -14,6 +14,8 @@ from contracts.vm.meter import ALLOCATION_GAS, ALLOCATION_SHIFT, Runtime
 from contracts.vm.shapes import encode_by_shape
 
 INT_LIMIT = 1 << 256
+INT_FLOOR = -INT_LIMIT
+"""Integers lie between these two, and are neither."""
 DICT_KEY_INT_LIMIT = 1 << 60
 DICT_KEY_MAX_CHARS = 1024
 ITEM_BYTES = 8
@@ -57,7 +59,7 @@ def type_fault(what: str, *values: Any) -> Fault:
 
 def check_int(number: int) -> int:
     """Return `number` if it is within 256 bits. Raises INT_OVERFLOW."""
-    if -INT_LIMIT < number < INT_LIMIT:
+    if INT_FLOOR < number < INT_LIMIT:
         return number
     raise Fault(INT_OVERFLOW, "An integer grew beyond 256 bits.")
 
@@ -196,11 +198,14 @@ def encode_checked(runtime: Runtime, value: Any, size_max: int, what: str) -> by
     """Walk `value` under charge, then return its canonical bytes. Raises VALUE_ERROR beyond `size_max` bytes."""
     kind = type(value)
     if kind is dict:
-        quick = encode_by_shape(runtime, value, size_max)
-        if quick is not None:
-            return quick
-    elif kind is int or kind is bool:
+        return encode_by_shape(runtime, value, size_max) or encode_walked(runtime, value, size_max, what)
+    if kind is int or kind is bool:
         return encode_ordered(value) or encode_value(value)
+    return encode_walked(runtime, value, size_max, what)
+
+
+def encode_walked(runtime: Runtime, value: Any, size_max: int, what: str) -> bytes:
+    """Do the same for any value, step by step."""
     _walk(runtime, value, 0, size_max, what)
     data = encode_value(value)
     if len(data) > size_max:
@@ -255,7 +260,7 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
     if value is None or kind is bool:
         return value
     if kind is int:
-        return value if -INT_LIMIT < value < INT_LIMIT else check_int(value)
+        return value if INT_FLOOR < value < INT_LIMIT else check_int(value)
     if kind is str:
         return _copy_text(runtime, value, what)
     if depth >= VALUE_DEPTH_MAX:
@@ -265,7 +270,7 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return [copy_across(runtime, item, what, depth + 1) for item in value]
     if kind is dict:
-        runtime.charge(6 + 3 * len(value))
+        runtime.gas -= 6 + 3 * len(value)
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
         for key in value:
             check_dict_key(key)
