@@ -32,7 +32,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("ENCODING_INVALID", 400, "The bytes are not a valid message of the expected type.", "Build it with the BlockRobot client library of the same version."),
     ErrorEntry("ENCODING_NOT_CANONICAL", 400, "The bytes decode, but not from their one canonical form.", "Encode again with fields in order and the shortest integers."),
     ErrorEntry("VALUE_INVALID", 400, "A value is of a type or size the ledger does not store.", "Use None, bool, int below 2^256, str, bytes, list or dict."),
-    ErrorEntry("SIGNATURE_INVALID", 400, "The signature was not made by the stated key over these bytes.", "Sign again with the key named in the message."),
+    ErrorEntry("SIGNATURE_INVALID", 400, "The signature was not made by the stated key over these bytes.", "Sign again with the key named in the message; if a whole network refuses it, compare its genesis file with yours."),
     ErrorEntry("SIGNATURE_HIGH_S", 400, "The signature's s value is in the upper half; only the low form is accepted.", "Normalise s to the lower half of the curve order."),
     ErrorEntry("KEY_INVALID", 400, "The bytes are not a valid key.", "Check that the key was copied whole."),
     ErrorEntry("PROOF_INVALID", 400, "A proof does not lead to the root it is for.", "Ask another node; this one is damaged or dishonest."),

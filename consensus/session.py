@@ -32,4 +32,4 @@ def sign_session(key: PrivateKey, chain_id: bytes, node_name: str, challenge: by
 def verify_session(public_key: bytes, signature: bytes, chain_id: bytes, node_name: str, challenge: bytes) -> None:
     """Check the answer to a challenge. Raises SIGNATURE_INVALID, SIGNATURE_HIGH_S or VALUE_INVALID."""
     if recover(SESSION_TAG, signature, *session_parts(chain_id, node_name, challenge, public_key)) != public_key:
-        raise BlockRobotError("SIGNATURE_INVALID", "The challenge was not signed by the stated key.")
+        raise BlockRobotError("SIGNATURE_INVALID", "The challenge was not signed by the stated key for this network.")
