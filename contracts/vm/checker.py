@@ -344,7 +344,7 @@ class Checker(ExpressionChecker):
                     message = f"The view {facts.node.name} changes the state or emits, by way of {name}."
                     self.report(facts.node, "VIEW_WRITES", message, "Make it an @export, or leave that out.")
                     break
-                pending.extend(functions[name].calls & functions.keys())
+                pending.extend(sorted(functions[name].calls & functions.keys(), reverse=True))
 
     def _check_migration(self) -> None:
         """A migration is run by the machine alone, so nobody can give it anything or take anything from it."""

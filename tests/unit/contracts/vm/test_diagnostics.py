@@ -205,6 +205,15 @@ def test_a_view_that_would_write_is_refused_where_it_is_deployed(problems, body)
     assert (problem.code, problem.line) == ("VIEW_WRITES", 8)
 
 
+def test_a_view_with_many_ways_to_write_is_told_the_first_by_name_whatever_the_hash_seed(problems):
+    """The sentence becomes part of a receipt where a source is refused on chain: no set's order may get into it."""
+    names = [f"writer_{letter}" for letter in "hcfbgade"]
+    helpers = "".join(f"def {name}():\n    state.delete(b'k')\n\n" for name in names)
+    calls = "".join(f"    {name}()\n" for name in names)
+    (problem,) = problems(f"{helpers}@view\ndef f():\n{calls}")
+    assert problem.message == "The view f changes the state or emits, by way of writer_a."
+
+
 def test_names_of_kinds_functions_and_constants_may_be_variables(bench):
     source = """
 LIMIT = 3
