@@ -85,17 +85,20 @@ PHRASES: dict[str, tuple[str, ...]] = {
         "zip({ints} + [5], {strs} + ['f'])[0]", "({pair} or (0, ''))",
     ),
     "grid": (
+        "state.get(b'grid', {grid})", "state.get(b'grid', {grid}).copy()",
         "[{ints}, {ints}]", "({grid} + [{ints}])", "[row + [{int}] for row in {grid}]",
         "[[a, len(b)] for a, b in {byint}.items()]", "({grid}[:1] + [[]])", "{grid}.copy()", "[[x] for x in {ints}]",
         "[x[:1] for x in {grid} if x if len(x) < 9]", "({grid}[:2] * 2)", "call('other', 'echo', {grid})",
         "list({grid})", "reversed({grid})", "[{ints!}, {ints!}]", "DEEP",
     ),
     "byint": (
+        "state.get(b'byint', {byint})", "state.get(b'byint', {byint}).copy()",
         "{{{int} % 9: {str}, {int} % 5: {str}}}", "{{x % 7: str(x) for x in {ints}}}", "dict(enumerate({strs}))",
         "{byint}.copy()", "dict({byint})", "dict(zip(range(3), {strs}))", "{{-1: {str}, 2 ** 60 - 1: {str}}}",
     ),
 }  # fmt: skip
 STATEMENTS: tuple[str, ...] = (
+    "state.put(b'grid', {grid})", "state.put(b'byint', {byint})", "state.put(b'table', {table})",
     "{grid!}.append({ints})", "{grid!}[0].append({int})", "{grid!}[0] = {ints}", "{grid!}[-1][0] = {int}",
     "{grid!} += [{ints}]", "{byint!}[{int} % 9] = {str}", "{byint!}[{int} % 9] += {str}", "{byint!}.update({byint})",
     "{byint!}.setdefault({int} % 9, {str})", "del {byint!}[{int} % 9]", "{table!}['a'] {sign} {int} % 9 + 1",

@@ -15,6 +15,8 @@ import warnings
 from types import SimpleNamespace
 from typing import Any
 
+from consensus.primitives.encoding import encode_value
+
 LIMIT = 1 << 256
 BINARY = {
     "Add": operator.add, "Sub": operator.sub, "Mult": operator.mul, "FloorDiv": operator.floordiv, "Mod": operator.mod,
@@ -301,7 +303,7 @@ class State:
         return copy.deepcopy(self.entries[key]) if key in self.entries else default
 
     def put(self, key: bytes, value: Any) -> None:
-        self.entries[key] = plain(value)
+        self.entries[key] = stored(value)
 
     def has(self, key: bytes) -> bool:
         return key in self.entries
@@ -320,6 +322,15 @@ def plain(value: Any) -> Any:
         return [plain(item) for item in value]
     if type(value) is dict:
         return {key: plain(item) for key, item in value.items()}
+    return value
+
+
+def stored(value: Any) -> Any:
+    """Return a value as the state gives it back: the keys of dicts in the order of their encoding."""
+    if type(value) in (list, tuple):
+        return [stored(item) for item in value]
+    if type(value) is dict:
+        return {key: stored(value[key]) for key in sorted(value, key=encode_value)}
     return value
 
 
