@@ -134,13 +134,14 @@ async def test_a_stranger_has_no_transaction_waiting(network: NetworkUnderTest, 
             await intruder.rejected("SENDER_WITHOUT_STANDING", intruder.call(stranger, contract, entry, b"").wire)
 
 
-async def test_calls_that_no_contract_knows_leave_only_a_receipt(network: NetworkUnderTest, intruder: Intruder) -> None:
+async def test_calls_that_no_version_takes_are_refused_at_the_door(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
     member = (await intruder.enrol()).identity
     nested: object = b""
     for _ in range(14):
         nested = [nested]
     calls = [
-        intruder.call(member, "nothing", "here"),
         intruder.call(member, "identity", "nothing"),
         intruder.call(member, "identity", "genesis", [], [], []),
         intruder.call(member, "identity", "member", b""),
@@ -152,10 +153,19 @@ async def test_calls_that_no_contract_knows_leave_only_a_receipt(network: Networ
     ]
     async with nothing_changes(network):
         for call in calls:
-            receipt = await intruder.final(call)
-            assert not receipt["ok"], call.body
-            assert receipt["code"].isupper()
-            assert "Traceback" not in receipt["message"]
+            await intruder.rejected("CONTRACT_CALL_OUTDATED", call.wire)
+
+
+async def test_a_call_of_a_contract_that_is_not_there_leaves_only_a_receipt(
+    network: NetworkUnderTest, intruder: Intruder
+) -> None:
+    """It is taken: the contract may be there by the time of the block."""
+    member = (await intruder.enrol()).identity
+    async with nothing_changes(network):
+        receipt = await intruder.final(intruder.call(member, "nothing", "here"))
+        assert not receipt["ok"]
+        assert receipt["code"].isupper()
+        assert "Traceback" not in receipt["message"]
 
 
 async def test_arguments_nested_without_end_are_refused(network: NetworkUnderTest, intruder: Intruder) -> None:
