@@ -193,14 +193,16 @@ class Returning:
     def next(self, schedule: Schedule, index: int | None, base_timeout_ms: int, *, boundary_round: int) -> Returning:
         """R36: return what goes on in the next epoch. Who spoke in this one, in this process, need not ask again.
 
-        If the boundary lies so low that it may have spoken above it before, and forgotten it, that was in the first
-        round at most: a quorum of the next epoch had left this one, and none of those who were asked had (R40).
+        If the boundary lies so low that it may have spoken above it before, and forgotten it (R40), that was in the
+        first round at most if the same producers go on: a quorum of the next epoch would have left this one, and one of
+        those who were asked with it. Of other producers it has to ask.
         """
-        spoke = self._has_others and not self._is_asking
-        speaks_above_round = _FIRST_ROUND if spoke and boundary_round <= self.speaks_above_round else 0
         is_following = schedule.epoch == self._epoch + 1
         same_producers = is_following and self._producers == frozenset(schedule.producers)
+        may_have_left = boundary_round <= self.speaks_above_round
+        spoke = self._has_others and not self._is_asking and (same_producers or not may_have_left)
         mark = _carried(self.mark, schedule.epoch, same_producers=same_producers)
+        speaks_above_round = _FIRST_ROUND if spoke and may_have_left else 0
         return Returning(schedule, index, base_timeout_ms, mark, asks=not spoke, speaks_above_round=speaks_above_round)
 
 

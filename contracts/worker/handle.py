@@ -6,6 +6,7 @@ it than any block could need, is given up. What was asked is then asked of anoth
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import subprocess
@@ -121,11 +122,12 @@ class WorkerHandle:
         return answer
 
     def end(self) -> None:
-        """Kill the process, if it still runs, and let go of it."""
+        """Kill the process, if it still runs, and let go of it; one that the kernel holds on to is reaped later."""
         self._process.kill()
         self._to.close()
         self._from.close()
-        self._process.wait(_CLOSED_WAIT_S)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(_CLOSED_WAIT_S)
 
     # Speaking
 

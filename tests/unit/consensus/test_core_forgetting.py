@@ -8,7 +8,7 @@ from consensus.effects import BuildBlock
 from consensus.messages import ASKING, SILENT, Proposal, Timeout, Vote
 from consensus.schedule import Schedule
 from tests.sim.named_chain import CHAIN_ID
-from tests.unit.consensus.one_core import CHECK, TRANSACTION, OneCore, of_type, said
+from tests.unit.consensus.one_core import CHECK, TRANSACTION, OneCore, Peers, of_type, said
 
 
 def answered(node, *rounds, qc=None, speeches=()):
@@ -110,11 +110,11 @@ def test_later_answers_move_nothing():
     assert said(node.receive(node.block(2, one)), Vote)
 
 
-def next_core(node, boundary):
+def next_core(node, boundary, producers=None):
     return Core(
         node.settings,
         CHAIN_ID,
-        Schedule(1, node.schedule.producers),
+        Schedule(1, producers or node.schedule.producers),
         node.keys[3],
         finalized=boundary,
         finalized_qc=genesis_certificate(boundary.block_id, 1),
@@ -125,7 +125,10 @@ def next_core(node, boundary):
 
 
 def test_who_may_have_left_the_epoch_before_it_forgot_gives_the_first_round_of_the_next_one_up():
-    """The boundary is of round 4: a producer that may have signed there or above may have begun the next epoch."""
+    """The boundary is of round 4: a producer that may have signed there or above may have begun the next epoch.
+
+    If others produce there, those who answered may know nothing of it: it asks again.
+    """
     for told_round, is_safe in ((2, True), (3, False), (5, False)):
         node = OneCore(3, answered=False)
         one, two = node.chain(1, 2)
@@ -139,3 +142,6 @@ def test_who_may_have_left_the_epoch_before_it_forgot_gives_the_first_round_of_t
         assert core.silence is None
         assert core._voter.may_speak(1) is is_safe, told_round
         assert core._voter.may_speak(2)
+        others = (*node.schedule.producers[2:], *Peers(6).schedule.producers[4:])
+        changed = next_core(node, boundary, others)
+        assert (changed.silence is None) is is_safe
