@@ -67,6 +67,10 @@ _NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICAT
 """What a node says that no other node hears."""
 
 
+_REFUSED_BY_THE_CHAIN = frozenset({"CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
+"""What stays so until organisations decide otherwise, though it may be tried again some day: no wait would see the end."""
+
+
 def _may_ask_another(error: BlockRobotError) -> bool:
     return error.entry.retryable or error.code in _ELSEWHERE | _NOT_TAKING_PART
 
@@ -355,7 +359,8 @@ class NetworkClient:
                 await self.submit(transaction)
                 accepted = True
             except BlockRobotError as error:
-                if not accepted and not _may_ask_another(error):
+                is_final = error.code in _REFUSED_BY_THE_CHAIN or not _may_ask_another(error)
+                if not accepted and is_final:
                     return await self._final_after_rejection(transaction, error)
             left_ms = deadline_ms - self.clock.now_ms()
             if left_ms <= 0:

@@ -102,6 +102,20 @@ async def test_why_a_transaction_was_rejected_is_raised(nodes: Any) -> None:
     assert await refusal_of(client.submit_and_wait(make_transaction(client))) == "SENDER_WITHOUT_STANDING"
 
 
+@pytest.mark.parametrize("code", ["CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"])
+async def test_a_contract_that_does_not_take_the_call_is_not_waited_for(
+    nodes: Any, monkeypatch: pytest.MonkeyPatch, code: str
+) -> None:
+    client = nodes.client()
+    nodes["n0"].node.pool.refuse_with = code
+
+    async def wait(*_: Any, **__: Any) -> None:
+        raise AssertionError("nothing was accepted that could become final")
+
+    monkeypatch.setattr(client, "wait_final", wait)
+    assert await refusal_of(client.submit_and_wait(make_transaction(client))) == code
+
+
 async def test_an_expired_transaction_ends_the_wait(nodes: Any) -> None:
     client = nodes.client()
     nodes["n0"].node.pool.expired.add(bytes(32))
