@@ -303,6 +303,10 @@ class Governor:
         """Upload one part of a contract's source (at most 6,000 bytes); `source_hash` is that of the whole."""
         return await self._call("lifecycle", "upload", [source_hash, parts, place, data])
 
+    async def check_upload(self, source_hash: bytes) -> Decision:
+        """Have a source that is uploaded whole compiled, once: what is wrong with it is told on a proposal."""
+        return await self._call("lifecycle", "check_upload", [source_hash])
+
     async def propose_contract(self, kind: str, arguments: dict[str, Any]) -> Decision:
         """Propose to deploy, activate, disable or keep a contract (see the reference of the system contracts)."""
         return await self._call("lifecycle", "propose", [kind, arguments])

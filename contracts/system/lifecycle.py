@@ -1,18 +1,23 @@
 """Which contracts the network runs, in which version, as the organisations decide. Must never run what was not approved.
 
-table -> {name: [version, source hash, enabled, since height]}, and due -> [{kind, name, version, from_height, from_ms,
-trial_ms}]: these two the machine reads at the beginning of every block, and when something is due it writes them itself,
-before any transaction (see the reference). versions/name -> how many there are; version/name/u32 -> {source_hash,
-size_bytes, entries, migrates, note, organisation, proposal_id, approved_height, status, since_height, failure};
-source/hash -> {parts, size_bytes}; source/hash/u32 -> one part; uploads/org -> [{source_hash, parts, places}], at
-most four; upload/org/hash/u32 -> one part; facts/org/hash -> what the compiler said of them. The sources that ship with
-BlockRobot are not in the state: genesis names them.
+due -> [{kind, name, version, from_height, from_ms}]: changes that the machine carries out at the beginning of a block,
+before any transaction (see the reference). It keeps the table of contracts and the trials itself, out of reach of any
+version of this contract, and writes copies here: table -> {name: [version, source hash, enabled, since height]}, and
+trials -> [{kind, name, version, source_hash, from_height, from_ms}], `version` being the one that comes back.
+versions/name -> how many there are; version/name/u32 -> {source_hash, size_bytes, entries, migrates, note, organisation,
+proposal_id, approved_height, status, since_height, failure}; source/hash -> {parts, size_bytes}; source/hash/u32 -> one
+part; uploads/org -> [{source_hash, parts, places}], at most four; upload/org/hash/u32 -> one part; verdict/org/hash ->
+[what is wrong, facts], as the compiler said. The sources that ship with BlockRobot are not in the state: genesis names
+them.
 
 A source comes in parts, each paid for when it comes, since the price of compiling all of it would not fit into one call.
+It is compiled in a call that does nothing else, after its hash was compared, and whose result stays whatever it is: so
+that each upload buys one compiling and no more.
 Proposals are in `membership`; a majority decides, as of everything.
 """
 
 HASH_BYTES = 32
+SOURCE_TAG = "blockrobot/contract-source"
 PART_MAX_BYTES = 6000
 PARTS_MAX_COUNT = 10
 UPLOADS_MAX_COUNT = 4
@@ -22,16 +27,15 @@ ENTRIES_MAX_COUNT = 100
 DUE_MAX_COUNT = 32
 NOTE_MAX_CHARS = 280
 AHEAD_MAX_BLOCKS = 10000000
-TRIAL_MS = 86400000
 NAME_MAX_CHARS = 32
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-_"
 RESERVED_NAMES = ("blockrobot", "chain", "contract", "ctx", "genesis", "machine", "state", "system")
-GOVERNING = ("forms", "identity", "lifecycle", "membership", "producers")
+GOVERNING = ("forms", "identity", "lifecycle", "membership", "producers", "settings")
 FIELDS = {
     "deploy": {"name": "str", "source_hash": "bytes", "height": "int", "delay": "int", "note": "str"},
     "activate": {"name": "str", "version": "int", "height": "int", "delay": "int", "note": "str"},
-    "disable": {"name": "str", "height": "int", "delay": "int", "note": "str"},
-    "keep": {"name": "str"},
+    "disable": {"name": "str", "version": "int", "height": "int", "delay": "int", "note": "str"},
+    "keep": {"name": "str", "version": "int"},
 }
 
 
@@ -82,12 +86,12 @@ def read_uploads(organisation: str) -> list:
     return state.get(b"uploads/" + organisation.encode(), [])
 
 
-def facts_key(organisation: str, source_hash: bytes) -> bytes:
-    return b"facts/" + organisation.encode() + b"/" + source_hash
+def verdict_key(organisation: str, source_hash: bytes) -> bytes:
+    return b"verdict/" + organisation.encode() + b"/" + source_hash
 
 
 def drop_upload(organisation: str, entry: dict):
-    state.delete(facts_key(organisation, entry["source_hash"]))
+    state.delete(verdict_key(organisation, entry["source_hash"]))
     prefix = upload_prefix(organisation, entry["source_hash"])
     for place in entry["places"]:
         state.delete(prefix + u32(place))
@@ -97,13 +101,15 @@ def drop_upload(organisation: str, entry: dict):
 def upload(source_hash: bytes, parts: int, place: int, data: bytes):
     """Take in one part of a source, of 1 to 6,000 bytes; the first has place 0. A fifth upload drops the oldest.
 
-    Who may call: an admin of an active organisation.
+    Once `check_upload` has judged a source its parts stay as they are. Who may call: an admin of an active organisation.
     """
     organisation = require_admin()
     require(len(source_hash) == HASH_BYTES, "HASH_WRONG", "A source's hash has 32 bytes.")
     require(0 < parts and parts <= PARTS_MAX_COUNT, "PART_WRONG", "A source has 1 to 10 parts.")
     require(0 <= place and place < parts, "PART_WRONG", "There is no such part.")
     require(0 < len(data) and len(data) <= PART_MAX_BYTES, "PART_WRONG", "A part has 1 to 6,000 bytes.")
+    if state.has(verdict_key(organisation, source_hash)):
+        return
     charge_source(data)
     uploads = read_uploads(organisation)
     known = [entry for entry in uploads if entry["source_hash"] == source_hash and entry["parts"] == parts]
@@ -122,7 +128,6 @@ def upload(source_hash: bytes, parts: int, place: int, data: bytes):
         entry["places"].append(place)
     uploads = [other for other in uploads if other["source_hash"] != source_hash]
     uploads.append(entry)
-    state.delete(facts_key(organisation, source_hash))
     state.put(upload_prefix(organisation, source_hash) + u32(place), data)
     state.put(b"uploads/" + organisation.encode(), uploads)
     emit("uploaded", {"organisation": organisation, "source_hash": source_hash, "place": place, "parts": parts})
@@ -141,19 +146,36 @@ def read_parts(organisation: str, entry: dict) -> list:
     return [state.get(prefix + u32(place)) for place in range(entry["parts"])]
 
 
-def check_upload(organisation: str, name: str, source_hash: bytes):
-    """Have the source of an upload compiled, and note what it is. Refuses one that is not in the contract language."""
-    entry = find_upload(organisation, source_hash)
-    facts = check_source(name, read_parts(organisation, entry))
-    require(facts["source_hash"] == source_hash, "SOURCE_OTHER", "The uploaded parts have another hash.")
-    fitting = len(facts["entries"]) <= ENTRIES_MAX_COUNT
-    require(fitting, "ENTRIES_TOO_MANY", "A contract has at most 100 entries.")
-    state.put(facts_key(organisation, source_hash), facts)
+@export
+def check_upload(source_hash: bytes):
+    """Have an uploaded source compiled, and note what it is, or what is wrong with it; a second time nothing is done.
+
+    Nothing that can fail may follow the compiling. Who may call: an admin of an active organisation.
+    """
+    organisation = require_admin()
+    require(len(source_hash) == HASH_BYTES, "HASH_WRONG", "A source's hash has 32 bytes.")
+    if state.has(verdict_key(organisation, source_hash)):
+        return
+    data = b""
+    for part in read_parts(organisation, find_upload(organisation, source_hash)):
+        data += part
+    same = tagged_hash(SOURCE_TAG, data) == source_hash
+    require(same, "SOURCE_OTHER", "The uploaded parts have another hash.")
+    problem, facts = check_source(data)
+    if problem == "" and len(facts["entries"]) > ENTRIES_MAX_COUNT:
+        problem = "A contract has at most 100 entries."
+        facts = {}
+    state.put(verdict_key(organisation, source_hash), [problem, facts])
+    emit("checked", {"organisation": organisation, "source_hash": source_hash, "problem": problem})
 
 
 def require_facts(organisation: str, source_hash: bytes) -> dict:
-    facts = state.get(facts_key(organisation, source_hash))
-    require(facts is not None, "SOURCE_MISSING", "The source is gone or was uploaded anew: upload and propose it again.")
+    """Return what is known of an uploaded source that was checked and found good."""
+    find_upload(organisation, source_hash)
+    verdict = state.get(verdict_key(organisation, source_hash))
+    require(verdict is not None, "SOURCE_UNCHECKED", "The uploaded source was not checked yet: call check_upload.")
+    problem, facts = verdict
+    require(problem == "", "SOURCE_INVALID", problem)
     return facts
 
 
@@ -192,6 +214,7 @@ def check(kind: str, arguments: dict, organisation: str):
     table = state.get(b"table")
     if kind == "keep":
         require(len(trials_of(name)) > 0, "NO_TRIAL", "No version of this contract is on trial.")
+        require_active(arguments["version"], table[name])
         return
     check_when(arguments)
     if kind == "deploy":
@@ -202,11 +225,17 @@ def check(kind: str, arguments: dict, organisation: str):
     if kind == "disable":
         require(name not in GOVERNING, "GOVERNING", "Without this contract the network could never be changed again.")
         require(enabled, "DISABLED_ALREADY", "The contract is disabled already.")
+        require_active(arguments["version"], table[name])
         return
     known = 0 < arguments["version"] and arguments["version"] <= state.get(b"versions/" + name.encode(), 0)
     require(known, "VERSION_UNKNOWN", "The contract has no such version.")
     active = enabled and arguments["version"] == version
     require(not active, "ACTIVE_ALREADY", "This version is the active one.")
+
+
+def require_active(version: int, row: list):
+    """What is said of a version counts for no other that took its place meanwhile."""
+    require(version == row[0], "VERSION_OTHER", f"The active version is {row[0]}, not {version}.")
 
 
 def check_when(arguments: dict):
@@ -220,7 +249,9 @@ def check_when(arguments: dict):
 
 def check_new_version(name: str, source_hash: bytes, table: dict, organisation: str):
     if name not in table:
-        require(len(table) < CONTRACTS_MAX_COUNT, "CONTRACTS_TOO_MANY", "A network has at most 64 contracts.")
+        coming = {entry["name"]: True for entry in state.get(b"due", []) if entry["name"] not in table}
+        coming[name] = True
+        require(len(table) + len(coming) <= CONTRACTS_MAX_COUNT, "CONTRACTS_TOO_MANY", "A network has at most 64 contracts.")
     else:
         require(table[name][1] != source_hash, "ACTIVE_ALREADY", "This source is the active version's.")
     number = state.get(b"versions/" + name.encode(), 0)
@@ -253,7 +284,8 @@ def check_name(name: str):
 def take_effect(proposal_id: bytes, kind: str, arguments: dict, organisation: str):
     name = arguments["name"]
     if kind == "keep":
-        state.put(b"due", [entry for entry in state.get(b"due", []) if entry["kind"] != "return" or entry["name"] != name])
+        row = {"kind": kind, "name": name, "version": arguments["version"], "from_height": ctx.height + 1, "from_ms": 0}
+        state.put(b"due", state.get(b"due", []) + [row])
         emit("kept", {"name": name})
         return
     if kind == "deploy":
@@ -272,26 +304,26 @@ def take_effect(proposal_id: bytes, kind: str, arguments: dict, organisation: st
 
 
 def schedule(kind: str, name: str, version: int, arguments: dict):
-    """Note what is due, at a height of its own: only one contract changes with a block."""
-    due = state.get(b"due", [])
-    if kind == "disable":
-        due = [entry for entry in due if entry["name"] != name]
+    """Note what is due, at a height of its own: only one contract changes with a block.
+
+    It takes the place of what else waits for this contract, but for a decision to keep a version.
+    """
+    due = [entry for entry in state.get(b"due", []) if entry["name"] != name or entry["kind"] == "keep"]
     height = max(arguments["height"], ctx.height + max(arguments["delay"], 1))
     taken = [entry["from_height"] for entry in due]
     while height in taken:
         height += 1
-    trial_ms = 0
-    if name in GOVERNING:
-        trial_ms = TRIAL_MS
-    due.append(
-        {"kind": kind, "name": name, "version": version, "from_height": height, "from_ms": 0, "trial_ms": trial_ms}
-    )
+    due.append({"kind": kind, "name": name, "version": version, "from_height": height, "from_ms": 0})
     state.put(b"due", due)
     emit("scheduled", {"kind": kind, "name": name, "version": version, "height": height})
 
 
 def trials_of(name: str) -> list:
-    return [entry for entry in state.get(b"due", []) if entry["kind"] == "return" and entry["name"] == name]
+    return [entry for entry in state.get(b"trials", []) if entry["name"] == name]
+
+
+def read_changes() -> list:
+    return state.get(b"due", []) + state.get(b"trials", [])
 
 
 # What organisations decide
@@ -309,7 +341,6 @@ def propose(kind: str, arguments: dict):
         known = isinstance(name, str) and isinstance(source_hash, bytes)
         require(known, "FIELDS_WRONG", "The proposal needs a name and a source hash.")
         check_name(name)
-        check_upload(organisation, name, source_hash)
     check(kind, arguments, organisation)
     if call("membership", "propose_contract", kind, arguments):
         take_effect(ctx.txid, kind, arguments, organisation)
@@ -343,7 +374,7 @@ def contract(name: str) -> dict | None:
     version, source_hash, enabled, since_height = table.get(name, [0, b"", False, 0])
     row = {"name": name, "version": version, "source_hash": source_hash, "enabled": enabled}
     row.update({"since_height": since_height, "versions": versions})
-    row["due"] = [entry for entry in state.get(b"due", []) if entry["name"] == name]
+    row["due"] = [entry for entry in read_changes() if entry["name"] == name]
     return row
 
 
@@ -356,7 +387,7 @@ def version(name: str, number: int) -> dict | None:
 @view
 def changes_due() -> list:
     """Return what waits for its height or time."""
-    return state.get(b"due", [])
+    return read_changes()
 
 
 @view

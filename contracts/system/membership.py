@@ -224,10 +224,12 @@ def rekey(arguments: dict):
 # Proposals
 
 
+def require_direct():
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+
+
 def require_admin() -> str:
-    """Return the active organisation that the caller speaks for; no contract but these two speaks in his name."""
-    known = ctx.calling_contract in ["", "settings", "lifecycle"]
-    require(known, "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    """Return the active organisation that the caller speaks for."""
     name = call("identity", "admin_of", ctx.caller)
     require(name != "", "NOT_AN_ADMIN", "Only an admin of an active organisation may do that.")
     return name
@@ -337,6 +339,7 @@ def propose(kind: str, arguments: dict):
 
     The organisation's own certificates need no others to be revoked.
     """
+    require_direct()
     require_admin()
     check(kind, arguments)
     if open_proposal("membership", kind, arguments):
@@ -346,6 +349,7 @@ def propose(kind: str, arguments: dict):
 @export
 def approve(proposal_id: bytes):
     """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
+    require_direct()
     reached, kind, arguments = add_approval("membership", proposal_id)
     if reached:
         check(kind, arguments)
@@ -355,6 +359,7 @@ def approve(proposal_id: bytes):
 @export
 def withdraw(proposal_id: bytes):
     """Take an open proposal of any contract back. Who may call: an admin of the organisation that proposed it."""
+    require_direct()
     organisation = require_admin()
     proposal = require_open(proposal_id)
     require(proposal["organisation"] == organisation, "NOT_THE_PROPOSER", "Another organisation proposed it.")

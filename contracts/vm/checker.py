@@ -43,7 +43,7 @@ def check_source(source: str, name: str) -> SourceFacts:
 
     A source that cannot be parsed is looked at no further: `check_thoroughly` does that.
     """
-    _check_name(name)
+    check_name(name)
     text = prelex(source)
     verdict = min(text.diagnostics, key=lambda one: (one.line, one.column), default=None)
     if text.fatal:
@@ -65,7 +65,7 @@ def check_thoroughly(source: str, name: str) -> tuple[tuple[Diagnostic, ...], So
     For authors: it reads on where a line cannot be read, and may parse a source many times over.
     """
     try:
-        _check_name(name)
+        check_name(name)
         diagnostics: list[Diagnostic] = []
     except ContractSourceError as error:
         diagnostics = list(error.diagnostics)
@@ -78,7 +78,8 @@ def check_thoroughly(source: str, name: str) -> tuple[tuple[Diagnostic, ...], So
     return _sorted(checker.diagnostics), checker.facts
 
 
-def _check_name(name: str) -> None:
+def check_name(name: str) -> None:
+    """Refuse what is no contract's name. Raises ContractSourceError."""
     if _CONTRACT_NAME.fullmatch(name) is None:
         message = "A contract's name is 1 to 32 of a-z, 0-9, '-' and '_', a letter first."
         raise ContractSourceError("contract", (Diagnostic("CONTRACT_NAME", 1, 1, message, "Choose such a name."),))

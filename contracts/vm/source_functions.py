@@ -6,14 +6,21 @@ from __future__ import annotations
 
 from typing import Any
 
+from consensus.primitives.encoding import encode_value
 from contracts.vm.builtins_table import Builtin
-from contracts.vm.faults import LIFECYCLE_ONLY, SOURCE_INVALID, TYPE_ERROR, ContractSourceError, Fault
+from contracts.vm.faults import LIFECYCLE_ONLY, ContractSourceError, Fault
 from contracts.vm.meter import Runtime
-from contracts.vm.values import charge_decoded, need_bytes, need_str, type_name
+from contracts.vm.values import charge_decoded, need_bytes
 
 LIFECYCLE = "lifecycle"
 SOURCE_PART_BYTE_GAS = 40
+SOURCE_CHECK_BYTE_GAS = 3
 SOURCE_CHECK_GAS = 2000
+SOURCE_KEPT_GAS = 20_000
+"""What must be left to keep the verdict, or nothing is compiled; it is not taken."""
+FACTS_MAX_BYTES = 8 * 1024
+PROBLEM_MAX_CHARS = 200
+"""What may be kept of a source: so that what follows the compiling is bounded, and no call fails for it."""
 
 
 def _require_lifecycle(runtime: Runtime, what: str) -> None:
@@ -27,29 +34,41 @@ def _charge_source(runtime: Runtime, data: Any) -> None:
     runtime.charge(SOURCE_PART_BYTE_GAS * len(need_bytes(data, "charge_source")))
 
 
-def _check_source(runtime: Runtime, name: Any, parts: Any) -> dict[str, Any]:
-    """Return the facts about a source (see `contracts.vm.sources.describe_source`) whose parts were paid for."""
+def _check_source(runtime: Runtime, data: Any) -> list[Any]:
+    """Have a source compiled that was paid for. Return [what is wrong with it or an empty text, the facts about it].
+
+    The facts are those of `contracts.vm.sources.describe_source`, or {} of a source that is refused. A refusal is a
+    result and no failure, so that it can be kept: what costs this much must not be asked twice.
+    """
     _require_lifecycle(runtime, "check_source")
-    need_str(name, "check_source")
-    if type(parts) is not list:
-        raise Fault(TYPE_ERROR, f"check_source takes a list of parts, not {type_name(parts)}.")
-    data = b"".join([need_bytes(part, "check_source") for part in parts])
-    runtime.charge(SOURCE_CHECK_GAS + len(data))
+    price = SOURCE_CHECK_GAS + SOURCE_CHECK_BYTE_GAS * len(need_bytes(data, "check_source"))
+    runtime.charge(price + SOURCE_KEPT_GAS)
+    runtime.gas += SOURCE_KEPT_GAS
+    problem, facts = _judge(data)
+    problem = problem.encode("ascii", "backslashreplace").decode()
+    if len(problem) > PROBLEM_MAX_CHARS:
+        problem = problem[: PROBLEM_MAX_CHARS - 3] + "..."
+    charge_decoded(runtime, [problem, facts])
+    return [problem, facts]
+
+
+def _judge(data: bytes) -> tuple[str, dict[str, Any]]:
     # The compiler knows these functions by name, so that it can only be looked up when it is needed.
-    from contracts.vm.sources import compile_once, describe_source  # noqa: PLC0415
+    from contracts.vm.sources import check_once, describe_source  # noqa: PLC0415
 
     try:
-        facts = describe_source(data, compile_once(data.decode(), name))
+        facts = describe_source(data, check_once(data.decode()))
     except UnicodeDecodeError:
-        raise Fault(SOURCE_INVALID, "The source is not UTF-8.") from None
+        return "The source is not UTF-8.", {}
     except ContractSourceError as error:
         found = error.verdict
-        raise Fault(SOURCE_INVALID, f"Line {found.line} of the source: {found.code}: {found.message}") from None
-    charge_decoded(runtime, facts)
-    return facts
+        return f"Line {found.line} of the source: {found.code}: {found.message}", {}
+    if len(encode_value(facts)) > FACTS_MAX_BYTES:
+        return f"The names and types of a contract's entries take at most {FACTS_MAX_BYTES} bytes.", {}
+    return "", facts
 
 
 SOURCE_FUNCTIONS: dict[str, Builtin] = {
     "charge_source": Builtin(_charge_source, ("data",), 1),
-    "check_source": Builtin(_check_source, ("name", "parts"), 2),
+    "check_source": Builtin(_check_source, ("data",), 1),
 }

@@ -5,15 +5,20 @@ Must never let what is remembered change an outcome: a source compiles the same 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
 from consensus.primitives.hashing import tagged_hash
+from contracts.vm.abi import Abi
+from contracts.vm.checker import check_name
 from contracts.vm.compiled import CompiledContract, compile_contract
 from contracts.vm.faults import ContractSourceError, Diagnostic
+from contracts.vm.host import flat_prefix
 
 SOURCE_TAG = "blockrobot/contract-source"
 SOURCES_KEPT_COUNT = 64
+_NAMELESS = "contract"
 
 
 def compute_source_hash(data: bytes) -> bytes:
@@ -22,20 +27,33 @@ def compute_source_hash(data: bytes) -> bytes:
 
 
 @lru_cache(maxsize=SOURCES_KEPT_COUNT)
-def _compile(source: str, name: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Diagnostic]:
+def _compile(source: str) -> CompiledContract | tuple[tuple[Diagnostic, ...], Diagnostic]:
     """Compile a source, or return what is wrong with it: a refusal is remembered too, it may have cost as much."""
     try:
-        return compile_contract(source, name)
+        return compile_contract(source, _NAMELESS)
     except ContractSourceError as error:
         return error.diagnostics, error.verdict
 
 
-def compile_once(source: str, name: str) -> CompiledContract:
-    """Return the compiled contract, from memory if this process compiled it lately. Raises ContractSourceError."""
-    outcome = _compile(source, name)
+def check_once(source: str) -> CompiledContract:
+    """Return a source compiled under no name that means anything, from memory if this process compiled it lately.
+
+    Raises ContractSourceError.
+    """
+    outcome = _compile(source)
     if isinstance(outcome, CompiledContract):
         return outcome
-    raise ContractSourceError(name, *outcome)
+    raise ContractSourceError(_NAMELESS, *outcome)
+
+
+def compile_once(source: str, name: str) -> CompiledContract:
+    """Return the compiled contract, of which its name is no part: one source is compiled once for all its names.
+
+    Raises ContractSourceError.
+    """
+    check_name(name)
+    found = check_once(source)
+    return replace(found, name=name, abi=Abi(name, found.abi.entries), prefix=flat_prefix(name))
 
 
 def describe_source(data: bytes, compiled: CompiledContract) -> dict[str, Any]:

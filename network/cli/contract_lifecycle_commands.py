@@ -12,10 +12,12 @@ import click
 from rich.markup import escape
 
 from clients.sdk.governance import Decision, Governor
+from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from contracts.execution.registry import compute_source_hash
 from contracts.kit.sources import read_source
 from contracts.vm import compile_contract
+from network.chain_contracts import read_contracts
 from network.cli.governing import (
     Seat,
     Told,
@@ -26,6 +28,7 @@ from network.cli.governing import (
     report_decision,
     summary_of,
     take_seat,
+    with_client,
 )
 
 PART_BYTES = 6000
@@ -39,6 +42,11 @@ delay_option = click.option(
 note_option = click.option("--note", default="", help="Why; kept on the chain, at most 280 characters.")
 
 
+version_option = click.option(
+    "--version", type=click.IntRange(min=1), help="The version that is meant, if not the one in force now."
+)
+
+
 def when_options(command: Any) -> Any:
     """Add --height, --delay and --note."""
     for option in (note_option, delay_option, height_option):
@@ -48,6 +56,16 @@ def when_options(command: Any) -> Any:
 
 def _propose(seat: Seat, kind: str, arguments: dict[str, Any]) -> Told:
     return propose_once(seat, "lifecycle", kind, arguments, lambda governor: governor.propose_contract(kind, arguments))
+
+
+def _version_in_force(seat: Seat, name: str) -> int:
+    """Return the version that is in force, or was when the contract was disabled; 0 of one that is not there."""
+
+    async def read(client: NetworkClient) -> int:
+        row = (await read_contracts(client, seat.key)).find(name)
+        return 0 if row is None else row.version
+
+    return with_client(seat, read)
 
 
 def _report(told: Told, what: str, name: str, *, as_json: bool) -> None:
@@ -95,8 +113,9 @@ def propose(
 ) -> None:
     """Upload a source and propose it: a new contract, or a new version of one.
 
-    The source is checked here first; every part of at most 6,000 bytes is a transaction of its own. With the approval of
-    a majority the version takes effect at the beginning of a block; if it has a @migrate entry, that runs then.
+    The source is checked here first; every part of at most 6,000 bytes is a transaction of its own, and so is the check
+    by the network. With the approval of a majority the version takes effect at the beginning of a block; if it has a
+    @migrate entry, that runs then.
 
     \b
     Example: blockrobot contract propose visitors.py --as hospital
@@ -112,6 +131,7 @@ def propose(
     async def work(governor: Governor) -> Decision:
         for place, part in enumerate(parts):
             await governor.upload_part(source_hash, len(parts), place, part)
+        await governor.check_upload(source_hash)
         return await governor.propose_contract("deploy", arguments)
 
     told = propose_once(take_seat(folder, organisation, key_file), "lifecycle", "deploy", arguments, work)
@@ -185,12 +205,14 @@ def activate(
 
 @click.command()
 @click.argument("name")
+@version_option
 @when_options
 @governing_options
 @json_option
 @plain_errors
 def disable(
     name: str,
+    version: int | None,
     height: int,
     delay: int,
     note: str,
@@ -203,24 +225,30 @@ def disable(
 
     Example: blockrobot contract disable visitors --as hospital --note "wrong floors"
     """
-    arguments = {"name": name, "height": height, "delay": delay, "note": note}
     seat = take_seat(folder, organisation, key_file)
+    number = version or _version_in_force(seat, name)
+    arguments = {"name": name, "version": number, "height": height, "delay": delay, "note": note}
     told = _propose(seat, "disable", arguments)
-    _report(told, f"disable {name}", name, as_json=as_json)
+    _report(told, f"disable {name} version {number}", name, as_json=as_json)
 
 
 @click.command()
 @click.argument("name")
+@version_option
 @governing_options
 @json_option
 @plain_errors
-def keep(name: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
-    """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership or producers.
+def keep(
+    name: str, version: int | None, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
+    """Propose to keep a version that is on trial: of forms, identity, lifecycle, membership, producers or settings.
 
-    A new version of these goes by itself after 24 hours unless a majority keeps it.
+    A new version of these goes by itself after 24 hours unless a majority keeps it. The decision is about this version:
+    if another takes its place before a majority approved, it counts no more.
 
     Example: blockrobot contract keep membership --as hospital
     """
     seat = take_seat(folder, organisation, key_file)
-    told = _propose(seat, "keep", {"name": name})
-    _report(told, f"keep {name}", name, as_json=as_json)
+    number = version or _version_in_force(seat, name)
+    told = _propose(seat, "keep", {"name": name, "version": number})
+    _report(told, f"keep {name} version {number}", name, as_json=as_json)

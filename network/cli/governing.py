@@ -277,7 +277,8 @@ def summary_of(row: ProposalRow) -> str:
     if row.kind == "set":
         return f"{arguments['name']} = {arguments['value']}"
     named = arguments.get("name") or arguments.get("node") or arguments.get("organisation")
-    return f"{row.kind.replace('_', '-')} {named}"
+    version = f" version {arguments['version']}" if "version" in arguments else ""
+    return f"{row.kind.replace('_', '-')} {named}{version}"
 
 
 def print_proposals(rows: list[ProposalRow], needed: int, group: str) -> None:

@@ -49,8 +49,9 @@ def _deploy(chain: Chain, name: str, source: str, number: int) -> list[tuple[Cal
         Call(sign_call(chain, chain.admins[0], "lifecycle", "upload", [source_hash, len(parts), place, part], number))
         for place, part in enumerate(parts)
     )
+    check = Call(sign_call(chain, chain.admins[0], "lifecycle", "check_upload", [source_hash], number))
     arguments = {"name": name, "source_hash": source_hash, "height": 0, "delay": number % 3, "note": ""}
-    return [uploads, *_decide(chain, "deploy", arguments, number)]
+    return [uploads, (check,), *_decide(chain, "deploy", arguments, number)]
 
 
 def _write(chain: Chain, number: int, place: int, *excused: str) -> tuple[Call, ...]:
@@ -74,7 +75,7 @@ def contract_turnover(size: NetworkSize, number: int) -> tuple[tuple[Call, ...],
         approval = sign_call(chain, chain.admins[-1], "settings", "approve", [proposal.txid], number)
         batches += [(Call(proposal),), (Call(approval),)]
     when = {"height": 0, "delay": 0, "note": ""}
-    batches += _decide(chain, "disable", {"name": "guests"} | when, number)
+    batches += _decide(chain, "disable", {"name": "guests", "version": number + 1} | when, number)
     batches += _decide(chain, "activate", {"name": "guests", "version": max(1, number)} | when, number)
     batches += [_write(chain, number, 2, *early)]
     return tuple(batches)

@@ -6,7 +6,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value, u32
-from contracts.execution.catalogue import SOURCE_PREFIX, TABLE_KEY, Catalogue, read_source_of
+from contracts.execution.catalogue import SOURCE_APPROVED_PREFIX, SOURCE_PREFIX, TABLE_KEY, Catalogue, read_source_of
 from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash
 from contracts.state.view import MemoryState
 from contracts.vm import sources
@@ -26,7 +26,7 @@ def test_each_state_has_its_own_contracts(chain: Consortium) -> None:
     before, catalogue = chain.state.copy(), Catalogue()
     upgrade(chain, "visitors", VISITORS_2)
     after = chain.state.copy()
-    agree(chain, "disable", disabling("visitors"))
+    agree(chain, "disable", disabling("visitors", 2))
     chain.block([])
     for _ in range(2):
         old, new, resting = (catalogue.active(state) for state in (before, after, chain.state))
@@ -66,7 +66,7 @@ def test_a_source_that_is_missing_or_another_is_never_run(chain: Consortium, dam
         "part": {place + b"/" + u32(0): None},
         "changed": {place + b"/" + u32(0): encode_value(VISITORS_2.encode())},
     }[damage]
-    chain.state.apply(change)
+    chain.state.apply({SOURCE_APPROVED_PREFIX + compute_source_hash(VISITORS): None} | change)
     with pytest.raises(BlockRobotError, match="STORAGE_DAMAGED"):
         Catalogue().active(chain.state)
 

@@ -64,9 +64,14 @@ def activation(name: str, version: int, **more: Any) -> dict[str, Any]:
     return {"name": name, "version": version, "height": 0, "delay": 0, "note": ""} | more
 
 
-def disabling(name: str, **more: Any) -> dict[str, Any]:
+def disabling(name: str, version: int = 1, **more: Any) -> dict[str, Any]:
     """The arguments of a proposal to disable a contract."""
-    return {"name": name, "height": 0, "delay": 0, "note": ""} | more
+    return {"name": name, "version": version, "height": 0, "delay": 0, "note": ""} | more
+
+
+def keeping(name: str, version: int = 2) -> dict[str, Any]:
+    """The arguments of a proposal to keep a version that is on trial."""
+    return {"name": name, "version": version}
 
 
 def parts_of(source: str) -> list[bytes]:
@@ -75,11 +80,13 @@ def parts_of(source: str) -> list[bytes]:
     return [data[first : first + PART_BYTES] for first in range(0, len(data), PART_BYTES)]
 
 
-def upload(chain: Consortium, key: PrivateKey, source: str) -> None:
-    """Upload all parts of a source."""
+def upload(chain: Consortium, key: PrivateKey, source: str, *, checked: bool = True) -> None:
+    """Upload all parts of a source, and have it checked."""
     parts = parts_of(source)
     for place, data in enumerate(parts):
         chain.must(key, "lifecycle", "upload", compute_source_hash(source), len(parts), place, data)
+    if checked:
+        chain.must(key, "lifecycle", "check_upload", compute_source_hash(source))
 
 
 def agree(chain: Consortium, kind: str, arguments: dict[str, Any]) -> Receipt:

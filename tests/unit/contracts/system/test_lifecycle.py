@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import pytest
 
-from consensus.limits import CALL_GAS_MAX
+from consensus.limits import BLOCK_GAS_MAX, CALL_GAS_MAX
 from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
+from contracts.vm import sources
 from tests.unit.contracts.system.consortium import Consortium, admin_of, data_of, key_of
 from tests.unit.contracts.system.deploying import (
     FAILING,
@@ -151,7 +153,10 @@ def test_a_long_source_comes_in_parts_in_any_order(chain: Consortium) -> None:
     for place in reversed(range(1, len(parts))):
         chain.must(key, "lifecycle", "upload", compute_source_hash(source), len(parts), place, parts[place])
     chain.refused("SOURCE_MISSING", key, "lifecycle", "propose", "deploy", deployment("visitors", source))
+    chain.refused("SOURCE_MISSING", key, "lifecycle", "check_upload", compute_source_hash(source))
     chain.must(key, "lifecycle", "upload", compute_source_hash(source), len(parts), 0, parts[0])
+    chain.refused("SOURCE_UNCHECKED", key, "lifecycle", "propose", "deploy", deployment("visitors", source))
+    chain.must(key, "lifecycle", "check_upload", compute_source_hash(source))
     agree(chain, "deploy", deployment("visitors", source))
     chain.must(ANYONE, "visitors", "enter", "Ada")
     assert chain.view("lifecycle", "uploads", "org-01") == []
@@ -168,29 +173,44 @@ def test_what_is_not_in_the_language_is_refused(chain: Consortium) -> None:
 def test_parts_that_give_another_hash_are_refused(chain: Consortium) -> None:
     key, source_hash = admin_of("org-01"), compute_source_hash(VISITORS)
     chain.must(key, "lifecycle", "upload", source_hash, 1, 0, VISITORS_2.encode())
-    chain.refused("SOURCE_OTHER", key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS))
+    chain.refused("SOURCE_OTHER", key, "lifecycle", "check_upload", source_hash)
+    chain.refused("SOURCE_UNCHECKED", key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS))
+    upload(chain, key, VISITORS)
+    chain.must(key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS))
 
 
-def test_a_part_that_is_exchanged_after_the_proposal_stops_the_approval(chain: Consortium) -> None:
+def test_a_part_cannot_be_exchanged_once_the_source_is_checked(chain: Consortium) -> None:
     key, source_hash = admin_of("org-01"), compute_source_hash(VISITORS)
     upload(chain, key, VISITORS)
     proposal_id = chain.must(key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS)).txid
-    chain.must(key, "lifecycle", "upload", source_hash, 1, 0, VISITORS_2.encode())
+    root = chain.state.state_root
+    for parts, data in ((1, VISITORS_2.encode()), (2, b"#"), (1, VISITORS.encode())):
+        chain.must(key, "lifecycle", "upload", source_hash, parts, 0, data)
+        assert chain.state.state_root == root
+    chain.must(admin_of("org-02"), "lifecycle", "approve", proposal_id)
+    chain.must(ANYONE, "visitors", "enter", "Ada")
+
+
+def test_a_source_that_was_pushed_out_after_the_proposal_stops_the_approval(chain: Consortium) -> None:
+    key = admin_of("org-01")
+    upload(chain, key, VISITORS)
+    proposal_id = chain.must(key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS)).txid
+    for number in range(4):
+        upload(chain, key, VISITORS + f"# {number}\n")
     chain.refused("SOURCE_MISSING", admin_of("org-02"), "lifecycle", "approve", proposal_id)
     upload(chain, key, VISITORS)
-    again = chain.must(key, "lifecycle", "propose", "deploy", deployment("visitors", VISITORS)).txid
-    chain.must(admin_of("org-02"), "lifecycle", "approve", again)
+    chain.must(admin_of("org-02"), "lifecycle", "approve", proposal_id)
 
 
 def test_an_organisation_keeps_four_uploads_and_one_cannot_push_out_anothers(chain: Consortium) -> None:
-    sources = [VISITORS + f"# {number}\n" for number in range(6)]
-    upload(chain, admin_of("org-02"), sources[0])
-    for source in sources:
+    texts = [VISITORS + f"# {number}\n" for number in range(6)]
+    upload(chain, admin_of("org-02"), texts[0])
+    for source in texts:
         upload(chain, admin_of("org-01"), source)
     kept = [entry["source_hash"] for entry in chain.view("lifecycle", "uploads", "org-01")]
-    assert kept == [compute_source_hash(source) for source in sources[2:]]
+    assert kept == [compute_source_hash(source) for source in texts[2:]]
     assert len(chain.view("lifecycle", "uploads", "org-02")) == 1
-    dropped = deployment("visitors", sources[0])
+    dropped = deployment("visitors", texts[0])
     chain.refused("SOURCE_MISSING", admin_of("org-01"), "lifecycle", "propose", "deploy", dropped)
     chain.must(admin_of("org-02"), "lifecycle", "propose", "deploy", dropped)
 
@@ -235,3 +255,125 @@ def test_the_largest_part_fits_into_a_call_also_when_it_drops_ten_others(chain: 
     kept = [entry["source_hash"][0] for entry in chain.view("lifecycle", "uploads", "org-01")]
     assert kept == [1, 2, 3, 4]
     assert list(chain.state.scan(b"lifecycle\x00upload/org-01/" + bytes(32), 20)) == []
+
+
+class Counting:
+    """Stands for the compiler, remembers nothing, and counts."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.texts: list[str] = []
+        self._compile = sources._compile.__wrapped__
+        monkeypatch.setattr(sources, "_compile", self)
+
+    def __call__(self, source: str) -> Any:
+        self.texts.append(source)
+        return self._compile(source)
+
+
+@pytest.mark.parametrize("source", [VISITORS, "import os\n"])
+def test_an_upload_buys_one_compiling_whatever_comes_of_it(
+    chain: Consortium, monkeypatch: pytest.MonkeyPatch, source: str
+) -> None:
+    key, source_hash = admin_of("org-01"), compute_source_hash(source)
+    upload(chain, key, source, checked=False)
+    compiler = Counting(monkeypatch)
+    chain.must(key, "lifecycle", "check_upload", source_hash)
+    assert compiler.texts.count(source) == 1
+    for number in range(3):
+        chain.must(key, "lifecycle", "upload", source_hash, 1, 0, b"#")
+        chain.must(key, "lifecycle", "check_upload", source_hash)
+        chain.send(key, "lifecycle", "propose", "deploy", deployment(f"name-{number}", source, note="x" * 281))
+        chain.send(key, "lifecycle", "propose", "deploy", deployment(f"name-{number}", source))
+    assert compiler.texts.count(source) == 1
+
+
+def test_what_has_another_hash_is_not_compiled(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
+    key, source_hash = admin_of("org-01"), compute_source_hash(VISITORS)
+    compiler = Counting(monkeypatch)
+    for last in (b"#", b" ", b"\n"):
+        chain.must(key, "lifecycle", "upload", source_hash, 1, 0, VISITORS.encode() + last)
+        chain.refused("SOURCE_OTHER", key, "lifecycle", "check_upload", source_hash)
+    assert [text for text in compiler.texts if text.startswith(VISITORS)] == []
+
+
+def test_a_source_is_compiled_once_for_all_its_names(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = Counting(monkeypatch)
+    monkeypatch.setattr(sources, "_compile", lru_cache(compiler))
+    for name in ("one", "two"):
+        deploy(chain, name, VISITORS)
+        chain.must(ANYONE, name, "enter", "Ada")
+        assert chain.view(name, "inside") == ["Ada"]
+    chain.must(ANYONE, "one", "leave", "Ada")
+    assert (chain.view("one", "inside"), chain.view("two", "inside")) == ([], ["Ada"])
+    assert compiler.texts.count(VISITORS) == 1
+
+
+WIDE = "".join(
+    f"@export\ndef entry_number_{number}(one: list[int], two: dict[str, int]):\n    pass\n" for number in range(98)
+)
+
+
+@pytest.mark.parametrize(
+    ("source", "problem"),
+    [
+        (WIDE, ""),
+        (WIDE.replace("one:", "one_that_has_a_long_name:"), "The names and types of a contract's entries take at most"),
+        ("".join(f"@export\ndef f{number}():\n    pass\n" for number in range(101)), "A contract has at most 100"),
+        ("@export\ndef f():\n    return " + "y" * 50_000 + "\n", "Line 3 of the source: NAME_UNKNOWN: "),
+        ("X = '\ufffd'\n", "Line 1 of the source: "),
+    ],
+)
+def test_nothing_fails_after_the_compiling_also_of_the_largest_source(
+    chain: Consortium, source: str, problem: str
+) -> None:
+    """A call that failed would give the upload back, and with it the next compiling. Two such calls fill a block."""
+    key = admin_of("org-01")
+    for number in range(3):
+        upload(chain, key, VISITORS + f"# {number}\n")
+    source += "#" * (60_000 - len(source.encode()))
+    upload(chain, key, source, checked=False)
+    receipt = chain.must(key, "lifecycle", "check_upload", compute_source_hash(source))
+    assert BLOCK_GAS_MAX / 3 < 3 * 60_000 < receipt.gas_used < CALL_GAS_MAX - 20_000
+    assert data_of(receipt, "checked")["problem"].startswith(problem)
+    entry = chain.send(key, "lifecycle", "propose", "deploy", deployment("visitors", source))
+    assert entry.code == ("SOURCE_INVALID" if problem else "OK")
+
+
+def test_disabling_is_about_one_version(chain: Consortium) -> None:
+    deploy(chain, "visitors", VISITORS)
+    chain.block([])
+    key = admin_of("org-01")
+    chain.refused("VERSION_OTHER", key, "lifecycle", "propose", "disable", disabling("visitors", 2))
+    proposal_id = chain.must(key, "lifecycle", "propose", "disable", disabling("visitors", 1)).txid
+    deploy(chain, "visitors", VISITORS_2)
+    chain.block([])
+    chain.refused("VERSION_OTHER", admin_of("org-02"), "lifecycle", "approve", proposal_id)
+    agree(chain, "disable", disabling("visitors", 2))
+
+
+def test_what_waits_counts_as_a_contract(chain: Consortium) -> None:
+    first = len(chain.view("lifecycle", "contracts"))
+    for number in range(first, 62):
+        deploy(chain, f"c-{number}", VISITORS + f"# {number}\n")
+        chain.block([])
+    deploy(chain, "late", VISITORS, delay=50)
+    opened = []
+    for key, name in ((admin_of("org-01"), "later"), (admin_of("org-02"), "last")):
+        upload(chain, key, VISITORS)
+        opened.append(chain.must(key, "lifecycle", "propose", "deploy", deployment(name, VISITORS, delay=40)).txid)
+    chain.must(admin_of("org-02"), "lifecycle", "approve", opened[0])
+    chain.refused("CONTRACTS_TOO_MANY", admin_of("org-01"), "lifecycle", "approve", opened[1])
+    deploy(chain, "late", VISITORS_2, delay=50)
+    for _ in range(60):
+        chain.block([])
+    assert len(chain.view("lifecycle", "contracts")) == 64
+
+
+def test_a_later_decision_about_a_contract_takes_the_place_of_one_that_waits(chain: Consortium) -> None:
+    deploy(chain, "visitors", VISITORS, delay=30)
+    deploy(chain, "visitors", VISITORS_2)
+    chain.block([])
+    assert chain.view("lifecycle", "changes_due") == []
+    for _ in range(30):
+        chain.block([])
+    assert chain.view("lifecycle", "contract", "visitors")["version"] == 2

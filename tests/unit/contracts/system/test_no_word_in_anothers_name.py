@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from contracts.execution.registry import read_source
 from contracts.vm import compile_contract
 from tests.unit.contracts.privacy.hospital import Hospital
 from tests.unit.contracts.system.consortium import Consortium, key_of
@@ -68,3 +69,18 @@ def test_a_contract_does_call_what_anybody_may(consortium: Consortium) -> None:
     upgrade(consortium, "visitors", VISITORS)
     consortium.must(key_of("stranger"), "meddler", "enter", "visitors", "enter", ["Ada"])
     assert consortium.view("visitors", "inside") == ["Ada"]
+
+
+def test_settings_and_lifecycle_have_a_word_about_their_own_proposals_only() -> None:
+    """Membership takes theirs from nobody else, so it must not take one of its own from them."""
+    for name in ("settings", "lifecycle"):
+        scene = Scene()
+        chain = scene.chain
+        upgrade(chain, name, read_source(name) + MEDDLER)
+        for entry, values in (
+            ("propose", ["remove_org", {"name": "org-03"}]),
+            ("approve", [scene.proposal]),
+            ("withdraw", [scene.proposal]),
+        ):
+            chain.refused("CALL_INDIRECT", scene.everyone["admin-1"], name, "enter", "membership", entry, values)
+            chain.refused("CALL_INDIRECT", scene.everyone["admin-2"], name, "enter", "membership", entry, values)

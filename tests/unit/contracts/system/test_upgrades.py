@@ -16,6 +16,7 @@ from tests.unit.contracts.system.deploying import (
     deploy,
     deployment,
     disabling,
+    keeping,
     upgrade,
     upload,
 )
@@ -30,7 +31,7 @@ def f(data: bytes):
 
 @view
 def g() -> dict:
-    return check_source("x", [b""])
+    return {"list": check_source(b"")}
 """
 
 
@@ -60,7 +61,8 @@ def test_settings_are_upgraded_on_a_running_chain(chain: Consortium) -> None:
 
 
 def test_a_migration_cannot_begin_an_epoch(chain: Consortium) -> None:
-    """The block in which it runs may be one that closes an epoch."""
+    """The block in which it runs may be one that closes an epoch. The machine itself sees to that."""
+    upgrade(chain, "lifecycle", changed("lifecycle", '"producers", "settings")', '"producers")'))
     migrating = read_source("settings") + (
         '\n\n@migrate\ndef carry_over():\n    call("producers", "change_setting", "heartbeat_ms", 4000)\n'
     )
@@ -88,7 +90,7 @@ def test_a_version_of_lifecycle_that_nobody_keeps_goes_by_itself(chain: Consorti
     """This one lets nobody propose anything any more: nobody could have undone it."""
     broken = changed("lifecycle", 'require(organisation != "", "NOT_AN_ADMIN"', 'require(False, "NOT_AN_ADMIN"')
     upgrade(chain, "lifecycle", broken)
-    chain.refused("NOT_AN_ADMIN", admin_of("org-01"), "lifecycle", "propose", "keep", {"name": "lifecycle"})
+    chain.refused("NOT_AN_ADMIN", admin_of("org-01"), "lifecycle", "propose", "keep", keeping("lifecycle"))
     end_trial(chain)
     assert chain.view("lifecycle", "contract", "lifecycle")["version"] == 1
     deploy(chain, "visitors", VISITORS)
@@ -102,7 +104,7 @@ def test_a_version_of_membership_that_lets_nobody_vote_goes_by_itself(chain: Con
         'settle(proposal_id: bytes, proposal: dict) -> bool:\n    require(False, "BROKEN", "Broken.")\n',
     )
     upgrade(chain, "membership", broken)
-    chain.refused("BROKEN", admin_of("org-01"), "lifecycle", "propose", "keep", {"name": "membership"})
+    chain.refused("BROKEN", admin_of("org-01"), "lifecycle", "propose", "keep", keeping("membership"))
     end_trial(chain)
     chain.agree_setting("heartbeat_ms", 2000)
     assert chain.view("lifecycle", "version", "membership", 2)["status"] == "superseded"
@@ -111,13 +113,25 @@ def test_a_version_of_membership_that_lets_nobody_vote_goes_by_itself(chain: Con
 def test_a_version_that_governs_stays_if_a_majority_keeps_it(chain: Consortium) -> None:
     upgrade(chain, "lifecycle", changed("lifecycle", "NOTE_MAX_CHARS = 280", "NOTE_MAX_CHARS = 300"))
     assert [entry["kind"] for entry in chain.view("lifecycle", "changes_due")] == ["return"]
-    agree(chain, "keep", {"name": "lifecycle"})
+    agree(chain, "keep", keeping("lifecycle"))
     end_trial(chain)
     assert chain.view("lifecycle", "contract", "lifecycle")["version"] == 2
     upload(chain, admin_of("org-01"), VISITORS)
     long = deployment("visitors", VISITORS, note="x" * 300)
     chain.must(admin_of("org-01"), "lifecycle", "propose", "deploy", long)
-    chain.refused("NO_TRIAL", admin_of("org-01"), "lifecycle", "propose", "keep", {"name": "lifecycle"})
+    chain.refused("NO_TRIAL", admin_of("org-01"), "lifecycle", "propose", "keep", keeping("lifecycle"))
+
+
+def test_keeping_is_about_one_version(chain: Consortium) -> None:
+    """Who wants to keep one has not looked at the next."""
+    upgrade(chain, "membership", read_source("membership") + "# The second.\n")
+    key = admin_of("org-01")
+    chain.refused("VERSION_OTHER", key, "lifecycle", "propose", "keep", keeping("membership", 1))
+    proposal_id = chain.must(key, "lifecycle", "propose", "keep", keeping("membership", 2)).txid
+    upgrade(chain, "membership", read_source("membership") + "# The third.\n")
+    chain.refused("VERSION_OTHER", admin_of("org-02"), "lifecycle", "approve", proposal_id)
+    end_trial(chain)
+    assert chain.view("lifecycle", "contract", "membership")["version"] == 1
 
 
 def test_upgrades_during_a_trial_still_return_to_the_last_version_that_was_kept(chain: Consortium) -> None:
@@ -138,7 +152,7 @@ def test_who_goes_back_to_the_kept_version_is_not_on_trial(chain: Consortium) ->
     assert chain.view("lifecycle", "contract", "forms")["version"] == 1
 
 
-@pytest.mark.parametrize("name", ["forms", "identity", "lifecycle", "membership", "producers"])
+@pytest.mark.parametrize("name", ["forms", "identity", "lifecycle", "membership", "producers", "settings"])
 def test_a_contract_that_governs_keeps_its_entries_and_cannot_migrate(chain: Consortium, name: str) -> None:
     """What calls it, other contracts and nodes, must find what it knows; and an undone migration could not be undone."""
     key, source = admin_of("org-01"), read_source(name)

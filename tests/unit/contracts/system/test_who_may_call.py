@@ -9,7 +9,7 @@ import pytest
 
 from consensus.possession import prove_possession
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.registry import SYSTEM_CONTRACTS
+from contracts.execution.registry import SYSTEM_CONTRACTS, compute_source_hash
 from tests.unit.contracts.system.consortium import (
     CERTIFICATE,
     Consortium,
@@ -19,7 +19,7 @@ from tests.unit.contracts.system.consortium import (
     organisation_fields,
     producer_of,
 )
-from tests.unit.contracts.system.deploying import VISITORS, deployment, disabling, upload
+from tests.unit.contracts.system.deploying import VISITORS, deployment, disabling, keeping, upload
 
 ADMINS = {"admin-1", "admin-2", "admin-3"}
 SIGNERS = {"producer", "candidate", "suspended", "accused"}
@@ -112,10 +112,11 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("membership", "withdraw", lambda s: [s.proposal], {"admin-1"}),
     ("membership", "propose_setting", lambda _: ["heartbeat_ms", 1], set()),
     ("membership", "approve_setting", lambda s: [s.setting], set()),
-    ("membership", "propose_contract", lambda _: ["keep", {"name": "settings"}], set()),
+    ("membership", "propose_contract", lambda _: ["keep", keeping("settings")], set()),
     ("membership", "approve_contract", lambda s: [s.disabling], set()),
     ("lifecycle", "genesis", lambda _: [[]], set()),
     ("lifecycle", "upload", lambda _: [bytes(32), 2, 0, b"data"], ADMINS),
+    ("lifecycle", "check_upload", lambda _: [compute_source_hash(VISITORS)], {"admin-1"}),
     ("lifecycle", "propose", lambda _: ["disable", disabling("audit")], ADMINS),
     ("lifecycle", "propose", _deploy, {"admin-1"}),
     ("lifecycle", "approve", lambda s: [s.disabling], ADMINS - {"admin-1"}),
