@@ -16,7 +16,7 @@ from consensus.limits import CALL_GAS_MAX
 from contracts.vm import LANGUAGE_VERSION
 from contracts.vm.meter import EVENTS_MAX_COUNT, MEMORY_MAX_BYTES, MIGRATE_WRITES_MAX_COUNT, WRITES_MAX_COUNT
 from contracts.vm.names import CALLABLES, dotted_name
-from contracts.vm.source_functions import SOURCE_CHECK_GAS, SOURCE_PART_BYTE_GAS
+from contracts.vm.source_functions import SOURCE_CHECK_BYTE_GAS, SOURCE_CHECK_GAS, SOURCE_KEPT_GAS, SOURCE_PART_BYTE_GAS
 
 REFERENCE = (Path(__file__).resolve().parents[4] / "docs" / "reference" / "contract-language.md").read_text("utf-8")
 PRICES = REFERENCE.split("## What it costs")[1].split("## Codes")[0]
@@ -163,5 +163,6 @@ def test_every_row_of_the_table_is_tried():
 
 def test_the_price_of_a_source_is_that_of_the_code():
     assert (
-        f"| `charge_source` | {SOURCE_PART_BYTE_GAS} a byte; `check_source` {SOURCE_CHECK_GAS:,} + 1 a byte |" in PRICES
+        f"| `charge_source` | {SOURCE_PART_BYTE_GAS} a byte; `check_source` {SOURCE_CHECK_GAS:,} + "
+        f"{SOURCE_CHECK_BYTE_GAS} a byte, with {SOURCE_KEPT_GAS:,} more to be left |" in PRICES
     )
