@@ -13,9 +13,9 @@ from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.catalogue import SOURCE_PREFIX, TABLE_KEY
+from contracts.execution.catalogue import SOURCE_APPROVED_PREFIX, SOURCE_PREFIX, TABLE_KEY
+from contracts.execution.changes import DUE_KEY, TRIALS_KEY, version_key
 from contracts.execution.describing import (
-    DUE_KEY,
     VERSIONS_PREFIX,
     ChangeDue,
     ContractRow,
@@ -23,7 +23,7 @@ from contracts.execution.describing import (
     VersionRow,
     contract_rows,
     due_rows,
-    version_key,
+    read_newest,
     version_row,
 )
 from contracts.execution.registry import compute_source_hash, find_shipped_source
@@ -73,7 +73,7 @@ async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey)
 async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsView:
     """Return all contracts with what is due and proposed. Raises NOT_FOUND on a chain without a lifecycle."""
     membership = await read_membership(client, key)
-    found, _ = await _values(client, [TABLE_KEY, DUE_KEY], key)
+    found, _ = await _values(client, [TABLE_KEY, DUE_KEY, TRIALS_KEY], key)
     table = found[TABLE_KEY]
     if table is None:
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
@@ -81,8 +81,8 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
     versions, height = await _values(client, numbers.values(), key)
     return ContractsView(
         height=height,
-        contracts=tuple(contract_rows(table, {name: versions[place] or 0 for name, place in numbers.items()})),
-        due=tuple(due_rows(found[DUE_KEY] or [])),
+        contracts=tuple(contract_rows(table, {name: read_newest(versions[place]) for name, place in numbers.items()})),
+        due=tuple(due_rows(found[DUE_KEY], found[TRIALS_KEY])),
         membership=membership,
     )
 
@@ -91,7 +91,7 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
     """Return a version of a contract with its source; 0 is the one in force. Raises CONTRACT_NOT_FOUND."""
     count_key = VERSIONS_PREFIX + name.encode()
     found, _ = await _values(client, [TABLE_KEY, count_key], key)
-    newest = found[count_key] or 0
+    newest = read_newest(found[count_key])
     number = version or (found[TABLE_KEY] or {}).get(name, [newest])[0]
     place = version_key(name, number) if 0 < number <= newest else b""
     record = (await _values(client, [place], key))[0][place] if place else None
@@ -101,9 +101,12 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
     row = version_row(name, number, record)
     source = find_shipped_source(row.source_hash)
     if source is None:
-        prefix = SOURCE_PREFIX + row.source_hash
-        entry = (await _values(client, [prefix], key))[0][prefix]
-        source = await _join(client, key, prefix + b"/", 0 if entry is None else entry["parts"], row.source_hash)
+        places = [SOURCE_PREFIX + row.source_hash, SOURCE_APPROVED_PREFIX + row.source_hash]
+        entries = (await _values(client, places, key))[0]
+        # A version that was never in force stands only where it was approved.
+        place = places[0] if entries[places[0]] is not None else places[1]
+        parts = 0 if entries[place] is None else entries[place]["parts"]
+        source = await _join(client, key, place + b"/", parts, row.source_hash)
     return Edition(f"{name} version {number}", source, row.abi, row)
 
 

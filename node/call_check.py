@@ -9,8 +9,9 @@ from collections.abc import Callable
 
 from consensus.errors import BlockRobotError
 from consensus.transaction import Transaction
-from contracts.execution.catalogue import TABLE_KEY, Reader
+from contracts.execution.catalogue import TABLE_KEY
 from contracts.execution.changed_calls import explain_misfit
+from contracts.execution.changes import Reader
 from contracts.execution.describing import VersionRow, active_contract, read_version
 
 ROWS_KEPT_COUNT = 128
@@ -49,6 +50,14 @@ class CallCheck:
         if table != self._table or len(self._known) >= ROWS_KEPT_COUNT:
             self._table, self._known = table, {}
         if name not in self._known:
-            row = active_contract(state, name)
-            self._known[name] = None if row is None else (read_version(state, name, row[0]), row[1], row[2])
+            self._known[name] = _look_up(state, name)
         return self._known[name]
+
+
+def _look_up(state: Reader, name: str) -> _Known | None:
+    """Return what is known of a contract, or None; an interface that cannot be read says nothing against a call."""
+    row = active_contract(state, name)
+    try:
+        return None if row is None else (read_version(state, name, row[0]), row[1], row[2])
+    except BlockRobotError:
+        return None

@@ -1,7 +1,8 @@
 """Which contracts answer, as the state says: the mapping that blocks and views run with. Must never know of one elsewhere.
 
-The contract `lifecycle` keeps the table, and the machine reads it at the beginning of each block. Sources that ship with
-BlockRobot are found by their hash in the package, all others in the state.
+The machine keeps the table and reads it at the beginning of each block. Sources that ship with BlockRobot are found by
+their hash in the package, those of versions that were ever in force under the machine's own keys, others where the
+contract `lifecycle` put them.
 """
 
 from __future__ import annotations
@@ -9,24 +10,23 @@ from __future__ import annotations
 from collections import OrderedDict
 from collections.abc import Mapping
 from threading import Lock
-from typing import Any, Protocol
+from typing import Any
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode_value, u32
+from consensus.primitives.encoding import decode_value, encode_value, u32
+from contracts.execution.call_host import CallHost
+from contracts.execution.changes import Reader, is_count, read_value
 from contracts.execution.registry import find_shipped_source
 from contracts.vm import CompiledContract
 from contracts.vm.sources import compile_once, compute_source_hash
 
-TABLE_KEY = b"lifecycle\x00table"
-SOURCE_PREFIX = b"lifecycle\x00source/"
+TABLE_KEY = b"machine\x00table"
+TABLE_SHOWN_KEY = b"lifecycle\x00table"
+SOURCE_PREFIX = b"machine\x00source/"
+SOURCE_APPROVED_PREFIX = b"lifecycle\x00source/"
+SOURCE_PART_BYTES = 6000
+SOURCE_PARTS_MAX_COUNT = 64
 TABLES_KEPT_COUNT = 4
-
-
-class Reader(Protocol):
-    """Whatever can be asked for the value under a flat key."""
-
-    def get(self, key: bytes, /) -> bytes | None:
-        """Return the encoded value, or None."""
 
 
 class ActiveContracts(dict[str, CompiledContract]):
@@ -41,16 +41,47 @@ class ActiveContracts(dict[str, CompiledContract]):
 
 def read_source_of(state: Reader, source_hash: bytes) -> str:
     """Return a source by its hash. Raises STORAGE_DAMAGED if the state names one that nobody has."""
+    source = find_source(state, source_hash)
+    if source is None:
+        raise BlockRobotError("STORAGE_DAMAGED", f"The state lacks the source {source_hash.hex()} of a contract.")
+    return source
+
+
+def find_source(state: Reader, source_hash: bytes) -> str | None:
+    """Return a source by its hash, or None if neither the package nor the state has it."""
     shipped = find_shipped_source(source_hash)
     if shipped is not None:
         return shipped
-    entry = state.get(SOURCE_PREFIX + source_hash)
-    parts = 0 if entry is None else decode_value(entry)["parts"]
-    found = [state.get(SOURCE_PREFIX + source_hash + b"/" + u32(place)) for place in range(parts)]
-    data = b"".join(decode_value(part) for part in found if part is not None)
-    if not found or compute_source_hash(data) != source_hash:
-        raise BlockRobotError("STORAGE_DAMAGED", f"The state lacks the source {source_hash.hex()} of a contract.")
-    return data.decode()
+    for prefix in (SOURCE_PREFIX, SOURCE_APPROVED_PREFIX):
+        data = _join_parts(state, prefix + source_hash)
+        if compute_source_hash(data) == source_hash:
+            # Other bytes than text of this hash are no source.
+            try:
+                return data.decode()
+            except UnicodeDecodeError:
+                return None
+    return None
+
+
+def _join_parts(state: Reader, place: bytes) -> bytes:
+    """Return the bytes that stand in parts under a key, or none if any is missing or of another form."""
+    entry = read_value(state, place)
+    count = entry.get("parts") if isinstance(entry, dict) else 0
+    if not is_count(count) or count > SOURCE_PARTS_MAX_COUNT:
+        return b""
+    parts = [read_value(state, place + b"/" + u32(number)) for number in range(count)]
+    return b"".join(parts) if all(isinstance(part, bytes) for part in parts) else b""
+
+
+def keep_source(host: CallHost, source: str, source_hash: bytes) -> None:
+    """Write a source of a version that comes into force where no contract reaches it."""
+    place = SOURCE_PREFIX + source_hash
+    if find_shipped_source(source_hash) is None and host.get(place) is None:
+        data = source.encode()
+        parts = [data[first : first + SOURCE_PART_BYTES] for first in range(0, len(data), SOURCE_PART_BYTES)]
+        for number, part in enumerate(parts):
+            host.put(place + b"/" + u32(number), encode_value(part))
+        host.put(place, encode_value({"parts": len(parts), "size_bytes": len(data)}))
 
 
 class Catalogue:

@@ -1,7 +1,7 @@
 """Says of a call that the active version of a contract does not take what is wrong, and what changed. Must never guess.
 
 The sentence is part of the receipt, so it follows from the state alone: from the interface that the contract `lifecycle`
-keeps of each version. No source is compiled for it.
+keeps of each version. No source is compiled for it. An interface that cannot be read explains nothing.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from functools import lru_cache
 from typing import Any
 
 from consensus.errors import BlockRobotError
-from contracts.execution.catalogue import ActiveContracts, Reader
+from contracts.execution.catalogue import ActiveContracts
+from contracts.execution.changes import Reader
 from contracts.execution.describing import EntryRow, VersionRow, read_version
 from contracts.vm.abi import Accepts, parse_type
 
@@ -21,6 +22,7 @@ ENTRY_UNKNOWN = "ENTRY_UNKNOWN"
 ARGUMENTS_INVALID = "ARGUMENTS_INVALID"
 VERSIONS_LOOKED_AT_COUNT = 4
 _TYPES_KEPT_COUNT = 512
+TYPE_MAX_CHARS = 1_000
 _HAS_ANSWERED = ("superseded", "disabled")
 
 
@@ -34,7 +36,10 @@ def explain_absence(contracts: object, name: str) -> tuple[str, str]:
 @lru_cache(maxsize=_TYPES_KEPT_COUNT)
 def _accepts(kind: str) -> Accepts:
     """Return the test for a type as an interface writes it."""
-    accepts = parse_type(ast.parse(kind, mode="eval").body)
+    try:
+        accepts = parse_type(ast.parse(kind, mode="eval").body) if len(kind) <= TYPE_MAX_CHARS else None
+    except (SyntaxError, ValueError):
+        accepts = None
     if accepts is None:
         raise BlockRobotError("STORAGE_DAMAGED", f"An interface in the state names {kind!r}, which is no type.")
     return accepts
@@ -60,7 +65,10 @@ def explain_misfit(
 ) -> tuple[str, str] | None:
     """Return the code and sentence for a call that this version does not take, or None if it takes it."""
     now = find_entry(row, entry)
-    code = find_misfit(now, arguments)
+    try:
+        code = find_misfit(now, arguments)
+    except BlockRobotError:
+        return None
     if not code:
         return None
     active = f"Version {row.version} of {row.name} is active since height {since_height}"
@@ -98,5 +106,8 @@ def explain_call(
     """Return the code and sentence for a call that the version in force does not take, or None."""
     if name not in contracts.versions:
         return None
-    row = read_version(state, name, contracts.versions[name])
+    try:
+        row = read_version(state, name, contracts.versions[name])
+    except BlockRobotError:
+        return None
     return explain_misfit(state, row, contracts.since[name], entry, arguments)

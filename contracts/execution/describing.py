@@ -8,11 +8,19 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.limits import CONTRACT_NAME_MAX_CHARS
-from consensus.primitives.encoding import decode_value, u32
-from contracts.execution.catalogue import TABLE_KEY, Reader, read_source_of
+from consensus.primitives.encoding import decode_value
+from contracts.execution.catalogue import TABLE_KEY, read_source_of
+from contracts.execution.changes import (
+    DUE_KEY,
+    TRIALS_KEY,
+    Reader,
+    changes_in,
+    is_count,
+    is_full_record,
+    read_value,
+    version_key,
+)
 
-DUE_KEY = b"lifecycle\x00due"
-VERSION_PREFIX = b"lifecycle\x00version/"
 VERSIONS_PREFIX = b"lifecycle\x00versions/"
 ROWS_KEPT_COUNT = 256
 
@@ -31,7 +39,7 @@ class ContractRow:
 
 @dataclass(frozen=True, slots=True)
 class ChangeDue:
-    """A change that waits for its height, or for a time in ms: `kind` is activate, disable or return."""
+    """A change that waits for its height, or for a time in ms: `kind` is activate, disable, keep or return."""
 
     kind: str
     name: str
@@ -70,13 +78,10 @@ class VersionRow:
     abi: tuple[EntryRow, ...]
 
 
-def version_key(name: str, version: int) -> bytes:
-    """Return the flat key of a version's entry."""
-    return VERSION_PREFIX + name.encode() + b"/" + u32(version)
-
-
-def version_row(name: str, version: int, record: dict[str, Any]) -> VersionRow:
-    """Make a row of a version's entry."""
+def version_row(name: str, version: int, record: Any) -> VersionRow:
+    """Make a row of a version's entry. Raises CONTRACT_NOT_FOUND if a version of `lifecycle` wrote it in another form."""
+    if not is_full_record(record):
+        raise BlockRobotError("CONTRACT_NOT_FOUND", f"The entry of version {version} of {name!r} cannot be read.")
     abi = tuple(
         EntryRow(entry, kind, tuple((param, of) for param, of in params), required, returns)
         for entry, kind, params, required, returns in record["entries"]
@@ -98,26 +103,31 @@ def contract_rows(table: dict[str, Any], versions: dict[str, int]) -> list[Contr
     ]
 
 
-def due_rows(due: list[dict[str, Any]]) -> list[ChangeDue]:
-    """Make the rows of what is due."""
+def due_rows(due: object, trials: object) -> list[ChangeDue]:
+    """Make the rows of what is due: of the values under `DUE_KEY` and `TRIALS_KEY`."""
     names = ChangeDue.__dataclass_fields__
-    return [ChangeDue(**{field: entry[field] for field in names}) for entry in due]
+    rows = [*changes_in(due), *(trials if isinstance(trials, list) else [])]
+    return [ChangeDue(**{field: row[field] for field in names}) for row in rows]
 
 
-def _value(state: Reader, key: bytes, default: Any) -> Any:
-    data = state.get(key)
-    return default if data is None else decode_value(data)
+def read_newest(value: object) -> int:
+    """Return the number of a contract's newest version from the value under its `VERSIONS_PREFIX`; 0 if there is none."""
+    return value if is_count(value) else 0
 
 
 def list_contracts(state: Reader) -> list[ContractRow]:
     """Return all contracts that ever were in force, by name."""
-    table = _value(state, TABLE_KEY, {})
-    return contract_rows(table, {name: _value(state, VERSIONS_PREFIX + name.encode(), 0) for name in table})
+    table = read_value(state, TABLE_KEY) or {}
+    return contract_rows(table, {name: _newest(state, name) for name in table})
+
+
+def _newest(state: Reader, name: str) -> int:
+    return read_newest(read_value(state, VERSIONS_PREFIX + name.encode()))
 
 
 def list_due(state: Reader) -> list[ChangeDue]:
     """Return what waits for its height or time."""
-    return due_rows(_value(state, DUE_KEY, []))
+    return due_rows(read_value(state, DUE_KEY), read_value(state, TRIALS_KEY))
 
 
 def read_version(state: Reader, name: str, version: int) -> VersionRow:
@@ -127,8 +137,8 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
     """
     if not 0 < len(name) <= CONTRACT_NAME_MAX_CHARS:
         raise BlockRobotError("CONTRACT_NOT_FOUND")
-    newest = _value(state, VERSIONS_PREFIX + name.encode(), 0)
-    number = version or _value(state, TABLE_KEY, {}).get(name, [newest])[0]
+    newest = _newest(state, name)
+    number = version or (read_value(state, TABLE_KEY) or {}).get(name, [newest])[0]
     data = state.get(version_key(name, number)) if 0 < number <= newest else None
     if data is None:
         what = f"contract {name!r}" if newest == 0 else f"version {version} of {name!r}, only 1 to {newest}"
@@ -138,7 +148,7 @@ def read_version(state: Reader, name: str, version: int) -> VersionRow:
 
 def active_contract(state: Reader, name: str) -> tuple[int, bool, int] | None:
     """Return [the version in force, whether it answers, since which height] of a contract, or None."""
-    row = _value(state, TABLE_KEY, {}).get(name)
+    row = (read_value(state, TABLE_KEY) or {}).get(name)
     return None if row is None else (row[0], row[2], row[3])
 
 

@@ -10,6 +10,7 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from contracts.execution.call_host import CallHost
+from contracts.execution.catalogue import TABLE_KEY, TABLE_SHOWN_KEY
 from contracts.execution.registry import describe_shipped, require_contracts
 from contracts.state.trie import apply_batch
 from contracts.state.view import MemoryState
@@ -76,6 +77,8 @@ def build_genesis_state(genesis: Genesis) -> GenesisState:
         if not outcome.ok:
             raise BlockRobotError("GENESIS_INVALID", f"The contracts refuse the genesis file: {outcome.message}")
         host.keep()
+    host.put(TABLE_KEY, host.writes[TABLE_SHOWN_KEY] or b"")
+    host.keep()
     update = apply_batch(state, state.state_root, host.writes)
     return GenesisState(
         writes={key: value for key, value in host.writes.items() if value is not None},

@@ -1,7 +1,8 @@
 """What a block does before its first transaction: contracts change, and carry their state over. Must never half do it.
 
-The contract `lifecycle` says what is due; the machine does it, and writes down itself what came of it. So not even a
-faulty version of `lifecycle` can keep the one before it from coming back.
+The contract `lifecycle` asks for changes; the machine carries them out, one activation or disabling with a block, and
+writes down what came of them. It decides by nothing that a version of `lifecycle` could have spoilt: the table, the
+sources in force and the trials are its own (see `contracts.execution.changes`), and `lifecycle` is shown a copy.
 """
 
 from __future__ import annotations
@@ -9,99 +10,157 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from consensus.primitives.encoding import decode_value, encode_value, u32
+from consensus.primitives.encoding import encode_value
 from contracts.execution.call_host import CallHost
-from contracts.execution.catalogue import TABLE_KEY, ActiveContracts, Catalogue, compile_named
+from contracts.execution.catalogue import (
+    TABLE_KEY,
+    TABLE_SHOWN_KEY,
+    ActiveContracts,
+    Catalogue,
+    find_source,
+    keep_source,
+)
+from contracts.execution.changes import (
+    DUE_KEY,
+    GOVERNING,
+    TRIAL_MS,
+    TRIALS_KEY,
+    TRIALS_SHOWN_KEY,
+    Row,
+    read_due,
+    read_record,
+    read_trials,
+    read_value,
+    version_key,
+)
 from contracts.execution.epochs import EPOCH_KEY
 from contracts.execution.results import BlockContext
-from contracts.vm import CallContext, invoke
+from contracts.vm import CallContext, CompiledContract, ContractSourceError, invoke
+from contracts.vm.sources import compile_once
 
-DUE_KEY = b"lifecycle\x00due"
-VERSION_PREFIX = b"lifecycle\x00version/"
 MIGRATION_GAS_MAX = 2_000_000
 _NOBODY = bytes(33)
 _NO_TRANSACTION = bytes(32)
 
-Row = dict[str, Any]
+Table = dict[str, list[Any]]
 
 
 def open_block(host: CallHost, catalogue: Catalogue, context: BlockContext) -> ActiveContracts:
     """Let what is due take effect on the host, and return the contracts that this block runs with."""
-    data = host.get(DUE_KEY)
-    if data is not None:
-        due: list[Row] = decode_value(data)
-        ready = [entry for entry in due if _is_ready(entry, context)]
-        if ready:
-            host.begin()
-            _put(host, DUE_KEY, [entry for entry in due if entry not in ready])
-            host.keep()
-            for entry in ready:
-                _take_effect(host, catalogue, context, entry)
+    due = read_due(host)
+    ready = [row for row in due if _is_ready(row, context)]
+    keeps = [row for row in ready if row["kind"] == "keep"]
+    changes = [row for row in ready if row["kind"] != "keep"][:1]
+    if ready:
+        host.begin()
+        _put(host, DUE_KEY, [row for row in due if row not in keeps and row not in changes])
+        host.keep()
+    for row in keeps:
+        _keep_version(host, row)
+    ended = [row for row in read_trials(host) if _is_ready(row, context)]
+    for row in ended:
+        _return(host, context, row)
+    for row in changes:
+        _take_effect(host, catalogue, context, row)
+    if ready or ended:
+        _show(host)
     return catalogue.active(host)
 
 
-def _is_ready(entry: Row, context: BlockContext) -> bool:
-    return bool(entry["from_height"] <= context.height and entry["from_ms"] <= context.time_ms)
+def _is_ready(row: Row, context: BlockContext) -> bool:
+    return bool(row["from_height"] <= context.height and row["from_ms"] <= context.time_ms)
 
 
 def _put(host: CallHost, key: bytes, value: Any) -> None:
     host.put(key, encode_value(value))
 
 
-def _change_version(host: CallHost, name: str, version: int, change: Callable[[Row], None]) -> None:
-    key = VERSION_PREFIX + name.encode() + b"/" + u32(version)
-    data = host.get(key)
-    if data is not None:
-        record: Row = decode_value(data)
-        change(record)
-        _put(host, key, record)
+def _show(host: CallHost) -> None:
+    """Write the table and the trials where `lifecycle` reads them, and clear what waits of what is no change.
 
-
-def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, entry: Row) -> None:
-    """Disable a contract, or put a version of it into force; if its migration fails only that is written down."""
-    name, version = entry["name"], entry["version"]
-    table: dict[str, list[Any]] = decode_value(host.get(TABLE_KEY) or b"")
-    before = table.get(name)
+    So a version that comes back finds what it wrote itself, whatever the one on trial made of it.
+    """
     host.begin()
-    if entry["kind"] == "disable":
-        if before is not None:
-            table[name] = [before[0], before[1], False, context.height]
-            _put(host, TABLE_KEY, table)
-            _change_version(host, name, before[0], lambda record: _mark(record, "disabled", context.height))
-        host.keep()
-        return
-    record = decode_value(host.get(VERSION_PREFIX + name.encode() + b"/" + u32(version)) or b"")
-    if before is None or before[0] != version:
-        failure = _migrate(host, catalogue, context, name, record)
-        if failure:
-            host.begin()
-            _change_version(host, name, version, lambda record: _fail(record, failure, context.height))
-            host.keep()
-            return
-        if before is not None:
-            _change_version(host, name, before[0], lambda record: _mark(record, "superseded", context.height))
-    table[name] = [version, record["source_hash"], True, context.height]
-    _put(host, TABLE_KEY, table)
-    _change_version(host, name, version, lambda record: _mark(record, "active", context.height))
-    _set_trial(host, context, entry, None if before is None else before[0])
+    _put(host, TABLE_SHOWN_KEY, read_value(host, TABLE_KEY))
+    _put(host, TRIALS_SHOWN_KEY, read_trials(host))
+    _put(host, DUE_KEY, read_due(host))
     host.keep()
 
 
-def _mark(record: Row, status: str, height: int) -> None:
-    record["status"], record["since_height"] = status, height
+def _change_version(host: CallHost, name: str, version: int, change: Callable[[Row], None]) -> None:
+    record = read_record(host, name, version)
+    if record is not None:
+        change(record)
+        _put(host, version_key(name, version), record)
 
 
-def _fail(record: Row, failure: str, height: int) -> None:
-    _mark(record, "failed", height)
-    record["failure"] = failure
+def _mark(host: CallHost, name: str, version: int, status: str, height: int) -> None:
+    _change_version(host, name, version, lambda record: record.update(status=status, since_height=height))
 
 
-def _migrate(host: CallHost, catalogue: Catalogue, context: BlockContext, name: str, record: Row) -> str:
-    """Run the version's migration, if it has one, on the call's writes. Return why it failed, or an empty text."""
-    if not record["migrates"]:
-        return ""
-    compiled = compile_named(host, name, record["source_hash"])
-    entry = next(entry.name for entry in compiled.abi.entries if entry.kind == "migrate")
+def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, row: Row) -> None:
+    """Disable a contract, or put a version of it into force; if that fails only this is written down."""
+    name, version = row["name"], row["version"]
+    table: Table = read_value(host, TABLE_KEY)
+    before = table.get(name)
+    host.begin()
+    if row["kind"] == "disable":
+        if before is not None and name not in GOVERNING:
+            table[name] = [before[0], before[1], False, context.height]
+            _put(host, TABLE_KEY, table)
+            _mark(host, name, before[0], "disabled", context.height)
+        host.keep()
+        return
+    record = read_record(host, name, version)
+    if record is None:
+        return
+    source_hash = record["source_hash"]
+    if before is None or before[:2] != [version, source_hash]:
+        failure = _prepare(host, catalogue, context, name, source_hash)
+        if failure:
+            fields = {"status": "failed", "since_height": context.height, "failure": failure}
+            host.begin()
+            _change_version(host, name, version, lambda record: record.update(fields))
+            host.keep()
+            return
+    _put_in_force(host, context, name, version, source_hash)
+    if name in GOVERNING and before is not None:
+        _set_trial(host, context, name, [version, source_hash], before)
+    host.keep()
+
+
+def _put_in_force(host: CallHost, context: BlockContext, name: str, version: int, source_hash: bytes) -> None:
+    table: Table = read_value(host, TABLE_KEY)
+    before = table.get(name)
+    if before is not None and before[0] != version:
+        _mark(host, name, before[0], "superseded", context.height)
+    table[name] = [version, source_hash, True, context.height]
+    _put(host, TABLE_KEY, table)
+    _mark(host, name, version, "active", context.height)
+
+
+def _prepare(host: CallHost, catalogue: Catalogue, context: BlockContext, name: str, source_hash: bytes) -> str:
+    """Compile a version, keep its source, and let it migrate. Return why it cannot be in force, or an empty text."""
+    source = find_source(host, source_hash)
+    if source is None:
+        return "SOURCE_MISSING: The chain has no such source."
+    try:
+        compiled = compile_once(source, name)
+    except ContractSourceError:
+        return "SOURCE_INVALID: The source is not in the contract language."
+    entry = next((entry.name for entry in compiled.abi.entries if entry.kind == "migrate"), None)
+    if entry is not None and name in GOVERNING:
+        return "MIGRATION_REFUSED: A contract that governs cannot migrate: it must be undoable."
+    failure = "" if entry is None else _migrate(host, catalogue, context, name, compiled, entry)
+    if not failure:
+        keep_source(host, source, source_hash)
+    return failure
+
+
+def _migrate(
+    host: CallHost, catalogue: Catalogue, context: BlockContext, name: str, compiled: CompiledContract, entry: str
+) -> str:
+    """Run a version's migration on the call's writes. Return why it failed, or an empty text."""
     call = CallContext(
         caller=_NOBODY,
         height=context.height,
@@ -129,22 +188,32 @@ def _migrate(host: CallHost, catalogue: Catalogue, context: BlockContext, name: 
     return f"{outcome.code}: {outcome.message}{place}"
 
 
-def _set_trial(host: CallHost, context: BlockContext, entry: Row, former: int | None) -> None:
-    """Have the version before return by itself if the organisations do not keep this one: see the contract."""
-    name = entry["name"]
-    due: list[Row] = decode_value(host.get(DUE_KEY) or encode_value([]))
-    returns = [other for other in due if other["kind"] == "return" and other["name"] == name]
-    kept = returns[0]["version"] if returns else former
-    due = [other for other in due if other not in returns]
-    if entry["trial_ms"] > 0 and kept is not None and kept != entry["version"]:
-        due.append(
-            {
-                "kind": "return",
-                "name": name,
-                "version": kept,
-                "from_height": 0,
-                "from_ms": context.time_ms + entry["trial_ms"],
-                "trial_ms": 0,
-            }
-        )
-    _put(host, DUE_KEY, due)
+# Trials of contracts that govern
+
+
+def _set_trial(host: CallHost, context: BlockContext, name: str, now: list[Any], before: list[Any]) -> None:
+    """Have the version that was kept last return by itself, unless it is the one that is now in force."""
+    trials = read_trials(host)
+    kept = next(([row["version"], row["source_hash"]] for row in trials if row["name"] == name), before[:2])
+    trials = [row for row in trials if row["name"] != name]
+    if kept != now:
+        row = {"kind": "return", "name": name, "version": kept[0], "source_hash": kept[1]}
+        trials.append({**row, "from_height": 0, "from_ms": context.time_ms + TRIAL_MS})
+    _put(host, TRIALS_KEY, trials)
+
+
+def _keep_version(host: CallHost, row: Row) -> None:
+    """End the trial of the version in force; a decision about another version is about nothing any more."""
+    table: Table = read_value(host, TABLE_KEY)
+    if row["name"] in table and table[row["name"]][0] == row["version"]:
+        host.begin()
+        _put(host, TRIALS_KEY, [trial for trial in read_trials(host) if trial["name"] != row["name"]])
+        host.keep()
+
+
+def _return(host: CallHost, context: BlockContext, trial: Row) -> None:
+    """End a trial that nobody ended: the version before is in force again."""
+    host.begin()
+    _put(host, TRIALS_KEY, [other for other in read_trials(host) if other["name"] != trial["name"]])
+    _put_in_force(host, context, trial["name"], trial["version"], trial["source_hash"])
+    host.keep()

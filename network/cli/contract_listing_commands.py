@@ -46,7 +46,12 @@ def _due_json(change: ChangeDue) -> dict[str, Any]:
 
 def _due_text(change: ChangeDue) -> str:
     when = f"with block {change.from_height}" if change.from_height else f"at {shown_time(change.from_ms)}"
-    words = {"activate": f"version {change.version}", "disable": "disabled", "return": f"back to {change.version}"}
+    words = {
+        "activate": f"version {change.version}",
+        "disable": "disabled",
+        "keep": f"version {change.version} kept",
+        "return": f"back to {change.version}",
+    }
     return f"{words[change.kind]} {when}"
 
 

@@ -17,7 +17,7 @@ class ContractSummary(Document, frozen=True):
 
 
 class ContractChange(Document, frozen=True):
-    """A change that waits: `kind` is activate, disable or return; from a height, or from a time in ms (else 0)."""
+    """A change that waits: `kind` is activate, disable, keep or return; from a height, or from a time in ms (else 0)."""
 
     kind: str
     name: str

@@ -177,6 +177,8 @@ def test_what_governs_is_on_trial_until_it_is_kept(chain: Consortium) -> None:
     chain.block([])
     assert "Next step: blockrobot contract keep forms --as ORG" in run("show", "forms").output
     decide("keep", "forms")
+    assert "version 2 kept with block" in run("show", "forms").output
+    chain.block([])
     assert answer("list")["due"] == []
 
 

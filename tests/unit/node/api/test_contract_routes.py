@@ -14,7 +14,7 @@ from tests.unit.node.api.small_network import SUBJECT, SmallNode
 
 async def put_lifecycle(node: SmallNode, chain: Consortium) -> None:
     """Finalize a block that has the lifecycle of another chain."""
-    rows = chain.state.scan(b"lifecycle\x00", 10_000)
+    rows = [row for prefix in (b"lifecycle\x00", b"machine\x00") for row in chain.state.scan(prefix, 10_000)]
     await node.ledger.extend(writes=dict(rows))
 
 
