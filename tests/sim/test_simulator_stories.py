@@ -120,7 +120,7 @@ def test_contracts_are_upgraded_disabled_and_rolled_back_while_nodes_die_and_are
         Fault(kind="partition", at_ms=3_500, for_ms=900, groups=((0,), (1, 2, 3))),
         Fault(kind="crash", at_ms=6_000, for_ms=300, node=1, point="after-sync"),
     )
-    plan = Plan(seed=5, rounds=300, governance="contracts", executes_apart=True, faults=faults)
+    plan = Plan(seed=5, rounds=340, governance="contracts", executes_apart=True, faults=faults)
     result, history = run_with_history(plan)
     assert [str(violation) for violation in result.violations] == []
     done = {told.txid for told in history.of(Acknowledged) if told.ok}
