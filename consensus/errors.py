@@ -64,6 +64,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("GOVERNANCE_QUORUM_UNWELL", 409, "Too few of the producers that would be left are well: nothing could become final any more.", "Start or mend the nodes it names first (`blockrobot status`); with --anyway it is done all the same."),
     ErrorEntry("GOVERNANCE_SETTING_REFUSED", 409, "The setting does not exist or does not take this value.", "See names, values and ranges with `blockrobot settings list`."),
     ErrorEntry("GOVERNANCE_CONTRACT_REFUSED", 409, "The contract lifecycle refused the change of a contract.", "Compare with `blockrobot contract list` and `blockrobot contract show NAME`, and mend what the message names."),
+    ErrorEntry("GOVERNANCE_PROPOSALS_TOO_MANY", 409, "The organisation has as many open proposals, or uploads that they need, as it may.", "Take one back with the command that the message names, or let one be decided first."),
+    ErrorEntry("CONTRACT_CHANGE_FAILED", 409, "The decided change of a contract could not take effect; the version before answers on.", "Mend the source and propose it anew; `blockrobot contract show NAME` keeps what was wrong."),
     ErrorEntry("GOVERNANCE_REFUSED", 409, "The contracts that govern the network refused the change.", "Compare with `blockrobot org list` and `blockrobot producer list`, and mend what the message names."),
     ErrorEntry("ORGANISATION_KEY_NOT_FOUND", 404, "There is no key of this organisation here.", "Name an organisation whose folder lies in the network's folder, or its key file with --key."),
     ErrorEntry("GOVERNANCE_PROPOSED_ALREADY", 409, "The same change is proposed already, and open.", "Do not propose it again: approve the open one with the command that the message names."),

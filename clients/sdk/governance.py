@@ -241,8 +241,8 @@ def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
 class Decision:
     """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.
 
-    `executed` tells that a proposal took effect with this call; `due_height` is that at which a contract then changes;
-    `epoch` is the number of the epoch that the block at
+    `executed` tells that a proposal took effect with this call; `due_height` is that at which a contract then changes,
+    `due_kind` (activate or disable) and `due_version` are how; `epoch` is the number of the epoch that the block at
     `height` decides, if it does: the producers and settings of that epoch hold for every block after it.
     """
 
@@ -252,19 +252,24 @@ class Decision:
     executed: bool
     epoch: int | None
     due_height: int | None = None
+    due_kind: str = ""
+    due_version: int = 0
 
 
 def _decision_of(receipt: FinalReceipt) -> Decision:
     proposed = receipt.event_data("membership", "proposed")
     epochs = receipt.event_data("producers", "epoch")
     scheduled = receipt.event_data("lifecycle", "scheduled")
+    due = scheduled[-1] if scheduled else {}
     return Decision(
         height=receipt.height,
         txid=receipt.txid,
         proposal_id=proposed[0]["proposal_id"] if proposed else None,
         executed=bool(receipt.event_data("membership", "executed")),
         epoch=epochs[-1]["number"] if epochs else None,
-        due_height=scheduled[-1]["height"] if scheduled else None,
+        due_height=due.get("height"),
+        due_kind=due.get("kind", ""),
+        due_version=due.get("version", 0),
     )
 
 

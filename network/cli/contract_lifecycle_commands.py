@@ -11,13 +11,16 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.sdk.governance import Decision, Governor
+from clients.sdk.governance import Decision, Governor, MembershipView
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
 from contracts.execution.registry import compute_source_hash
 from contracts.kit.sources import read_source
 from contracts.vm import compile_contract
 from network.chain_contracts import read_contracts
+from network.cli.contract_room import require_room
+from network.cli.contract_waiting import Arrival, await_change, no_wait_option
 from network.cli.governing import (
     Seat,
     Told,
@@ -68,35 +71,67 @@ def _version_in_force(seat: Seat, name: str) -> int:
     return with_client(seat, read)
 
 
-def _report(told: Told, what: str, name: str, *, as_json: bool) -> None:
-    """Tell what a call came to: proposed, or decided and at which height the contract changes."""
+def _report(seat: Seat, told: Told, what: str, name: str, *, wait: bool, as_json: bool) -> None:
+    """Tell what a call came to: proposed, or decided and (if it is waited for) what became of the contract.
+
+    Raises CONTRACT_CHANGE_FAILED.
+    """
     decision = told.decision
-    if as_json:
-        needed = told.membership.majority
-        print_json(
-            {
-                "ok": True,
-                "height": decision.height,
-                "txid": decision.txid.hex(),
-                "executed": decision.executed,
-                "due_height": decision.due_height,
-                "proposal": None if told.proposal is None else proposal_json(told.proposal, needed),
-            }
-        )
-        return
-    if told.proposal is not None or decision.due_height is None:
+    if not as_json and (told.proposal is not None or decision.due_height is None):
         report_decision(told, what, "contract", as_json=False)
         return
-    console.print(
-        f"{escape(what)}: decided at height {decision.height}, takes effect with block {decision.due_height}."
-    )
+    if not as_json:
+        console.print(
+            f"{escape(what)}: decided at height {decision.height}, takes effect with block {decision.due_height}."
+        )
+    arrival = _await_arrival(seat, name, decision) if wait else None
+    if arrival is not None and arrival.state == "failed":
+        raise BlockRobotError(
+            "CONTRACT_CHANGE_FAILED",
+            f"{name} version {arrival.version} failed at block {decision.due_height}: {arrival.failure}",
+        )
+    if as_json:
+        print_json(_told_json(told, arrival))
+        return
+    if arrival is not None:
+        console.print(escape(_told_arrival(name, arrival)))
     console.print(f"Next step: blockrobot contract show {escape(name)}")
+
+
+def _await_arrival(seat: Seat, name: str, decision: Decision) -> Arrival | None:
+    def tell(line: str) -> None:
+        click.echo(line, err=True)
+
+    return with_client(seat, lambda client: await_change(client, seat.key, name, decision, tell))
+
+
+def _told_arrival(name: str, arrival: Arrival) -> str:
+    words = {
+        "in force": f"{name} version {arrival.version} is in force.",
+        "disabled": f"{name} is disabled.",
+    }
+    return words.get(arrival.state, f"Another change of {name} has taken its place.")
+
+
+def _told_json(told: Told, arrival: Arrival | None) -> dict[str, Any]:
+    decision = told.decision
+    return {
+        "ok": True,
+        "height": decision.height,
+        "txid": decision.txid.hex(),
+        "executed": decision.executed,
+        "due_height": decision.due_height,
+        "state": None if arrival is None else arrival.state,
+        "version": None if arrival is None else arrival.version,
+        "proposal": None if told.proposal is None else proposal_json(told.proposal, told.membership.majority),
+    }
 
 
 @click.command()
 @click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
 @click.option("--name", help="The contract's name, if it is not the file's.")
 @when_options
+@no_wait_option
 @governing_options
 @json_option
 @plain_errors
@@ -109,6 +144,7 @@ def propose(
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
+    no_wait: bool,
     as_json: bool,
 ) -> None:
     """Upload a source and propose it: a new contract, or a new version of one.
@@ -134,8 +170,13 @@ def propose(
         await governor.check_upload(source_hash)
         return await governor.propose_contract("deploy", arguments)
 
-    told = propose_once(take_seat(folder, organisation, key_file), "lifecycle", "deploy", arguments, work)
-    _report(told, f"deploy {contract}", contract, as_json=as_json)
+    seat = take_seat(folder, organisation, key_file)
+
+    async def look(client: NetworkClient, before: MembershipView) -> None:
+        await require_room(client, seat, before, source_hash)
+
+    told = propose_once(seat, "lifecycle", "deploy", arguments, work, look)
+    _report(seat, told, f"deploy {contract}", contract, wait=not no_wait, as_json=as_json)
     if told.proposal is not None and not as_json:
         shown = told.proposal.id.hex()[:12]
         console.print(f"They can read it first: blockrobot contract show {contract} --proposal {shown} --source")
@@ -143,17 +184,20 @@ def propose(
 
 @click.command()
 @click.argument("proposal")
+@no_wait_option
 @governing_options
 @json_option
 @plain_errors
-def approve(proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def approve(
+    proposal: str, folder: Path | None, organisation: str | None, key_file: Path | None, no_wait: bool, as_json: bool
+) -> None:
     """Stand behind a proposed change of a contract; with a majority it is decided.
 
     Example: blockrobot contract approve 3fa2c19b07de --as university
     """
     seat = take_seat(folder, organisation, key_file)
     told, row = decide_on_proposal(seat, "lifecycle", proposal, lambda governor, found: governor.approve(found))
-    _report(told, summary_of(row), row.arguments["name"], as_json=as_json)
+    _report(seat, told, summary_of(row), row.arguments["name"], wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -177,6 +221,7 @@ def withdraw(
 @click.argument("name")
 @click.argument("version", type=click.IntRange(min=1))
 @when_options
+@no_wait_option
 @governing_options
 @json_option
 @plain_errors
@@ -189,6 +234,7 @@ def activate(
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
+    no_wait: bool,
     as_json: bool,
 ) -> None:
     """Propose to bring a version back: to roll an upgrade back, or to end a disabled contract's rest.
@@ -200,13 +246,14 @@ def activate(
     arguments = {"name": name, "version": version, "height": height, "delay": delay, "note": note}
     seat = take_seat(folder, organisation, key_file)
     told = _propose(seat, "activate", arguments)
-    _report(told, f"activate {name} version {version}", name, as_json=as_json)
+    _report(seat, told, f"activate {name} version {version}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
 @click.argument("name")
 @version_option
 @when_options
+@no_wait_option
 @governing_options
 @json_option
 @plain_errors
@@ -219,6 +266,7 @@ def disable(
     folder: Path | None,
     organisation: str | None,
     key_file: Path | None,
+    no_wait: bool,
     as_json: bool,
 ) -> None:
     """Propose that a contract answers nobody any more; what it keeps stays, and changes of it that wait are dropped.
@@ -229,7 +277,7 @@ def disable(
     number = version or _version_in_force(seat, name)
     arguments = {"name": name, "version": number, "height": height, "delay": delay, "note": note}
     told = _propose(seat, "disable", arguments)
-    _report(told, f"disable {name} version {number}", name, as_json=as_json)
+    _report(seat, told, f"disable {name} version {number}", name, wait=not no_wait, as_json=as_json)
 
 
 @click.command()
@@ -251,4 +299,4 @@ def keep(
     seat = take_seat(folder, organisation, key_file)
     number = version or _version_in_force(seat, name)
     told = _propose(seat, "keep", {"name": name, "version": number})
-    _report(told, f"keep {name} version {number}", name, as_json=as_json)
+    _report(seat, told, f"keep {name} version {number}", name, wait=False, as_json=as_json)

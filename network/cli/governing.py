@@ -238,6 +238,11 @@ def decide_on_proposal(
 # Telling
 
 
+def command_group(contract: str) -> str:
+    """Return the group of commands that is about the proposals of a contract."""
+    return _GROUPS[contract]
+
+
 def shown_id(identifier: bytes) -> str:
     """Return the first digits of an id or key, enough to name it on the command line."""
     return identifier.hex()[:ID_SHOWN_CHARS]

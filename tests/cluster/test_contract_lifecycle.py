@@ -20,7 +20,7 @@ async def decide(network: NetworkUnderTest, *arguments: str) -> int:
     """One organisation proposes, the other approves; return the height at which the contract changes."""
     opened = await must(network, "contract", *arguments, "--as", "hospital")
     proposal = opened["proposal"]["id"]
-    decided = await must(network, "contract", "approve", proposal[:12], "--as", "university")
+    decided = await must(network, "contract", "approve", proposal[:12], "--as", "university", "--no-wait")
     return int(decided["due_height"])
 
 

@@ -58,7 +58,7 @@ def refusal(*arguments: str) -> str:
 def decide(*arguments: str) -> dict[str, Any]:
     """The first organisation proposes, the second approves."""
     opened = answer(*arguments, "--as", "org-01")["proposal"]["id"]
-    return answer("approve", opened[:12], "--as", "org-02")
+    return answer("approve", opened[:12], "--as", "org-02", "--no-wait")
 
 
 def deploy(chain: Consortium, source: str = VISITORS) -> None:
@@ -73,7 +73,7 @@ def test_a_contract_goes_from_a_file_to_the_chain(chain: Consortium) -> None:
     assert f"contract approve {opened} --as ORG" in proposed.output
     assert f"contract show visitors --proposal {opened} --source" in proposed.output
     assert run("show", "visitors", "--proposal", opened, "--source").stdout == VISITORS
-    approved = run("approve", opened, "--as", "org-02").output.splitlines()
+    approved = run("approve", opened, "--as", "org-02", "--no-wait").output.splitlines()
     height = chain.height + 1
     assert approved == [
         f"deploy visitors: decided at height {height - 1}, takes effect with block {height}.",
