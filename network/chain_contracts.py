@@ -5,7 +5,7 @@ a node: every value is proved, every source has the hash that the state names.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from clients.sdk.governance import MembershipView, ProposalRow, read_membership
@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
 from consensus.primitives.keys import PrivateKey
 from contracts.execution.catalogue import SOURCE_APPROVED_PREFIX, SOURCE_PREFIX, TABLE_KEY
-from contracts.execution.changes import DUE_KEY, TRIALS_KEY, version_key
+from contracts.execution.changes import DUE_KEY, TRIALS_KEY, is_full_record, version_key
 from contracts.execution.describing import (
     VERSIONS_PREFIX,
     ChangeDue,
@@ -34,12 +34,16 @@ LIFECYCLE = b"lifecycle\x00"
 
 @dataclass(frozen=True, slots=True)
 class ContractsView:
-    """All contracts at a height, the changes that are due, and the open proposals about contracts."""
+    """All contracts at a height, the changes that are due, the open proposals about contracts.
+
+    `failed` are newest versions of contracts that could not take effect.
+    """
 
     height: int
     contracts: tuple[ContractRow, ...]
     due: tuple[ChangeDue, ...]
     membership: MembershipView
+    failed: tuple[VersionRow, ...] = ()
 
     @property
     def proposals(self) -> list[ProposalRow]:
@@ -59,6 +63,7 @@ class Edition:
     source: str
     abi: tuple[EntryRow, ...]
     row: VersionRow | None = None
+    proposal: ProposalRow | None = None
 
 
 async def _values(client: NetworkClient, keys: Iterable[bytes], key: PrivateKey) -> tuple[dict[bytes, Any], int]:
@@ -79,12 +84,23 @@ async def read_contracts(client: NetworkClient, key: PrivateKey) -> ContractsVie
         raise BlockRobotError("NOT_FOUND", "This chain has no contract for its contracts; it is older than that.")
     numbers = {name: VERSIONS_PREFIX + name.encode() for name in table}
     versions, height = await _values(client, numbers.values(), key)
+    rows = contract_rows(table, {name: read_newest(versions[place]) for name, place in numbers.items()})
     return ContractsView(
         height=height,
-        contracts=tuple(contract_rows(table, {name: read_newest(versions[place]) for name, place in numbers.items()})),
+        contracts=tuple(rows),
         due=tuple(due_rows(found[DUE_KEY], found[TRIALS_KEY])),
         membership=membership,
+        failed=await _read_failed(client, key, rows),
     )
+
+
+async def _read_failed(client: NetworkClient, key: PrivateKey, rows: Iterable[ContractRow]) -> tuple[VersionRow, ...]:
+    """Return the newest versions that failed; an entry of another form says nothing."""
+    newest = {version_key(row.name, row.versions): row for row in rows if row.versions > row.version}
+    records, _ = await _values(client, newest, key)
+    known = {place: record for place, record in records.items() if is_full_record(record)}
+    found = [version_row(newest[place].name, newest[place].versions, record) for place, record in known.items()]
+    return tuple(row for row in found if row.status == "failed")
 
 
 async def read_edition(client: NetworkClient, key: PrivateKey, name: str, version: int) -> Edition:
@@ -111,9 +127,13 @@ async def read_edition(client: NetworkClient, key: PrivateKey, name: str, versio
 
 
 async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: ProposalRow) -> Edition:
-    """Return the source that a proposal would deploy, as its organisation uploaded it. Raises CONTRACT_NOT_FOUND."""
+    """Return what a proposal is about: the source that it would deploy, or the version that it names.
+
+    Raises CONTRACT_NOT_FOUND.
+    """
     if proposal.kind != "deploy":
-        raise BlockRobotError("CONTRACT_NOT_FOUND", "The proposal brings no source.")
+        name, version = str(proposal.arguments["name"]), int(proposal.arguments.get("version", 0))
+        return replace(await read_edition(client, key, name, version), proposal=proposal)
     source_hash, name = proposal.arguments["source_hash"], str(proposal.arguments["name"])
     organisation = proposal.organisation.encode()
     place = LIFECYCLE + b"uploads/" + organisation
@@ -121,7 +141,8 @@ async def read_proposed(client: NetworkClient, key: PrivateKey, proposal: Propos
     parts = next((entry["parts"] for entry in uploads if entry["source_hash"] == source_hash), 0)
     prefix = LIFECYCLE + b"upload/" + organisation + b"/" + source_hash
     source = await _join(client, key, prefix, parts, source_hash)
-    return edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
+    edition = edition_of_source(source, name, f"{name} as proposed in {proposal.id.hex()[:12]}")
+    return replace(edition, proposal=proposal)
 
 
 async def _join(client: NetworkClient, key: PrivateKey, prefix: bytes, parts: int, source_hash: bytes) -> str:

@@ -12,7 +12,7 @@ import click
 from rich.markup import escape
 from rich.syntax import Syntax
 
-from clients.sdk.governance import ID_PREFIX_MIN_CHARS, find_proposal
+from clients.sdk.governance import ID_PREFIX_MIN_CHARS, ProposalRow, find_proposal
 from clients.sdk.http import NetworkClient
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
@@ -37,6 +37,8 @@ from network.cli.governing import (
     read_with_any,
     shown_id,
     shown_time,
+    summary_of,
+    to_json,
 )
 
 
@@ -53,6 +55,33 @@ def _due_text(change: ChangeDue) -> str:
         "return": f"back to {change.version}",
     }
     return f"{words[change.kind]} {when}"
+
+
+def _failed_json(row: VersionRow) -> dict[str, Any]:
+    return {name: getattr(row, name) for name in ("name", "version", "since_height", "failure")}
+
+
+def _print_failed(row: VersionRow) -> None:
+    """Say that the newest version of a contract is not the one in force, and why."""
+    text = f"{row.name} version {row.version} failed at height {row.since_height}: {row.failure}"
+    console.print(f"[bold]{escape(text)}[/bold]")
+
+
+def _told_proposal(row: ProposalRow) -> str:
+    note = f": {row.arguments['note']}" if row.arguments.get("note") else ""
+    return f"Proposal {shown_id(row.id)}: {summary_of(row)}, proposed by {row.organisation}{note}"
+
+
+def _print_proposal(row: ProposalRow, needed: int) -> None:
+    """Say what a proposal asks for, who proposed it and who stands behind it."""
+    arguments = row.arguments
+    console.print(escape(_told_proposal(row)))
+    when = [f"not before block {arguments['height']}"] if arguments.get("height") else []
+    when += [f"{arguments['delay']} blocks after the decision"] if arguments.get("delay") else []
+    voices = (
+        f"approved by {', '.join(row.approvals) or 'nobody'}, {needed} needed, open until {shown_time(row.expires_ms)}"
+    )
+    console.print(escape("; ".join([voices, *when])))
 
 
 @click.command("list")
@@ -82,6 +111,7 @@ def list_contracts(folder: Path | None, organisation: str | None, key_file: Path
                     for row in view.contracts
                 ],
                 "due": [_due_json(change) for change in view.due],
+                "failed": [_failed_json(row) for row in view.failed],
                 "proposals": [proposal_json(row, view.membership.majority) for row in view.proposals],
             }
         )
@@ -98,6 +128,10 @@ def list_contracts(folder: Path | None, organisation: str | None, key_file: Path
         if change.name not in known:
             table.add_row(escape(change.name), "", "", "to come", "", "", _due_text(change))
     console.print(table)
+    for row_failed in view.failed:
+        _print_failed(row_failed)
+    for proposal in view.proposals:
+        console.print(escape(_told_proposal(proposal)))
     print_proposals(view.proposals, view.membership.majority, "contract")
 
 
@@ -150,10 +184,11 @@ def show(
     async def read(client: NetworkClient, key: PrivateKey) -> tuple[Edition, ContractsView]:
         view = await read_contracts(client, key)
         if proposal is not None:
-            return await read_proposed(client, key, find_proposal(view.proposals, proposal)), view
+            return await read_proposed(client, key, _proposal_about(view, name, proposal)), view
         return await read_edition(client, key, name, version or 0), view
 
     edition, view = read_with_any(folder, organisation, key_file, read)
+    needed = view.membership.majority
     due = [change for change in view.due if change.name == name]
     if as_json:
         print_json(
@@ -163,6 +198,8 @@ def show(
                 "height": view.height,
                 **({} if edition.row is None else _row_json(edition.row)),
                 "due": [_due_json(change) for change in due],
+                "failed": next((_failed_json(row) for row in view.failed if row.name == name), None),
+                "proposal": None if edition.proposal is None else proposal_json(edition.proposal, needed),
                 "abi": [_entry_json(entry) for entry in edition.abi],
                 "source": edition.source,
             }
@@ -180,6 +217,8 @@ def show(
 def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) -> None:
     console.print(f"[bold]{escape(edition.title)}[/bold], as of height {view.height}")
     row = edition.row
+    if edition.proposal is not None:
+        _print_proposal(edition.proposal, view.membership.majority)
     if row is not None:
         since = f" since height {row.since_height}" if row.since_height or row.status == "active" else ""
         console.print(f"{row.status}{since}; {row.size_bytes} bytes, source {shown_id(row.source_hash)}")
@@ -189,6 +228,10 @@ def _print_facts(edition: Edition, view: ContractsView, due: list[ChangeDue]) ->
         if row.failure:
             console.print(escape(f"It did not take effect: {row.failure}"))
             console.print("Next step: mend the source and propose it anew.")
+        for failed in view.failed:
+            if failed.name == row.name and failed.version != row.version:
+                _print_failed(failed)
+                console.print("Next step: mend the source and propose it anew.")
     for change in due:
         console.print(escape(f"Due: {_due_text(change)}"))
         if change.kind == "return":
@@ -233,6 +276,7 @@ def diff(
         return await find(client, key, old), await find(client, key, new)
 
     before, after = read_with_any(folder, organisation, key_file, read)
+    proposals = [edition.proposal for edition in (before, after) if edition.proposal is not None]
     changes = compare_interfaces(before, after)
     lines = list(
         difflib.unified_diff(
@@ -249,9 +293,20 @@ def diff(
                 "equal": not lines,
                 "abi": [{"change": kind, "entry": text} for kind, text in changes],
                 "diff": lines,
+                "proposals": [
+                    {
+                        "id": row.id.hex(),
+                        "kind": row.kind,
+                        "organisation": row.organisation,
+                        "arguments": to_json(dict(row.arguments)),
+                    }
+                    for row in proposals
+                ],
             }
         )
         return
+    for row in proposals:
+        console.print(escape(_told_proposal(row)))
     if not lines:
         console.print(escape(f"{before.title} and {after.title} are equal."))
         return
@@ -270,14 +325,24 @@ def _read_file(name: str, text: str) -> Edition | None:
     return edition_of_source(read_source(path), name, text) if text and path.is_file() else None
 
 
+def _proposal_about(view: ContractsView, name: str, text: str) -> ProposalRow:
+    """Return the open proposal that is named, if it is about this contract. Raises GOVERNANCE_PROPOSAL_CLOSED."""
+    found = find_proposal(view.proposals, text)
+    if found.arguments["name"] != name:
+        raise BlockRobotError(
+            "GOVERNANCE_PROPOSAL_CLOSED", f"The proposal {text!r} is about {found.arguments['name']}."
+        )
+    return found
+
+
 async def _find_edition(client: NetworkClient, key: PrivateKey, name: str, text: str) -> Edition:
     """Return what is named: a version by its number, or an open proposal by the first digits of its id."""
     if text.isdigit() and len(text) < ID_PREFIX_MIN_CHARS:
         return await read_edition(client, key, name, int(text))
     view = await read_contracts(client, key)
     try:
-        proposal = find_proposal(view.proposals, text)
+        proposal = _proposal_about(view, name, text)
     except BlockRobotError as error:
-        known = f"{text!r} is no version's number, no file, and no open proposal."
+        known = f"{text!r} is no version's number, no file, and no open proposal about {name}."
         raise BlockRobotError(error.code, known) from None
     return await read_proposed(client, key, proposal)

@@ -133,7 +133,7 @@ def test_a_proposal_can_be_compared_before_it_is_approved(chain: Consortium) -> 
     run("withdraw", opened[:12], "--as", "org-01")
     assert refusal("diff", "visitors", opened[:12]) == "GOVERNANCE_PROPOSAL_CLOSED"
     assert (
-        "'visitor.py' is no version's number, no file, and no open proposal."
+        "'visitor.py' is no version's number, no file, and no open proposal about visitors."
         in run("diff", "visitors", "visitor.py").stderr
     )
 
@@ -159,6 +159,29 @@ def test_a_version_that_could_not_take_effect_says_why(chain: Consortium) -> Non
     failed = run("show", "visitors", "--version", "2").output
     assert "It did not take effect: TOO_EARLY: Not yet. (line 17)" in failed
     assert "Next step: mend the source" in failed
+    failure = "TOO_EARLY: Not yet. (line 17)"
+    assert f"visitors version 2 failed at height {chain.height}: {failure}" in run("show", "visitors").output
+    assert f"visitors version 2 failed at height {chain.height}: {failure}" in run("list").output
+    row = {"name": "visitors", "version": 2, "since_height": chain.height, "failure": failure}
+    assert answer("show", "visitors")["failed"] == row
+    assert answer("list")["failed"] == [row]
+
+
+def test_a_proposal_without_a_source_is_shown_for_what_it_is(chain: Consortium) -> None:
+    deploy(chain)
+    deploy(chain, VISITORS_2)
+    for kind, arguments in (("activate", ["1"]), ("disable", [])):
+        opened = answer(kind, "visitors", *arguments, "--note", "too many floors", "--as", "org-01")["proposal"]["id"]
+        version = 1 if kind == "activate" else 2
+        line = f"Proposal {opened[:12]}: {kind} visitors version {version}, proposed by org-01: too many floors"
+        assert line in run("show", "visitors", "--proposal", opened[:12]).output
+        assert "approved by org-01, 2 needed" in run("show", "visitors", "--proposal", opened[:12]).output
+        assert line in run("diff", "visitors", opened[:12]).output
+        shown = answer("show", "visitors", "--proposal", opened[:12])
+        assert (shown["version"], shown["proposal"]["kind"]) == (version, kind)
+        assert answer("diff", "visitors", opened[:12])["proposals"][0]["organisation"] == "org-01"
+        assert line in run("list").output
+        assert "is about visitors" in run("show", "records", "--proposal", opened[:12]).stderr
 
 
 def test_a_contract_is_disabled_and_listed_as_that(chain: Consortium) -> None:
