@@ -238,6 +238,16 @@ def require_active(version: int, row: list):
     require(version == row[0], "VERSION_OTHER", f"The active version is {row[0]}, not {version}.")
 
 
+def require_fresh(name: str, proposed_height: int):
+    """What was proposed before the contract changed counts no more: it was meant for another contract than this one."""
+    table, number = [state.get(b"table"), state.get(b"versions/" + name.encode(), 0)]
+    changed_height = table[name][3] if name in table else 0
+    if number > 0:
+        changed_height = max(changed_height, state.get(version_key(name, number))["approved_height"])
+    text = f"The contract changed at height {changed_height}, after this was proposed: withdraw it, and propose it again."
+    require(changed_height <= proposed_height, "PROPOSAL_STALE", text)
+
+
 def check_when(arguments: dict):
     known = 0 <= arguments["height"] and arguments["height"] <= ctx.height + AHEAD_MAX_BLOCKS
     require(known, "HEIGHT_WRONG", "The height is 0, or at most 10,000,000 blocks ahead.")
@@ -351,8 +361,10 @@ def approve(proposal_id: bytes):
     """Stand behind a proposal; with a majority it takes effect. Who may call: an admin of an active organisation."""
     require_direct()
     reached, kind, arguments = call("membership", "approve_contract", proposal_id)
+    proposal = call("membership", "proposal", proposal_id)
+    require_fresh(arguments["name"], proposal["height"])
     if reached:
-        organisation = call("membership", "proposal", proposal_id)["organisation"]
+        organisation = proposal["organisation"]
         check(kind, arguments, organisation)
         take_effect(proposal_id, kind, arguments, organisation)
 

@@ -203,7 +203,7 @@ def _refuse_twice(
     if kind == "revoke_certificate" and seat.organisation in {"", arguments["organisation"]}:
         return
     for row in membership.proposals:
-        is_same = all(row.arguments.get(name) == value for name, value in arguments.items())
+        is_same = all(row.arguments.get(name) == value for name, value in arguments.items() if name != "note")
         if (row.contract, row.kind) == (contract, kind) and is_same:
             command = f"blockrobot {_GROUPS[contract]} approve {shown_id(row.id)} --as"
             way = f"Approve it: {command} {seat.organisation or 'ORG'}"

@@ -347,8 +347,24 @@ def test_disabling_is_about_one_version(chain: Consortium) -> None:
     proposal_id = chain.must(key, "lifecycle", "propose", "disable", disabling("visitors", 1)).txid
     deploy(chain, "visitors", VISITORS_2)
     chain.block([])
-    chain.refused("VERSION_OTHER", admin_of("org-02"), "lifecycle", "approve", proposal_id)
+    chain.refused("PROPOSAL_STALE", admin_of("org-02"), "lifecycle", "approve", proposal_id)
     agree(chain, "disable", disabling("visitors", 2))
+
+
+def test_a_proposal_that_is_older_than_the_contract_as_it_is_takes_nothing_back(chain: Consortium) -> None:
+    """The same source is proposed twice; what was not approved then would undo the next version unseen."""
+    for name in ("org-01", "org-02"):
+        upload(chain, admin_of(name), VISITORS)
+    first = chain.must(admin_of("org-01"), "lifecycle", "propose", "deploy", deployment("visitors", VISITORS)).txid
+    twin = deployment("visitors", VISITORS, note="again")
+    second = chain.must(admin_of("org-02"), "lifecycle", "propose", "deploy", twin).txid
+    chain.must(admin_of("org-02"), "lifecycle", "approve", first)
+    chain.block([])
+    chain.refused("PROPOSAL_STALE", admin_of("org-01"), "lifecycle", "approve", second)
+    deploy(chain, "visitors", VISITORS_2)
+    chain.block([])
+    chain.refused("PROPOSAL_STALE", admin_of("org-01"), "lifecycle", "approve", second)
+    assert chain.view("lifecycle", "contract", "visitors")["version"] == 2
 
 
 def test_what_waits_counts_as_a_contract(chain: Consortium) -> None:

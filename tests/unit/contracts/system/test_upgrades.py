@@ -129,7 +129,7 @@ def test_keeping_is_about_one_version(chain: Consortium) -> None:
     chain.refused("VERSION_OTHER", key, "lifecycle", "propose", "keep", keeping("membership", 1))
     proposal_id = chain.must(key, "lifecycle", "propose", "keep", keeping("membership", 2)).txid
     upgrade(chain, "membership", read_source("membership") + "# The third.\n")
-    chain.refused("VERSION_OTHER", admin_of("org-02"), "lifecycle", "approve", proposal_id)
+    chain.refused("PROPOSAL_STALE", admin_of("org-02"), "lifecycle", "approve", proposal_id)
     end_trial(chain)
     assert chain.view("lifecycle", "contract", "membership")["version"] == 1
 
