@@ -13,6 +13,7 @@ import click
 
 from clients.sdk.terminal import json_option, plain_errors, print_json
 from contracts import vectors as golden
+from contracts.execution.chain_refusals import find_refusals
 from contracts.vm import LANGUAGE_VERSION, Diagnostic, compile_contract, find_problems
 
 LINE_SHOWN_MAX_CHARS = 120
@@ -28,8 +29,11 @@ def check_file(path: Path, name: str) -> tuple[list[str], tuple[Diagnostic, ...]
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
         problem = Diagnostic("NOT_UTF8", line, column, "A source is UTF-8 text.", "Save the file as UTF-8.")
         return data.decode("utf-8", "replace").split("\n"), (problem,), []
-    problems = find_problems(source, name)
-    entries = [] if problems else [_entry_json(entry) for entry in compile_contract(source, name).abi.entries]
+    problems, entries = find_problems(source, name), []
+    if not problems:
+        compiled = compile_contract(source, name)
+        problems = find_refusals(source, compiled)
+        entries = [] if problems else [_entry_json(entry) for entry in compiled.abi.entries]
     return source.split("\n"), problems, entries
 
 
@@ -68,7 +72,7 @@ def _print_problem(path: Path, lines: list[str], problem: Diagnostic) -> None:
 @json_option
 @plain_errors
 def check(files: tuple[Path, ...], name: str | None, as_json: bool) -> None:
-    """Say whether sources are in the contract language, and everything that is wrong with them.
+    """Say whether sources are in the contract language and such as a chain takes, and all that is wrong with them.
 
     Each problem comes with a code, its line and column, and what to write instead. The codes are explained in
     docs/reference/contract-language.md. Exit code 0: nothing is wrong; 1: something is.

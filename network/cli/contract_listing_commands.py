@@ -72,6 +72,11 @@ def _told_proposal(row: ProposalRow) -> str:
     return f"Proposal {shown_id(row.id)}: {summary_of(row)}, proposed by {row.organisation}{note}"
 
 
+def _asked_json(row: ProposalRow) -> dict[str, Any]:
+    asked = {"id": row.id.hex(), "kind": row.kind, "organisation": row.organisation}
+    return asked | {"arguments": to_json(dict(row.arguments))}
+
+
 def _print_proposal(row: ProposalRow, needed: int) -> None:
     """Say what a proposal asks for, who proposed it and who stands behind it."""
     arguments = row.arguments
@@ -293,15 +298,7 @@ def diff(
                 "equal": not lines,
                 "abi": [{"change": kind, "entry": text} for kind, text in changes],
                 "diff": lines,
-                "proposals": [
-                    {
-                        "id": row.id.hex(),
-                        "kind": row.kind,
-                        "organisation": row.organisation,
-                        "arguments": to_json(dict(row.arguments)),
-                    }
-                    for row in proposals
-                ],
+                "proposals": [_asked_json(row) for row in proposals],
             }
         )
         return

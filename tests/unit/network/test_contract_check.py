@@ -88,3 +88,28 @@ def test_a_line_without_end_is_cut_to_what_fits(sources):
 
 def test_a_file_that_is_not_there_is_a_wrong_use():
     assert check("nowhere.py").exit_code == 2
+
+
+def many_entries(count: int, parameter: str = "a") -> str:
+    return "".join(f"@view\ndef f{number}({parameter}: int) -> int:\n    return 1\n" for number in range(count))
+
+
+@pytest.mark.parametrize(
+    ("name", "source", "told"),
+    [
+        ("many", many_entries(101), ":302:1 ENTRIES_TOO_MANY: A contract has at most 100 entries; this one has 101."),
+        ("wordy", many_entries(99, "a" * 80), "INTERFACE_TOO_LONG"),
+        ("state", GOOD, "CONTRACT_NAME: The name state is reserved."),
+        ("forms", GOOD + "\n\n@migrate\ndef m():\n    return\n", "MIGRATION_REFUSED"),
+    ],
+)
+def test_what_a_chain_would_refuse_is_told_before_it_is_sent(sources, name, source, told):
+    (sources / f"{name}.py").write_text(source, "utf-8")
+    result = check(sources / f"{name}.py")
+    assert result.exit_code == 1
+    assert told in result.output
+
+
+def test_as_many_entries_as_a_chain_takes_are_fine(sources):
+    (sources / "many.py").write_text(many_entries(100), "utf-8")
+    assert check(sources / "many.py").output.endswith("fine, 100 entries\n")
