@@ -13,15 +13,17 @@ from rich.markup import escape
 from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
 from contracts.kit.sources import read_source
 from contracts.kit.telling import told
-from contracts.vm.abi import Entry
 from network.cli.contract_forms import ContractForm, find_form
 from network.cli.contract_signers import find_signers, read_with_first, signer_options, take_signer, with_network
 from network.cli.governing import to_json
+
+MISFITS = frozenset({"ARGUMENTS_INVALID", "ENTRY_UNKNOWN", "CONTRACT_UNKNOWN"})
 
 source_option = click.option(
     "--source",
@@ -99,22 +101,25 @@ def call(
     signer = take_signer(find_signers(folder, officer, key_file, wallet_profile))
     source = _read_source(source_file)
 
-    async def send(client: NetworkClient) -> tuple[FinalReceipt, ContractForm, Entry]:
+    async def send(client: NetworkClient) -> tuple[FinalReceipt, ContractForm | None]:
         form = await find_form(client, signer.key, contract, source)
-        found = find_entry(form.abi, entry, "export")
-        values = read_arguments(found, arguments)
+        values = read_arguments(find_entry(form.abi, entry, "export"), arguments)
         transaction = client.transactions.build(signer.key, contract, entry, values)
         try:
-            return await client.submit_and_wait(transaction), form, found
+            receipt = await client.submit_and_wait(transaction)
         except asyncio.CancelledError:
             click.echo(f"No longer waiting; it may still become final: txid {transaction.txid.hex()}", err=True)
             raise
+        if receipt.ok or (source is not None and receipt.code not in MISFITS):
+            return receipt, form
+        return receipt, await _form_now(client, signer.key, contract)
 
-    receipt, form, found = with_network(signer, send)
+    receipt, form = with_network(signer, send)
+    next_step = "" if receipt.ok else _next_step(receipt, form, contract, entry)
     if as_json:
-        print_json(_receipt_json(receipt))
+        print_json(_receipt_json(receipt, next_step))
     else:
-        _print_receipt(receipt, form, signature_of(found))
+        _print_receipt(receipt, form, next_step)
     if not receipt.ok:
         raise click.exceptions.Exit(1)
 
@@ -123,7 +128,21 @@ def _read_source(path: Path | None) -> str | None:
     return None if path is None else read_source(path)
 
 
-def _receipt_json(receipt: FinalReceipt) -> dict[str, Any]:
+async def _form_now(client: NetworkClient, key: PrivateKey, contract: str) -> ContractForm | None:
+    """Return the form that a call was refused by: another version may have come since the arguments were read.
+
+    None if it cannot be read.
+    """
+    try:
+        await client.catch_up(key)
+        return await find_form(client, key, contract, None)
+    except BlockRobotError:
+        return None
+
+
+def _receipt_json(receipt: FinalReceipt, next_step: str) -> dict[str, Any]:
+    detail = f"{receipt.code}: {receipt.message}" if receipt.message else receipt.code
+    error = {"code": "CALL_REFUSED", "detail": detail, "next_step": next_step}
     return {
         "ok": receipt.ok,
         "txid": receipt.txid.hex(),
@@ -137,10 +156,10 @@ def _receipt_json(receipt: FinalReceipt) -> dict[str, Any]:
             {"contract": event.contract, "name": event.name, "data": to_json(decode_value(event.data))}
             for event in receipt.events
         ],
-    }
+    } | ({} if receipt.ok else {"error": error})
 
 
-def _print_receipt(receipt: FinalReceipt, form: ContractForm, signature: str) -> None:
+def _print_receipt(receipt: FinalReceipt, form: ContractForm | None, next_step: str) -> None:
     place = f"final at height {receipt.height}, {receipt.gas_used} gas, txid {receipt.txid.hex()}"
     if receipt.ok:
         console.print(f"OK: {place}")
@@ -148,16 +167,21 @@ def _print_receipt(receipt: FinalReceipt, form: ContractForm, signature: str) ->
             console.print(escape(f"  {event.contract}.{event.name} {told(decode_value(event.data))}"))
         return
     console.print(escape(f"Refused: {receipt.code}{': ' if receipt.message else ''}{receipt.message}"))
-    if receipt.line is not None and not receipt.message.startswith("In contract "):
+    if form is not None and receipt.line is not None and not receipt.message.startswith("In contract "):
         console.print(escape(f"  {form.abi.contract}:{receipt.line}: {form.line(receipt.line)}"))
     console.print(f"  {place}")
-    console.print(escape(f"Next step: {_next_step(receipt, signature)}"))
+    console.print(escape(f"Next step: {next_step}"))
 
 
-def _next_step(receipt: FinalReceipt, signature: str) -> str:
-    match receipt.code:
-        case "OUT_OF_GAS" | "MEMORY_BUDGET" | "WRITE_BUDGET" | "EVENT_BUDGET":
-            return "let one call do less: give it less data, or split the entry."
-        case "ARGUMENTS_INVALID" | "ENTRY_UNKNOWN" | "CONTRACT_UNKNOWN":
-            return f"compare with what the chain has: {signature}."
-    return f"nothing was changed; see why: blockrobot contract trace {receipt.txid.hex()}"
+def _next_step(receipt: FinalReceipt, form: ContractForm | None, contract: str, entry: str) -> str:
+    if receipt.code in {"OUT_OF_GAS", "MEMORY_BUDGET", "WRITE_BUDGET", "EVENT_BUDGET"}:
+        return "let one call do less: give it less data, or split the entry."
+    if receipt.code not in MISFITS:
+        return f"nothing was changed; see why: blockrobot contract trace {receipt.txid.hex()}"
+    shown = f"blockrobot contract show {contract} --abi"
+    if form is None:
+        return f"compare with what the chain has: {shown}"
+    found = next((one for one in form.abi.entries if (one.name, one.kind) == (entry, "export")), None)
+    if found is None:
+        return f"the chain's version has no entry {entry} any more; see what it has: {shown}"
+    return f"compare with what the chain has: {signature_of(found)}."

@@ -25,6 +25,7 @@ from contracts.execution.views import run_view
 from network.cli.contract_commands import contract
 from tests.unit.clients.sdk.consortium_client import ConsortiumClient
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
+from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, upgrade
 
 WORDS = "abandon " * 23 + "art"
 
@@ -103,6 +104,26 @@ def test_a_refused_call_shows_code_line_and_next_step(chain: Consortium) -> None
     document = json.loads(run("call", "settings", "propose", "colour", "1", "--as", "org-01", "--json").stdout)
     assert (document["ok"], document["code"], document["events"]) == (False, "SETTING_UNKNOWN", [])
     assert document["line"] > 0
+    assert document["error"]["code"] == "CALL_REFUSED"
+    assert document["error"]["detail"] == "SETTING_UNKNOWN: There is no such setting."
+    assert document["error"]["next_step"].endswith(f"contract trace {document['txid']}")
+
+
+def test_a_call_that_an_upgrade_overtook_is_compared_with_the_version_that_refused_it(
+    chain: Consortium, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    upgrade(chain, "visitors", VISITORS)
+    submit = AskedClient.submit_and_wait
+
+    async def overtaken(client: AskedClient, transaction: Transaction) -> FinalReceipt:
+        upgrade(chain, "visitors", VISITORS_2)
+        return await submit(client, transaction)
+
+    monkeypatch.setattr(AskedClient, "submit_and_wait", overtaken)
+    lines = run("call", "visitors", "enter", "Ada", "--as", "org-01").output.splitlines()
+    assert lines[0].startswith("Refused: ARGUMENTS_INVALID")
+    assert lines[1] == "  visitors:3: def enter(name: str, floor: int):"
+    assert lines[-1] == "Next step: compare with what the chain has: enter(name: str, floor: int) -> object."
 
 
 def test_who_stops_waiting_is_told_what_was_sent(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
