@@ -79,6 +79,10 @@ def plain_errors(command: F) -> F:
             return command(*args, **kwargs)
         except BlockRobotError as error:
             refusal = error
+        except BrokenPipeError:
+            # Whoever read the output has seen enough; what is left of it must not fail once more at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            sys.exit(EXIT_FAILED)
         except OSError as error:
             place = f"{error.filename}: " if error.filename else ""
             refusal = BlockRobotError("FILE_UNUSABLE", f"{place}{error.strerror or type(error).__name__}.")

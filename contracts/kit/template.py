@@ -116,12 +116,12 @@ def project_files(name: str) -> dict[str, str]:
 def write_project(folder: Path, name: str) -> list[Path]:
     """Write a new contract into a folder, which is made if it is not there; return the files.
 
-    Raises FILE_UNUSABLE if one of them is there already; then nothing is written.
+    Raises FILE_EXISTS if one of them is there already; then nothing is written.
     """
     files = {folder / place: text for place, text in project_files(name).items()}
     for path in files:
         if path.exists():
-            raise BlockRobotError("FILE_UNUSABLE", f"{path} is there already; nothing was written.")
+            raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.")
     for path, text in files.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")

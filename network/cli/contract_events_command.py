@@ -27,6 +27,7 @@ from clients.sdk.pin_file import write_pin_file
 from clients.sdk.terminal import console, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
+from contracts.execution.catalogue import TABLE_KEY
 from contracts.kit.telling import told
 from network.cli.contract_signers import find_signers, read_with_first, signer_options
 from network.cli.governing import to_json
@@ -53,17 +54,28 @@ class Wanted:
         return json.dumps(fields).encode() + b"\n"
 
     def remembered(self, path: Path) -> Place | None:
-        """Return the place in a state file, or None without one. Raises FILE_UNUSABLE for one of other events."""
+        """Return the place in a state file, or None without one.
+
+        Raises EVENTS_STATE_OF_OTHERS, and EVENTS_STATE_BROKEN for what is none.
+        """
         try:
             fields = json.loads(path.read_bytes())
             place = read_place(fields["next"])
         except FileNotFoundError:
             return None
         except (ValueError, KeyError, TypeError, BlockRobotError):
-            raise BlockRobotError("FILE_UNUSABLE", f"{path} is no state file of this command.") from None
-        if (fields.get("chain"), fields.get("contract"), fields.get("name")) != (self.chain, self.contract, self.name):
-            raise BlockRobotError("FILE_UNUSABLE", f"{path} remembers a place among other events.")
+            raise BlockRobotError("EVENTS_STATE_BROKEN", f"{path} is no state file of this command.") from None
+        its = Wanted(fields.get("chain"), fields.get("contract"), fields.get("name"))
+        if its != self:
+            chain = "" if its.chain == self.chain else " of another network"
+            text = f"{path} remembers a place among {its.words()}{chain}, and you ask for {self.words()}."
+            raise BlockRobotError("EVENTS_STATE_OF_OTHERS", text)
         return place
+
+    def words(self) -> str:
+        """Say which events."""
+        which = "all events" if self.name is None else f"the events {self.name}"
+        return which if self.contract is None else f"{which} of the contract {self.contract}"
 
 
 def event_json(event: FoundEvent) -> dict[str, Any]:
@@ -80,7 +92,7 @@ def event_json(event: FoundEvent) -> dict[str, Any]:
 def last_written(path: Path) -> Place | None:
     """Return the place after the last whole line of a file, cutting off one that was not finished; None if it has none.
 
-    Raises FILE_UNUSABLE for a file that something else wrote.
+    Raises EVENTS_FILE_FOREIGN for a file that something else wrote.
     """
     if not path.exists():
         return None
@@ -90,7 +102,7 @@ def last_written(path: Path) -> Place | None:
         place = _place_of_last(path, whole)
         rest = content[len(whole) :]
         if not rest.startswith(EVENT_BEGINS[: len(rest)]):
-            raise BlockRobotError("FILE_UNUSABLE", f"The last line of {path} is no event.")
+            raise BlockRobotError("EVENTS_FILE_FOREIGN", f"The last line of {path} is no event.")
         if rest:
             file.truncate(len(whole))
     return place
@@ -103,7 +115,7 @@ def _place_of_last(path: Path, whole: bytes) -> Place | None:
     try:
         place = read_place(json.loads(lines[-1])["place"])
     except (ValueError, KeyError, TypeError, BlockRobotError):
-        raise BlockRobotError("FILE_UNUSABLE", f"The last line of {path} is no event.") from None
+        raise BlockRobotError("EVENTS_FILE_FOREIGN", f"The last line of {path} is no event.") from None
     return Place(place.height, place.index + 1)
 
 
@@ -185,6 +197,18 @@ async def follow(
             return
 
 
+async def _warn_of_unknown(client: NetworkClient, key: PrivateKey, contract: str | None) -> None:
+    """Say so if the chain has no contract of this name: it may come, or the name is wrong."""
+    if contract is None:
+        return
+    try:
+        table = (await client.state_values([TABLE_KEY], key)).values[TABLE_KEY] or {}
+    except BlockRobotError:
+        return  # Whoever may not read the state, or meets no node, is told so by what follows, or needs no warning.
+    if contract not in table:
+        click.echo(f"The chain has no contract {contract!r} (see `blockrobot contract list`).", err=True)
+
+
 def _check_place(_context: click.Context, _parameter: click.Parameter, text: str) -> str:
     try:
         if text not in {BEGINNING, NOW}:
@@ -245,6 +269,8 @@ def events(
 
     def take(page: EventPage) -> None:
         nonlocal written
+        if page.next.height > page.head + 1 and page.next != written:
+            click.echo(f"The place {page.next} is not there yet: the newest block is {page.head}.", err=True)
         if out is not None:
             _append(out, page.events)
         else:
@@ -257,6 +283,7 @@ def events(
 
     async def read(client: NetworkClient, key: PrivateKey) -> None:
         async with _stopped_by_signals():
+            await _warn_of_unknown(client, key, contract)
             place = written if written is not None else await _first_place(client, key, first)
             await follow(client, key, wanted, place, take, forever=forever)
 

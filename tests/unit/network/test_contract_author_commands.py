@@ -71,7 +71,7 @@ def test_a_failed_test_shows_the_lines_that_ran(project: Path) -> None:
 def test_nothing_is_written_over(project: Path) -> None:
     (project / "notes.py").write_text("mine", encoding="utf-8")
     again = run("new", "notes")
-    assert (again.exit_code, "FILE_UNUSABLE" in again.stderr) == (1, True)
+    assert (again.exit_code, "FILE_EXISTS" in again.stderr) == (1, True)
     assert (project / "notes.py").read_text(encoding="utf-8") == "mine"
     assert json.loads(run("new", "other", "--dir", "elsewhere", "--json").stdout)["folder"] == "elsewhere"
 

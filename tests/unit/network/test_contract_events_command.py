@@ -100,9 +100,11 @@ def test_a_state_file_remembers_where_to_go_on(story: Story, tmp_path: Path) -> 
     assert shown(run("--state", str(state))) == []
     story.happen("4:0", "4:1")
     assert shown(run("--state", str(state), "--from", "0:0")) == ["4:0", "4:1"]
-    assert run("--state", str(state), "--name", "other").exit_code == 1
+    others = run("--state", str(state), "--contract", "notes", "--name", "other")
+    assert (others.exit_code, "EVENTS_STATE_OF_OTHERS" in others.stderr) == (1, True)
+    assert "among all events, and you ask for the events other of the contract notes." in others.stderr
     state.write_text("{}", encoding="utf-8")
-    assert "FILE_UNUSABLE" in run("--state", str(state)).stderr
+    assert "EVENTS_STATE_BROKEN" in run("--state", str(state)).stderr
 
 
 def test_a_follower_goes_on_while_no_node_answers_until_it_is_stopped(story: Story, tmp_path: Path) -> None:
@@ -136,9 +138,19 @@ def test_a_kill_in_the_middle_of_a_page_says_nothing_twice_in_a_file(story: Stor
     assert written(out) == ["1:0", "1:1", "3:0", "3:1", "5:0"]
     for other in ("something else\n", "something else", '{"place": "1:0"}\nand something else', "\n", '{"plan": 1}'):
         out.write_text(other, encoding="utf-8")
-        assert "FILE_UNUSABLE" in run("--out", str(out)).stderr
+        assert "EVENTS_FILE_FOREIGN" in run("--out", str(out)).stderr
         assert out.read_text(encoding="utf-8") == other
     assert run("--out", str(out), "--state", str(out)).exit_code == 2
+
+
+def test_a_contract_or_a_place_that_is_not_there_is_told(story: Story) -> None:
+    story.happen("1:0")
+    unknown = run("--contract", "nope")
+    assert (unknown.exit_code, "The chain has no contract 'nope'" in unknown.stderr) == (0, True)
+    assert run("--contract", "settings").stderr == ""
+    ahead = run("--from", "999999:0")
+    assert (ahead.exit_code, ahead.stderr) == (0, "The place 999999:0 is not there yet: the newest block is 1.\n")
+    assert run("--from", "2:0").stderr == ""
 
 
 def test_a_place_that_is_none_is_refused(story: Story) -> None:

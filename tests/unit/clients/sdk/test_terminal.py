@@ -1,0 +1,31 @@
+"""Every command's own words when something fails, also when nobody reads them any more."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+_SPEAKS = """
+import click
+from clients.sdk.terminal import plain_errors
+
+@click.command()
+@plain_errors
+def speak():
+    for _ in range(100_000):
+        click.echo("a line that somebody may read")
+
+speak()
+"""
+
+
+def test_who_has_read_enough_is_told_nothing_of_it() -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", _SPEAKS], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as command:
+        assert command.stdout is not None
+        assert command.stderr is not None
+        assert command.stdout.readline() == "a line that somebody may read\n"
+        command.stdout.close()
+        assert command.stderr.read() == ""
+        assert command.wait() == 1
