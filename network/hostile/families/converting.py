@@ -65,7 +65,7 @@ PROGRAMS: tuple[Program, ...] = (
     body("least-of-many", SPENT, "x = [2 ** 255 - i for i in range(1000)]\n" + _FOREVER + "y = min(x)"),
     body("requirements-without-end", SPENT, "x = 'a' * 10 ** 5\n" + _FOREVER + "require(x, 'NO_WAY', 'a' * 10)"),
     body("source-charged", "LIFECYCLE_ONLY", "charge_source(bytes(10 ** 6))"),
-    body("source-compiled", "LIFECYCLE_ONLY", "check_source('it', [b'x' * 1000] * 60)"),
+    body("source-compiled", "LIFECYCLE_ONLY", "check_source(b'x' * 60000)"),
     body("migration-called-by-another", "ENTRY_UNKNOWN", "call('other', 'm')", others={"other": _MIGRATION}),
     source(
         "migration-called",
