@@ -237,6 +237,18 @@ def find_proposal(proposals: Iterable[ProposalRow], text: str) -> ProposalRow:
     return found[0]
 
 
+async def find_closed(client: NetworkClient, reader: PrivateKey, text: str) -> ProposalRow | None:
+    """Return the proposal whose id begins with this text among those that were closed lately, or None."""
+    wanted, index = text.strip().lower(), MEMBERSHIP + b"closed"
+    closed = (await _proved(client, [index], reader))[0][index] or []
+    found = [one for one in closed if len(wanted) >= ID_PREFIX_MIN_CHARS and one.hex().startswith(wanted)]
+    if len(found) != 1:
+        return None
+    place = MEMBERSHIP + b"proposal/" + found[0]
+    value = (await _proved(client, [place], reader))[0][place]
+    return None if value is None else _proposal(found[0], value, {})
+
+
 @dataclass(frozen=True, slots=True)
 class Decision:
     """What became of a call: at which height it is final, the proposal's id if it opened one, what took effect.

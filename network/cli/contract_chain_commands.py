@@ -33,7 +33,23 @@ source_option = click.option(
 )
 
 
-@click.command()
+class TypedCommand(click.Command):
+    """A command whose arguments may be negative numbers: says how those are written, where one is taken for an option."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """See click.Command.parse_args."""
+        written = list(args)
+        try:
+            return super().parse_args(ctx, args)
+        except click.NoSuchOption as error:
+            if not error.option_name[1:2].isdigit():
+                raise
+            given = next((text for text in written if text.startswith(error.option_name)), error.option_name)
+            sentence = f"{given} is taken for an option: write -- before the first argument that begins with a minus."
+            raise click.UsageError(sentence, ctx) from None
+
+
+@click.command(cls=TypedCommand)
 @click.argument("contract")
 @click.argument("view")
 @click.argument("arguments", nargs=-1)
@@ -73,7 +89,7 @@ def query(
     console.print(escape(told(result)))
 
 
-@click.command()
+@click.command(cls=TypedCommand)
 @click.argument("contract")
 @click.argument("entry")
 @click.argument("arguments", nargs=-1)

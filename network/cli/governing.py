@@ -17,7 +17,15 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from clients.sdk.governance import Decision, Governor, MembershipView, ProposalRow, find_proposal, read_membership
+from clients.sdk.governance import (
+    Decision,
+    Governor,
+    MembershipView,
+    ProposalRow,
+    find_closed,
+    find_proposal,
+    read_membership,
+)
 from clients.sdk.http import NetworkClient
 from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.terminal import console, load_genesis, print_json
@@ -213,6 +221,17 @@ def _refuse_twice(
             raise BlockRobotError("GOVERNANCE_PROPOSED_ALREADY", f"{summary_of(row)} {state}. {way}")
 
 
+async def _tell_closed(client: NetworkClient, key: PrivateKey, text: str) -> None:
+    """Say of a proposal that was open how it ended. Raises GOVERNANCE_PROPOSAL_CLOSED if it is still known."""
+    row = await find_closed(client, key, text)
+    if row is not None:
+        ended = {"executed": "was decided", "withdrawn": "was withdrawn", "expired": "expired"}.get(
+            row.status, "closed"
+        )
+        sentence = f"The proposal {shown_id(row.id)} ({summary_of(row)}) {ended} at height {row.closed_height}."
+        raise BlockRobotError("GOVERNANCE_PROPOSAL_CLOSED", sentence)
+
+
 def decide_on_proposal(
     seat: Seat,
     contract: str,
@@ -224,7 +243,11 @@ def decide_on_proposal(
 
     async def run(client: NetworkClient) -> tuple[Told, ProposalRow]:
         before = await read_membership(client, seat.key)
-        proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+        try:
+            proposal = find_proposal([row for row in before.proposals if row.contract == contract], text)
+        except BlockRobotError:
+            await _tell_closed(client, seat.key, text)
+            raise
         if check is not None:
             await check(client, before, proposal)
         decision = await work(Governor(client, seat.key), proposal)

@@ -150,6 +150,14 @@ def test_what_does_not_fit_is_never_signed(chain: Consortium) -> None:
     assert chain.height == 0
 
 
+def test_a_negative_number_that_is_taken_for_an_option_is_told_how_to_be_written(chain: Consortium) -> None:
+    wrong = run("call", "settings", "propose", "heartbeat_ms", "-35", "--as", "org-01")
+    assert (wrong.exit_code, "-35 is taken for an option: write -- before" in wrong.stderr) == (2, True)
+    assert "No such option" in run("call", "settings", "propose", "--colour").stderr
+    meant = run("call", "settings", "propose", "--as", "org-01", "--", "heartbeat_ms", "-35")
+    assert meant.stdout.startswith("Refused: VALUE_WRONG")
+
+
 def test_a_wallet_signs_with_its_own_key(chain: Consortium, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "wallets").mkdir()
     (tmp_path / "passphrase").write_text("correct horse\n", encoding="utf-8")

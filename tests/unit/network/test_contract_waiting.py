@@ -62,6 +62,16 @@ def test_a_disabling_is_waited_for_too(blocks: Consortium) -> None:
     assert "visitors is disabled." in run("approve", opened, "--as", "org-02").stdout
 
 
+def test_who_comes_too_late_is_told_when_it_was_decided(blocks: Consortium) -> None:
+    opened = propose(VISITORS)
+    height = answer("approve", opened, "--as", "org-02")["height"]
+    late = run("approve", opened, "--as", "org-03")
+    assert f"The proposal {opened} (deploy visitors) was decided at height {height}." in late.stderr
+    opened = propose(VISITORS_2)
+    run("withdraw", opened, "--as", "org-01")
+    assert "(deploy visitors) was withdrawn at height" in run("approve", opened, "--as", "org-03").stderr
+
+
 def test_what_is_far_ahead_or_never_final_is_not_waited_for(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
     far = answer("approve", propose(VISITORS, "--delay", "5000"), "--as", "org-02")
     assert far["state"] is None
