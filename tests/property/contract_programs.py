@@ -26,7 +26,7 @@ TEXT_TESTS = (".isdigit()", ".isalpha()", ".isalnum()", ".isupper()", ".islower(
 MISTAKES = (
     "(1 + 'a')", "len(5)", "('a' < 1)", "None[0]", "[] - [1]", "'a' * 'b'", "-'a'", "sum(['a'])", "{}[[]]", "(1)[0]",
     "5 in 5", "[1] + (2,)", "sorted([1, 'a'])", "'a'.append(1)", "b'a' + 'a'", "abs('a')", "[1]['a']", "~None",
-    "'a' in 5", "[1, 2][None:]", "max(1, 'a')", "'a'.join([1])", "(5).upper()", "range('a')", "bytes('a')",
+    "'a' in 5", "[1, 2]['a':]", "max(1, 'a')", "'a'.join([1])", "(5).upper()", "range('a')", "bytes('a')",
 )  # fmt: skip
 
 
