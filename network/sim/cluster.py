@@ -72,6 +72,7 @@ class SimCluster:
         self._partitions: list[tuple[tuple[int, ...], ...]] = []
         self._one_way: list[tuple[int, int]] = []
         self._is_healed = False
+        self._final_rounds: dict[int, int] = {}
 
     def _own_dice(self, name: str) -> random.Random:
         return random.Random(f"{name} of {self.plan.seed}")  # noqa: S311 - a simulation's dice
@@ -126,9 +127,7 @@ class SimCluster:
         self.heal()
         goal = max(node.ledger_height for node in self.honest) + 2
         loop.run_until(lambda: self._lowest() >= goal, loop.time() + HEALED_MAX_S)
-        reached = loop.run_until(
-            lambda: max(self.round, self._lowest()) >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S
-        )
+        reached = loop.run_until(lambda: self.rounds >= plan.rounds, loop.time() + MORE_ROUNDS_MAX_S)
         for client in self.clients:
             client.is_stopping = True
         settled = loop.run_until(self._is_settled, loop.time() + SETTLE_MAX_S)
@@ -152,9 +151,13 @@ class SimCluster:
         self._at(self.loop.now_ms + delay_ms, action)
 
     @property
-    def round(self) -> int:
-        """The highest round that an honest node is in."""
-        return max((node.parts.core.round for node in self.honest if node.parts is not None), default=0)
+    def rounds(self) -> int:
+        """How many rounds the chain went through: of each epoch up to its last block that is final on an honest node."""
+        return sum(self._final_rounds.values())
+
+    def note_final(self, header: Header) -> None:
+        """Count the rounds up to a block that became final on an honest node."""
+        self._final_rounds[header.epoch] = max(self._final_rounds.get(header.epoch, 0), header.round)
 
     def _lowest(self) -> int:
         return min(node.ledger_height for node in self.honest)

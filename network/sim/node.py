@@ -331,6 +331,8 @@ class SimNode:
         cluster = self.cluster
         for block in blocks:
             header = cluster.header_of(block)
+            if not self.behaviour:
+                cluster.note_final(header)
             txids = tuple(txid for txid, _ in block.transactions)
             cluster.history.add(
                 BlockFinalized(

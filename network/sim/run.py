@@ -11,7 +11,7 @@ import msgspec
 
 from network.sim.checkers import CHECKERS, Violation
 from network.sim.cluster import SimCluster, quiet_logs
-from network.sim.history import BlockFinalized, ClipTaken, CodeFault, CustodyAudit, Ended, History, Observation
+from network.sim.history import ClipTaken, CodeFault, CustodyAudit, Ended, History, Observation
 from network.sim.plan import Plan
 
 Mutation = Callable[[SimCluster], None]
@@ -68,7 +68,7 @@ def run_with_history(
         seed=plan.seed,
         trace=history.trace_hash,
         violations=violations,
-        rounds=_count_rounds(history),
+        rounds=cluster.rounds,
         height=max(ended.heights),
         frames=cluster.wires.frames_count,
         acknowledged=sum(client.acknowledged_count for client in cluster.clients),
@@ -78,14 +78,6 @@ def run_with_history(
         records_never_given=len(recorded - {taken.record_id for taken in history.of(ClipTaken)}),
     )
     return result, history
-
-
-def _count_rounds(history: History) -> int:
-    """Return how many rounds the chain went through: of each epoch up to its last final block."""
-    rounds: dict[int, int] = {}
-    for block in history.of(BlockFinalized):
-        rounds[block.epoch] = max(rounds.get(block.epoch, 0), block.round)
-    return sum(rounds.values())
 
 
 @contextmanager
