@@ -31,11 +31,15 @@ class Facing(StrEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One depth image: uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement."""
+    """One depth image: uint16 millimetres along the optical axis, shape (height, width), 0 = no measurement.
+
+    `captured_at_ms` is the camera's stamp; `received_at_ms` is the host's, None where the source cannot tell.
+    """
 
     captured_at_ms: int
     sequence: int
     depth: Depth
+    received_at_ms: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,7 @@ class Sighting:
     """One reading of a tag, over the interval in which the reader saw it.
 
     `distance_m` is from the camera to the tag, with standard deviation `sigma_m`; both are None when the reader
+    cannot tell. First and last seen are the reader's stamps; `received_at_ms` is the host's, None where the source
     cannot tell. The UID is left out of the printed form on purpose.
     """
 
@@ -55,6 +60,7 @@ class Sighting:
     distance_m: float | None = None
     sigma_m: float | None = None
     read_count: int = 1
+    received_at_ms: int | None = field(default=None, compare=False)  # the same reading may be reported twice
 
     @property
     def middle_ms(self) -> int:

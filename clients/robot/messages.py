@@ -76,7 +76,7 @@ class MessageCodec:
         )
         return self.store.serialize_cdr(message, SIGHTING_TYPE)
 
-    def decode_image(self, data: bytes, sequence: int, shift_ms: int = 0) -> Frame:
+    def decode_image(self, data: bytes, sequence: int, shift_ms: int = 0, received_at_ms: int | None = None) -> Frame:
         """Return the frame of CDR bytes; raises FRAME_INVALID when size, encoding or step contradict each other."""
         message = self._decode(data, IMAGE_TYPE)
         if message.encoding not in ("16UC1", "mono16"):
@@ -91,7 +91,8 @@ class MessageCodec:
         order = ">u2" if message.is_bigendian else "<u2"
         depth = np.frombuffer(message.data, dtype=order).reshape(height, step // 2)[:, :width]
         native = np.ascontiguousarray(depth).astype(np.uint16, copy=False)
-        return Frame(self._ms(message.header.stamp) + shift_ms, sequence, check_depth(native))
+        captured_at_ms = self._ms(message.header.stamp) + shift_ms
+        return Frame(captured_at_ms, sequence, check_depth(native), received_at_ms)
 
     def decode_sighting(self, data: bytes, shift_ms: int = 0) -> Sighting:
         """Return the sighting of CDR bytes; raises BAG_DAMAGED when it makes no sense."""
@@ -112,6 +113,7 @@ class MessageCodec:
             distance_m=float(message.distance) if usable else None,
             sigma_m=float(message.distance_sigma) if usable else None,
             read_count=int(message.read_count),
+            received_at_ms=self._ms(message.header.stamp) + shift_ms,
         )
 
     def _decode(self, data: bytes, name: str) -> Any:

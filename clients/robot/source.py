@@ -94,9 +94,9 @@ class BagSource:
     def events(self) -> Iterator[Event]:
         """Yield frames (numbered from 0) and sightings in the order in which they were recorded."""
         sequence = 0
-        for topic, _, data in self._messages(self._depth_topic, self._sighting_topic):
+        for topic, at_ns, data in self._messages(self._depth_topic, self._sighting_topic):
             if topic == self._depth_topic:
-                yield self._codec.decode_image(data, sequence, self.shift_ms)
+                yield self._codec.decode_image(data, sequence, self.shift_ms, at_ns // NS_PER_MS + self.shift_ms)
                 sequence += 1
             else:
                 yield self._codec.decode_sighting(data, self.shift_ms)
@@ -136,6 +136,8 @@ class BagSource:
 
 
 def _happened_ms(event: Event) -> int:
+    if event.received_at_ms is not None:
+        return event.received_at_ms  # what the camera's or the reader's own clock says may be a day off
     return event.captured_at_ms if isinstance(event, Frame) else event.last_seen_ms
 
 
