@@ -34,8 +34,30 @@ class Cut:
     pixels_png: bytes
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class CutOut:
+    """One person's pixels before encoding: the box's corner in the frame, and the box, 0 where it is not the owner."""
+
+    x: int
+    y: int
+    pixels: Depth
+
+
 def cut(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> Cut:
-    """Return one silhouette's cut, its edge regrown by 3 px into what differs from the background. About 1-3 ms."""
+    """Return one silhouette's cut, encoded. About 1-3 ms."""
+    return encode_cut(cut_out(depth, background, segmented, silhouette))
+
+
+def encode_cut(out: CutOut) -> Cut:
+    """Return the cut as PNG16; raises FRAME_INVALID where it cannot be written."""
+    done, data = cv2.imencode(".png", out.pixels, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    if not done:
+        raise BlockRobotError("FRAME_INVALID", "A rendition could not be written as PNG.")
+    return Cut(out.x, out.y, out.pixels.shape[1], out.pixels.shape[0], data.tobytes())
+
+
+def cut_out(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> CutOut:
+    """Return one silhouette's pixels, its edge regrown by 3 px into what differs from the background."""
     assert segmented.labels is not None
     left, top, width, height = silhouette.box
     x0, y0 = max(0, 2 * left - 4), max(0, 2 * top - 4)
@@ -55,11 +77,7 @@ def cut(depth: Depth, background: Background, segmented: Segmented, silhouette: 
     if others.any():
         fence = cv2.dilate(_enlarge(others.view(np.uint8), size, pixels.shape), _FENCE)
         mask[np.asarray(fence) > 0] = 0
-    kept = np.where(mask > 0, pixels, np.uint16(0))
-    done, data = cv2.imencode(".png", kept, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
-    if not done:
-        raise BlockRobotError("FRAME_INVALID", "A rendition could not be written as PNG.")
-    return Cut(x0, y0, x1 - x0, y1 - y0, data.tobytes())
+    return CutOut(x0, y0, np.where(mask > 0, pixels, np.uint16(0)))
 
 
 def _enlarge(
