@@ -112,7 +112,7 @@ def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:
 
 
 def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
-    """Write events as XES (IEEE 1849-2016), one trace a case, times in UTC to the millisecond."""
+    """Write events as XES (IEEE 1849-2016), one trace a case, times in UTC to the millisecond, aliases as resources."""
     traces: dict[str, list[dict[str, Any]]] = {}
     for event in events:
         traces.setdefault(event["case"], []).append(event)
@@ -125,6 +125,8 @@ def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
             for row in rows:
                 name = quoteattr(row["activity"])
                 file.write(f'  <event><string key="concept:name" value={name}/>')
+                if row.get("alias"):
+                    file.write(f'<string key="org:resource" value={quoteattr(row["alias"])}/>')
                 moment = datetime.datetime.fromtimestamp(row["time_ms"] / 1000, datetime.UTC)
                 file.write(
                     f'<date key="time:timestamp" value="{moment.isoformat(timespec="milliseconds")}"/></event>\n'

@@ -24,6 +24,7 @@ _COMMANDS = {
     "certificate": ("network.cli.certificate_commands", "certificate"),
     "doctor": ("network.cli.doctor_command", "doctor"),
     "bench": ("network.cli.bench_commands", "bench"),
+    "experiment": ("network.cli.experiment_commands", "experiment"),
     "sim": ("network.cli.sim_command", "sim"),
     "card": ("clients.registrar.cli", "card"),
     "roster": ("clients.registrar.cli", "roster"),

@@ -1,0 +1,105 @@
+"""The same tables from one log or two, by one program: text, JSON, files. Must never treat two logs differently."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clients.robot.event_log import write_csv, write_xes
+from consensus.errors import BlockRobotError
+from network.experiments.drawing import draw_with_graphviz, write_dot
+from network.experiments.event_table import EventTable
+from network.experiments.flow_graph import FlowGraph, build_flow_graph
+from network.experiments.log_files import read_log
+from network.experiments.picture import draw_svg
+from network.experiments.process_map import build_dot
+from network.experiments.run_figures import RunFigures, work_out_figures
+from network.experiments.tables import (
+    activity_rows,
+    figure_rows,
+    pair_rows,
+    show_rows,
+    show_table,
+    show_value,
+    write_table,
+)
+
+MAP_FILE = "process-map"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """One log, worked out: its name on the page, its table, its graph and its figures."""
+
+    name: str
+    table: EventTable
+    graph: FlowGraph
+    figures: RunFigures
+
+    def as_json(self) -> dict[str, Any]:
+        """Return everything but the events as JSON."""
+        return {
+            "log": self.name,
+            "form": self.table.form,
+            "events": self.graph.event_count,
+            "cases": self.graph.case_count,
+            "figures": self.figures.as_json(),
+            "activities": [row.as_json() for row in activity_rows(self.graph)],
+            "pairs": [row.as_json() for row in pair_rows(self.graph)],
+        }
+
+
+def read_and_work_out(path: Path) -> Reading:
+    """Read a log and work out its graph and figures. Raises EVENT_LOG_INVALID, FILE_UNUSABLE."""
+    return work_out(path.name, read_log(path))
+
+
+def work_out(name: str, table: EventTable) -> Reading:
+    """Work out the graph and figures of a table."""
+    return Reading(name, table, build_flow_graph(table), work_out_figures(table))
+
+
+def prepare_new_folder(folder: Path) -> None:
+    """Make a folder, or take one that is empty. Raises FOLDER_NOT_EMPTY."""
+    if folder.exists() and any(folder.iterdir()):
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"{folder} is not empty.")
+    folder.mkdir(parents=True, exist_ok=True)
+
+
+def show_readings(readings: list[Reading]) -> str:
+    """Return the figures side by side, then each log's tables, for a terminal."""
+    columns = [[show_value(value) for _, value in figure_rows(reading.figures)] for reading in readings]
+    names = [name for name, _ in figure_rows(readings[0].figures)]
+    rows = [[name, *cells] for name, *cells in zip(names, *columns, strict=True)]
+    parts = [show_table(["", *(reading.name for reading in readings)], rows)]
+    for reading in readings:
+        parts.append(f"{reading.name}: activities ({reading.graph.event_count:,} events)")
+        parts.append(show_rows(activity_rows(reading.graph)))
+        parts.append(f"{reading.name}: pairs (the second directly after the first, in the same case)")
+        parts.append(show_rows(pair_rows(reading.graph)))
+    return "\n\n".join(parts)
+
+
+def write_reading(reading: Reading, folder: Path) -> BlockRobotError | None:
+    """Write a log's tables (CSV), its events (CSV, XES) and its process map (DOT, SVG; PNG by Graphviz) into a folder.
+
+    Returns DRAWING_UNAVAILABLE, not raised, if Graphviz could not draw: then the SVG is the plainer one of our own.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    write_table(activity_rows(reading.graph), folder / "activities.csv")
+    write_table(pair_rows(reading.graph), folder / "pairs.csv")
+    rows = [
+        {"case": event.case, "activity": event.activity, "time_ms": event.time_ms, "alias": event.alias}
+        for event in reading.table.events
+    ]
+    write_csv(rows, folder / "events.csv")
+    write_xes(rows, folder / "events.xes")
+    dot_file = folder / f"{MAP_FILE}.dot"
+    write_dot(build_dot(reading.graph), dot_file)
+    try:
+        draw_with_graphviz(dot_file)
+    except BlockRobotError as refusal:
+        (folder / f"{MAP_FILE}.svg").write_text(draw_svg(reading.graph), encoding="utf-8")
+        return refusal
+    return None
