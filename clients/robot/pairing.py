@@ -1,7 +1,8 @@
 """Decides which tags a frame belongs to: a sighting over [a, b] covers the frames of [a - window, b + window].
 
-Pure and exact: a frame is decided once no sighting that may still arrive can change its owners, and never before.
-It knows aliases only, and must never be given a tag's UID.
+Pure and exact: a frame is decided once no sighting that may still arrive can change its owners, and never before. A
+sighting may arrive until `lateness_ms` after its first reading, and however early. Everything held is bounded, and what
+a bound turns away is an error or counted in `refused`. It knows aliases only, and must never be given a tag's UID.
 """
 
 from __future__ import annotations
@@ -14,9 +15,19 @@ from consensus.errors import BlockRobotError
 
 WINDOW_DEFAULT_MS = 5_000
 LATENESS_DEFAULT_MS = 1_000
-MEMORY_MS = 60_000
+MEMORY_MS = 60_000  # how far behind the stream's time a frame or sighting still counts, and how far ahead of it
+FORGET_EVERY_MS = 1_000
+CONFIRM_COUNT = 3  # as many frames in a row far from the stream's time, all agreeing, and the camera's clock was set
+FRAMES_WAITING_MAX_COUNT = 4_096
+TAGS_MAX_COUNT = 4_096
+INTERVALS_MAX_COUNT = 256  # of one tag; two that overlap are one
 NOT_PAIRED_NO_TAG = "IMAGE_NOT_PAIRED_NOT_EXIST_RFID"
 NOT_PAIRED_UNKNOWN_TAG = "IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"
+REFUSED_FRAME_TIME = "frame-time"
+REFUSED_FRAMES_FULL = "frames-full"
+REFUSED_SIGHTING_TIME = "sighting-time"
+REFUSED_TAGS_FULL = "tags-full"
+REFUSED_INTERVALS_FULL = "intervals-full"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +47,20 @@ class _Intervals:
         self._starts: list[int] = []
         self._ends: list[int] = []
 
-    def add(self, start: int, end: int) -> None:
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    def add(self, start: int, end: int) -> bool:
+        """Join an interval to the union; return False, and change nothing, if there would be too many apart."""
         first = bisect_left(self._ends, start)
         last = bisect_right(self._starts, end)
         if first < last:
             start, end = min(start, self._starts[first]), max(end, self._ends[last - 1])
+        elif len(self._starts) >= INTERVALS_MAX_COUNT:
+            return False
         self._starts[first:last] = [start]
         self._ends[first:last] = [end]
+        return True
 
     def covers(self, at: int) -> bool:
         place = bisect_right(self._starts, at) - 1
@@ -59,33 +77,76 @@ class _Intervals:
 class Pairing:
     """Pairs a stream of frames with a stream of sightings, which may come late, early, twice or out of order.
 
-    Time is the stream's: the newest frame or `advance`. A sighting is late when it comes more than `lateness_ms`
-    after its first reading; it still covers frames that are not yet decided, and `late_count` counts it.
+    Time is the stream's: the newest frame, receipt of a sighting, or `advance`. A sighting is late when it comes more
+    than `lateness_ms` after its first reading; it still covers frames that are not yet decided, and `late_count` counts
+    it. When a camera's clock is set back by more than `MEMORY_MS`, all that waits is decided, all sightings are
+    forgotten, and a new timeline begins, which `timeline_count` counts; a single stamp so far off is refused.
     """
 
     def __init__(self, window_ms: int = WINDOW_DEFAULT_MS, lateness_ms: int = LATENESS_DEFAULT_MS) -> None:
         self.window_ms = window_ms
         self.lateness_ms = lateness_ms
         self.late_count = 0
+        self.timeline_count = 1
+        self.refused: dict[str, int] = {}
         self.now_ms: int | None = None
+        self._forgot_ms: int | None = None
+        self._doubts: list[int] = []
         self._waiting: list[tuple[int, int]] = []
         self._known: dict[str, _Intervals] = {}
-        self._unknown: dict[str, _Intervals] = {}
+        self._strangers = _Intervals()
 
-    def add_frame(self, sequence: int, captured_at_ms: int) -> list[Decision]:
-        """Take a frame and return what is now decided. Raises FRAME_INVALID for one older than `MEMORY_MS`."""
+    @property
+    def waiting_count(self) -> int:
+        """How many frames wait for their decision; never more than `FRAMES_WAITING_MAX_COUNT`."""
+        return len(self._waiting)
+
+    def add_frame(self, sequence: int, captured_at_ms: int, *, vouched: bool = False) -> list[Decision]:
+        """Take a frame and return what is now decided. `vouched` says that its stamp agrees with its receipt.
+
+        Raises FRAME_TIME_WRONG for one that is not vouched for and further than `MEMORY_MS` from the stream's time,
+        until `CONFIRM_COUNT` in a row agree, and PAIRING_FULL when too many wait.
+        """
+        self._check_time(sequence, captured_at_ms, vouched=vouched)
+        made: list[Decision] = []
         if self.now_ms is not None and captured_at_ms < self.now_ms - MEMORY_MS:
-            raise BlockRobotError("FRAME_INVALID", f"Frame {sequence} is older than pairing remembers.")
+            made = self._begin_timeline()
+        if len(self._waiting) >= FRAMES_WAITING_MAX_COUNT:
+            self._refuse(REFUSED_FRAMES_FULL)
+            raise BlockRobotError("PAIRING_FULL", f"Frame {sequence} came while {len(self._waiting)} others wait.")
         heapq.heappush(self._waiting, (captured_at_ms, sequence))
-        return self.advance(captured_at_ms)
+        return [*made, *self.advance(captured_at_ms)]
 
-    def add_sighting(self, alias: str, first_seen_ms: int, last_seen_ms: int, *, known: bool = True) -> None:
-        """Take a sighting; `known` says whether the roster holds the tag. It decides nothing by itself."""
-        if self.now_ms is not None and first_seen_ms + self.lateness_ms < self.now_ms:
-            self.late_count += 1
-        table = self._known if known else self._unknown
-        intervals = table.setdefault(alias, _Intervals())
-        intervals.add(first_seen_ms - self.window_ms, max(first_seen_ms, last_seen_ms) + self.window_ms)
+    def add_sighting(
+        self,
+        alias: str,
+        first_seen_ms: int,
+        last_seen_ms: int,
+        *,
+        known: bool = True,
+        received_at_ms: int | None = None,
+    ) -> list[Decision]:
+        """Take a sighting and return what is now decided. `known` says whether the roster holds the tag.
+
+        All strangers' tags are one to pairing. A sighting too far from the stream's time, or for which there is no
+        room, is counted in `refused` and has no effect.
+        """
+        now = self.now_ms if received_at_ms is None else max(received_at_ms, self.now_ms or received_at_ms)
+        if now is not None:
+            if first_seen_ms > now + MEMORY_MS or last_seen_ms < now - MEMORY_MS:
+                self._refuse(REFUSED_SIGHTING_TIME)
+                return []
+            self.late_count += first_seen_ms + self.lateness_ms < now
+        intervals = self._strangers
+        if known:
+            if alias not in self._known and len(self._known) >= TAGS_MAX_COUNT:
+                self._refuse(REFUSED_TAGS_FULL)
+                return []
+            intervals = self._known.setdefault(alias, _Intervals())
+        end_ms = max(first_seen_ms, last_seen_ms) + self.window_ms
+        if not intervals.add(first_seen_ms - self.window_ms, end_ms):
+            self._refuse(REFUSED_INTERVALS_FULL)
+        return self.advance(now) if now is not None and now != self.now_ms else []
 
     def advance(self, now_ms: int) -> list[Decision]:
         """Move the stream's time on (never back) and return what is now decided, in time order."""
@@ -93,9 +154,12 @@ class Pairing:
         made = []
         while self._waiting and self._waiting[0][0] + self.window_ms + self.lateness_ms < self.now_ms:
             made.append(self._decide(*heapq.heappop(self._waiting)))
-        for table in (self._known, self._unknown):
-            for alias in [a for a, seen in table.items() if seen.forget_before(self.now_ms - MEMORY_MS)]:
-                del table[alias]
+        if self._forgot_ms is None or self.now_ms >= self._forgot_ms + FORGET_EVERY_MS:
+            self._forgot_ms = self.now_ms
+            horizon = self.now_ms - MEMORY_MS
+            self._strangers.forget_before(horizon)
+            for alias in [a for a, seen in self._known.items() if seen.forget_before(horizon)]:
+                del self._known[alias]
         return made
 
     def flush(self) -> list[Decision]:
@@ -109,9 +173,33 @@ class Pairing:
         """Return who owns a frame of that time by what has arrived; later sightings can only add owners."""
         return tuple(sorted(alias for alias, seen in self._known.items() if seen.covers(captured_at_ms)))
 
+    def _check_time(self, sequence: int, captured_at_ms: int, *, vouched: bool) -> None:
+        if vouched or self.now_ms is None or abs(captured_at_ms - self.now_ms) <= MEMORY_MS:
+            self._doubts.clear()
+            return
+        if self._doubts and abs(captured_at_ms - self._doubts[-1]) > MEMORY_MS:
+            self._doubts.clear()
+        self._doubts.append(captured_at_ms)
+        if len(self._doubts) < CONFIRM_COUNT:
+            self._refuse(REFUSED_FRAME_TIME)
+            off_s = (captured_at_ms - self.now_ms) / 1000
+            raise BlockRobotError("FRAME_TIME_WRONG", f"Frame {sequence} is {off_s:+.0f} s from the stream's time.")
+        self._doubts.clear()
+
+    def _begin_timeline(self) -> list[Decision]:
+        made = self.flush()
+        self.now_ms = self._forgot_ms = None
+        self._known.clear()
+        self._strangers = _Intervals()
+        self.timeline_count += 1
+        return made
+
+    def _refuse(self, why: str) -> None:
+        self.refused[why] = self.refused.get(why, 0) + 1
+
     def _decide(self, captured_at_ms: int, sequence: int) -> Decision:
         owners = self.owners_so_far(captured_at_ms)
         if owners:
             return Decision(sequence, captured_at_ms, owners, "")
-        strangers = any(seen.covers(captured_at_ms) for seen in self._unknown.values())
+        strangers = self._strangers.covers(captured_at_ms)
         return Decision(sequence, captured_at_ms, (), NOT_PAIRED_UNKNOWN_TAG if strangers else NOT_PAIRED_NO_TAG)
