@@ -164,7 +164,7 @@ class Pipeline:
         spooled = seal_clip(content, chain, now_ms=now)
         self._open_visits.note(chain.owner, chain.record_count)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
-        self._statistics.clip_sealed(spooled.upload.record_id, frames)
+        self._statistics.clip_sealed(spooled.upload.record_id, frames, clip.alias)
         return spooled
 
     def _rendition(self, frame: Kept, empty: EmptyFrame) -> Rendition:
@@ -202,8 +202,12 @@ class Pipeline:
 
 
 def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) -> None:
-    """Count a record that is final, and log it under its record id (which is random)."""
-    case = f"record-{done.clip.upload.record_id.hex()}"
-    log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case)
-    log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case)
-    statistics.delivered(done)
+    """Count a record that is final, and log for each of its frames when custodians had it and when it was final.
+
+    The record's id is not logged: beside the aliases of a frame it would tell which owners on the chain were together.
+    """
+    sealed = statistics.delivered(done)
+    for sequence, _ in sealed.frames:
+        case = f"frame-{sequence}"
+        log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case, alias=sealed.alias)
+        log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case, alias=sealed.alias)

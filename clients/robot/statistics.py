@@ -25,6 +25,14 @@ def summarise_ms(values: list[float]) -> dict[str, float]:
     }
 
 
+@dataclass(frozen=True, slots=True)
+class SealedFrames:
+    """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner."""
+
+    alias: str = ""
+    frames: tuple[tuple[int, int], ...] = ()
+
+
 @dataclass(slots=True)
 class RunStatistics:
     """The figures of one run. Times in milliseconds of the robot's wall clock."""
@@ -37,7 +45,7 @@ class RunStatistics:
     withheld: dict[str, int] = field(default_factory=dict)
     stored_bytes: int = 0
     arrivals_ms: dict[int, int] = field(default_factory=dict)
-    captures_ms: dict[bytes, tuple[tuple[int, int], ...]] = field(default_factory=dict)
+    sealed: dict[bytes, SealedFrames] = field(default_factory=dict)
     frame_to_final_ms: list[float] = field(default_factory=list)
     arrival_to_final_ms: list[float] = field(default_factory=list)
     submit_to_final_ms: list[float] = field(default_factory=list)
@@ -48,13 +56,14 @@ class RunStatistics:
         self.published += 1
         self.arrivals_ms[sequence] = arrived_at_ms
 
-    def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]]) -> None:
-        """Note which frames, as (sequence, captured_at_ms), a record holds."""
-        self.captures_ms[record_id] = tuple(frames)
+    def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
+        """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
+        self.sealed[record_id] = SealedFrames(alias, tuple(frames))
 
-    def delivered(self, done: Delivered) -> None:
-        """Note that a record is final: only now its frames count as kept."""
-        frames = self.captures_ms.pop(done.clip.upload.record_id, ())
+    def delivered(self, done: Delivered) -> SealedFrames:
+        """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
+        sealed = self.sealed.pop(done.clip.upload.record_id, SealedFrames())
+        frames = sealed.frames
         self.records_final += 1
         self.kept_final += len(frames)
         self.stored_bytes += sum(len(text) for text in done.clip.upload.ciphertexts)
@@ -63,6 +72,7 @@ class RunStatistics:
         for sequence, captured_at_ms in frames:
             self.frame_to_final_ms.append(done.final_at_ms - (captured_at_ms + self.window_ms))
             self.arrival_to_final_ms.append(done.final_at_ms - self.arrivals_ms[sequence])
+        return sealed
 
     @property
     def withheld_count(self) -> int:

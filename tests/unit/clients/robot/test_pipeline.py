@@ -144,7 +144,8 @@ def test_no_line_of_the_log_holds_a_uid_a_handle_or_an_owner_key(ran: Robot) -> 
     text = ran.log_path.read_text(encoding="utf-8").lower()
     owners = {done.clip.owner.hex() for done in ran.delivered}
     assert owners
-    for secret in (UID, UID.encode().hex(), (b"HANDLE" * 5 + b"HA").hex(), "handle", *owners):
+    records = {done.clip.upload.record_id.hex() for done in ran.delivered}
+    for secret in (UID, UID.encode().hex(), (b"HANDLE" * 5 + b"HA").hex(), "handle", *owners, *records):
         assert secret.lower() not in text
 
 
@@ -152,9 +153,21 @@ def test_the_log_tells_the_papers_story(ran: Robot) -> None:
     activities = [event["activity"] for event in read_events(ran.log_path)]
     assert activities.count("IMAGE_RETRIEVE") == ran.statistics.published
     assert activities.count("IMAGE_PAIRED") == ran.statistics.covered
-    assert activities.count("BLOCKCHAIN_TRANSACTION") == len(ran.network.records)
-    assert activities.count("DATABASE_PERSISTANCE") == len(ran.network.records)
+    assert activities.count("BLOCKCHAIN_TRANSACTION") == ran.statistics.kept_final
+    assert activities.count("DATABASE_PERSISTANCE") == ran.statistics.kept_final
     assert activities.count("IMAGE_WITHHELD") == ran.statistics.withheld_count
+
+
+def test_every_frame_that_is_kept_goes_the_whole_way_in_the_log_under_one_alias(ran: Robot) -> None:
+    ways: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for event in read_events(ran.log_path):
+        if event["case"].startswith("frame-"):
+            ways.setdefault((event["case"], event.get("alias", "")), []).append((event["time_ms"], event["activity"]))
+    kept = [way for way in ways.values() if way[-1][1] == "BLOCKCHAIN_TRANSACTION"]
+    assert len(kept) == ran.statistics.kept_final
+    for way in kept:
+        assert [name for _, name in way] == ["IMAGE_PAIRED", "DATABASE_PERSISTANCE", "BLOCKCHAIN_TRANSACTION"]
+        assert way == sorted(way, key=lambda step: step[0])
 
 
 def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_bag: Path) -> None:
