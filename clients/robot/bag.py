@@ -146,7 +146,8 @@ def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec)
             distance_m=reading.distance_m,
             sigma_m=reading.sigma_m,
         )
-        made.append((at_ms, bytes(codec.encode_sighting(sighting, at_ms))))
+        arrives_ms = RUN_START_MS + round(reading.arrives_s * 1000)
+        made.append((arrives_ms, bytes(codec.encode_sighting(sighting, arrives_ms))))
     return made
 
 

@@ -1,6 +1,8 @@
-"""The empty corridor as true depth, and the drawing of capsules into it. Pure geometry, no noise."""
+"""The empty corridor as true depth, and the drawing of capsules into it. Pure geometry; must never add noise."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +19,7 @@ FAR_WALL_M = 7.5
 DOOR_M = (-0.62, 0.52, 2.1)  # left, right, height of the doorway in the far wall
 BEYOND_M = 14.0
 NEAR_M = 0.4
+AID_BIT = 0x80  # in drawn labels: an aid's pixel, of the person in the other bits
 # Boxes that stand along the walls: x, y (up from the floor) and z ranges.
 FURNITURE_M = (
     ((2.05, 2.6), (0.0, 0.48), (4.4, 6.2)),
@@ -27,7 +30,7 @@ FURNITURE_M = (
 
 
 class Camera:
-    """A pinhole at the robot's height looking straight ahead; `rays` are (x, y down) for z = 1."""
+    """A pinhole at the robot's height; `rays` are (x, y down) for z = 1. `at` moves and turns it (radians, right)."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.height_m = scenario.camera_height_m
@@ -36,23 +39,77 @@ class Camera:
         self.centre = (np.float32((scenario.width - 1) / 2), np.float32((scenario.height - 1) / 2))
         self.ray_x: Image = ((np.arange(scenario.width, dtype=np.float32) - self.centre[0]) / self.focal)[None, :]
         self.ray_y: Image = ((np.arange(scenario.height, dtype=np.float32) - self.centre[1]) / self.focal)[:, None]
+        self.at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def seen(self, points: Image) -> Image:
+        """Return points (n, 3: right, up, ahead in the corridor) in the camera's frame (right, down, ahead)."""
+        x, z, yaw = self.at
+        right, ahead = points[:, 0], points[:, 2]
+        if self.at != (0.0, 0.0, 0.0):
+            cos, sin = np.float32(math.cos(yaw)), np.float32(math.sin(yaw))
+            dx, dz = right - np.float32(x), ahead - np.float32(z)
+            right, ahead = dx * cos - dz * sin, dx * sin + dz * cos
+        return np.stack([right, self.height_m - points[:, 1], ahead], axis=-1).astype(np.float32)
 
 
 def empty_corridor(camera: Camera) -> Image:
-    """Return the depth in metres of the corridor without people."""
-    rx = np.broadcast_to(camera.ray_x, camera.shape)
+    """Return the depth in metres of the corridor without people, from where the camera is."""
     ry = np.broadcast_to(camera.ray_y, camera.shape)
     with np.errstate(divide="ignore"):
-        sides = HALF_WIDTH_M / np.abs(rx)
         vertical = np.where(ry > 0, camera.height_m / ry, (camera.height_m - CEILING_M) / ry)
+    if camera.at == (0.0, 0.0, 0.0):
+        rx = np.broadcast_to(camera.ray_x, camera.shape)
+        with np.errstate(divide="ignore"):
+            sides = HALF_WIDTH_M / np.abs(rx)
+        left, right, top = DOOR_M
+        at_wall_x, at_wall_up = rx * FAR_WALL_M, camera.height_m - ry * FAR_WALL_M
+        in_door = (at_wall_x > left) & (at_wall_x < right) & (at_wall_up < top)
+        far = np.where(in_door, BEYOND_M, FAR_WALL_M)
+        depth = np.minimum(np.minimum(sides, np.abs(vertical)), far)
+        for box in FURNITURE_M:
+            depth = np.minimum(depth, _box(rx, ry, camera.height_m, box))
+        return depth.astype(np.float32)
+    return _corridor_from(camera, ry, np.abs(vertical))
+
+
+def _corridor_from(camera: Camera, ry: Image, vertical: Image) -> Image:
+    """Return the empty corridor for a camera that has moved or turned."""
+    x, z, _ = camera.at
+    dx, dz = directions(camera)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.where(dx > 0, (HALF_WIDTH_M - x) / dx, (-HALF_WIDTH_M - x) / dx)
+        wall = np.where(dz > 0, (FAR_WALL_M - z) / dz, np.inf)
+        beyond = np.where(dz > 0, (BEYOND_M - z) / dz, np.inf)
+    sides[~np.isfinite(sides) | (sides <= 0)] = BEYOND_M
     left, right, top = DOOR_M
-    at_wall_x, at_wall_up = rx * FAR_WALL_M, camera.height_m - ry * FAR_WALL_M
-    in_door = (at_wall_x > left) & (at_wall_x < right) & (at_wall_up < top)
-    far = np.where(in_door, BEYOND_M, FAR_WALL_M)
-    depth = np.minimum(np.minimum(sides, np.abs(vertical)), far)
-    for box in FURNITURE_M:
-        depth = np.minimum(depth, _box(rx, ry, camera.height_m, box))
-    return depth.astype(np.float32)
+    at_x, at_up = x + dx * wall, camera.height_m - ry * wall
+    in_door = (at_x > left) & (at_x < right) & (at_up < top)
+    depth = np.minimum(np.minimum(sides, vertical), np.where(in_door, beyond, wall))
+    for (x0, x1), up, (z0, z1) in FURNITURE_M:
+        depth = np.minimum(depth, _box_at(camera, dx, dz, ry, ((x0 - x, x1 - x), up, (z0 - z, z1 - z))))
+    return np.minimum(depth, np.float32(BEYOND_M)).astype(np.float32)
+
+
+def directions(camera: Camera) -> tuple[Image, Image]:
+    """Return each column's ray in the corridor (right, ahead), for one metre along the optical axis."""
+    cos, sin = np.float32(math.cos(camera.at[2])), np.float32(math.sin(camera.at[2]))
+    dx = np.broadcast_to(camera.ray_x * cos + sin, camera.shape)
+    dz = np.broadcast_to(cos - camera.ray_x * sin, camera.shape)
+    return dx.astype(np.float32), dz.astype(np.float32)
+
+
+def _box_at(camera: Camera, dx: Image, dz: Image, ry: Image, box: tuple[tuple[float, float], ...]) -> Image:
+    """Return the depth of a box, given relative to the camera's place, for rays in any direction."""
+    (x0, x1), (up0, up1), (z0, z1) = box
+    entry = np.zeros(dx.shape, dtype=np.float32)
+    leave = np.full(dx.shape, np.inf, dtype=np.float32)
+    heights = (camera.height_m - up1, camera.height_m - up0)
+    for ray, low, high in ((dx, x0, x1), (ry, *heights), (dz, z0, z1)):
+        safe = np.where(np.abs(ray) < 1e-6, np.float32(1e-6), ray)
+        first, second = low / safe, high / safe
+        entry = np.maximum(entry, np.minimum(first, second))
+        leave = np.minimum(leave, np.maximum(first, second))
+    return np.where((entry <= leave) & (entry > NEAR_M), entry, np.inf).astype(np.float32)
 
 
 def _box(rx: Image, ry: Image, height_m: float, box: tuple[tuple[float, float], ...]) -> Image:
@@ -67,12 +124,12 @@ def _box(rx: Image, ry: Image, height_m: float, box: tuple[tuple[float, float], 
     return np.where((entry <= leave) & (entry > NEAR_M), entry, np.inf).astype(np.float32)
 
 
-def draw(camera: Camera, depth: Image, labels: Labels, capsules: Capsules, label: int) -> None:
-    """Draw a body into `depth` (metres) and `labels` where it is nearer than what is there. In place."""
-    for start, end, radius in zip(capsules.start, capsules.end, capsules.radius, strict=True):
-        a = np.array([start[0], camera.height_m - start[1], start[2]], dtype=np.float32)
-        b = np.array([end[0], camera.height_m - end[1], end[2]], dtype=np.float32)
-        _draw_capsule(camera, depth, labels, a, b, np.float32(radius), label)
+def draw(camera: Camera, depth: Image, labels: Labels, capsules: Capsules, label: int, aid: int = 0) -> None:
+    """Draw a body (`label`) and its aid (label `aid`) into `depth` (metres) where nearer than what is there. In place."""
+    starts, ends = camera.seen(capsules.start), camera.seen(capsules.end)
+    body = len(starts) - capsules.props
+    for number, (a, b) in enumerate(zip(starts, ends, strict=True)):
+        _draw_capsule(camera, depth, labels, a, b, np.float32(capsules.radius[number]), label if number < body else aid)
 
 
 def _draw_capsule(

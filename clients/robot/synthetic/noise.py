@@ -23,12 +23,13 @@ EDGE_LOSS = 0.55
 SHADOW_STEPS_PX = (2, 4, 6, 8, 11)
 POOL_COUNT = 6
 POOL_MARGIN_PX = 96
+HOLE_SIZE_PX = 1.6
 
 
 class CameraNoise:
     """Fields of random numbers drawn once and shifted anew for each frame, which is 20 times cheaper."""
 
-    def __init__(self, shape: tuple[int, int], focal_px: float, seed: int) -> None:
+    def __init__(self, shape: tuple[int, int], focal_px: float, seed: int, holes: float = 0.0) -> None:
         self._shape = shape
         self._seed = seed
         self._disparity = np.float32(focal_px * BASELINE_M)
@@ -45,6 +46,7 @@ class CameraNoise:
             x = np.clip(columns + dx, 0, shape[1] - 1).astype(np.int16)
             y = np.clip(rows + dy, 0, shape[0] - 1).astype(np.int16)
             self._jitters.append(np.ascontiguousarray(np.stack([x, y], axis=-1)))
+        self._holes = [_blotches(large, holes, rng) for _ in range(POOL_COUNT)] if holes > 0 else []
 
     def apply(self, depth: Image, labels: Labels | None, index: int) -> tuple[Depth, Labels | None]:
         """Return the frame in millimetres as the camera would publish it, and `labels` moved along with its pixels."""
@@ -64,6 +66,8 @@ class CameraNoise:
         stepped = scale / np.rint(scale / np.maximum(noisy, np.float32(0.2)))
         lost |= (moved > RANGE_MAX_M) | (stepped < RANGE_MIN_M) | (stepped > RANGE_MAX_M)
         millimetres = np.rint(stepped * 1000)
+        if self._holes:
+            lost |= self._field(self._holes, rng) > 0
         millimetres[lost] = 0
         return millimetres.astype(np.uint16), labels
 
@@ -80,3 +84,9 @@ class CameraNoise:
         for step in SHADOW_STEPS_PX:
             lost[:, :-step] |= (disparity[:, step:] - disparity[:, :-step]) > step
         return lost
+
+
+def _blotches(shape: tuple[int, int], share: float, rng: np.random.Generator) -> Image:
+    """Return 1 in blotches of a few pixels that cover a share of the field, else 0."""
+    rough = np.asarray(cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), HOLE_SIZE_PX))
+    return np.asarray(rough > np.quantile(rough, 1 - share), dtype=np.float32)

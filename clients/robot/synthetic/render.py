@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 import numpy as np
 
 from clients.robot.events import Depth, Facing
 from clients.robot.scenario import Scenario
-from clients.robot.synthetic.body import chest_distance_m, pose
-from clients.robot.synthetic.corridor import Camera, Labels, draw, empty_corridor
+from clients.robot.synthetic.body import pose
+from clients.robot.synthetic.corridor import AID_BIT, Camera, Image, Labels, draw, empty_corridor
 from clients.robot.synthetic.noise import CameraNoise
+from clients.robot.synthetic.surroundings import furnish, mirror
 
 RENDERER_VERSION = 3
 EMPTY_FRAME_OFFSET = 1_000_000
 RSSI_AT_1M_DBM = -48.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """A frame and what it shows: `labels` says whose each pixel is (0 = nobody), `props` which of them are an aid's."""
+
+    depth: Depth
+    labels: Labels
+    props: Labels
 
 
 class Renderer:
@@ -21,57 +34,103 @@ class Renderer:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.camera = Camera(scenario)
-        self._empty = empty_corridor(self.camera)
-        self._noise = CameraNoise(self.camera.shape, scenario.focal_px, scenario.seed)
+        self._bare = empty_corridor(self.camera)
+        self._noise = CameraNoise(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
 
     def frame(self, index: int) -> Depth:
         """Return frame `index` as uint16 millimetres."""
         return self.frame_with_truth(index)[0]
 
     def frame_with_truth(self, index: int) -> tuple[Depth, Labels]:
-        """Return frame `index` and its truth: 0 = nobody, n = the n-th person of the scenario (from 1)."""
-        depth = self._empty.copy()
-        labels = np.zeros(self.camera.shape, dtype=np.uint8)
+        """Return frame `index` and its truth: 0 = nobody, n = the n-th person of the scenario (from 1) or their aid."""
+        truth = self.truth(index)
+        return truth.depth, truth.labels
+
+    def truth(self, index: int) -> Truth:
+        """Return frame `index` with whose each pixel is and which of them are an aid's."""
         at_s = index / self.scenario.frame_rate
+        depth = self._corridor(at_s)
+        labels = np.zeros(self.camera.shape, dtype=np.uint8)
+        bodies = []
         for label, person in enumerate(self.scenario.people, start=1):
-            body = pose(person, at_s)
+            body = pose(person, at_s) if person.alias not in self.scenario.absent else None
             if body is not None:
-                draw(self.camera, depth, labels, body, label)
+                draw(self.camera, depth, labels, body, label, label | AID_BIT)
+                bodies.append(body)
+        share = self.scenario.surroundings.mirror_floor
+        if share > 0:
+            mirror(self.camera, depth, labels, bodies, share, self.scenario.seed)
         image, moved = self._noise.apply(depth, labels, index)
         assert moved is not None
-        return image, moved
+        own = moved & np.uint8(AID_BIT - 1)
+        return Truth(image, own, np.where(moved >= AID_BIT, own, np.uint8(0)))
 
     def empty_frame(self, index: int) -> Depth:
-        """Return one frame of the corridor before anyone came."""
-        return self._noise.apply(self._empty, None, EMPTY_FRAME_OFFSET + index)[0]
+        """Return one frame of the corridor before anyone came, from where the robot stood first."""
+        return self._noise.apply(self._empty_of(0.0), None, EMPTY_FRAME_OFFSET + index)[0]
+
+    def _empty_of(self, at_s: float) -> Image:
+        """Return the corridor without people, in whose floor nobody is mirrored."""
+        depth = self._corridor(at_s)
+        share = self.scenario.surroundings.mirror_floor
+        if share > 0:
+            mirror(self.camera, depth, np.zeros(depth.shape, np.uint8), [], share, self.scenario.seed)
+        return depth
+
+    def _corridor(self, at_s: float) -> Image:
+        """Return the corridor with its doors and beds at a time, from where the robot is then."""
+        at = self.scenario.camera_at(at_s)
+        if at != self.camera.at:
+            self.camera.at = at
+            self._bare = empty_corridor(self.camera)
+        depth = self._bare.copy()
+        furnish(self.camera, depth, self.scenario.surroundings, at_s)
+        return depth
 
 
 class Reading:
-    """One synthetic tag reading: time, alias and what the reader measured."""
+    """One synthetic tag reading: when it was made and when it arrives, alias and what the reader measured."""
 
-    __slots__ = ("alias", "antenna", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
+    __slots__ = ("alias", "antenna", "arrives_s", "at_s", "distance_m", "facing", "rssi_dbm", "sigma_m")
 
     def __init__(
-        self, alias: str, at_s: float, distance_m: float, scenario: Scenario, rng: np.random.Generator
+        self,
+        alias: str,
+        at_s: float,
+        distance_m: float,
+        scenario: Scenario,
+        rng: np.random.Generator,
+        *,
+        behind: bool = False,
     ) -> None:
         reader = scenario.reader
         self.alias = alias
-        self.at_s = at_s
+        self.at_s = self.arrives_s = at_s
         self.sigma_m = reader.distance_sigma_m
         self.distance_m = max(0.1, distance_m + float(rng.normal(0, self.sigma_m)))
-        heard_in_front = bool(rng.random() >= reader.front_misread)
+        heard_in_front = bool(rng.random() >= reader.front_misread) != behind
         self.facing = Facing.FRONT if heard_in_front else Facing.BACK
         self.antenna = reader.antenna_front if heard_in_front else reader.antenna_back
         self.rssi_dbm = RSSI_AT_1M_DBM - 20 * float(np.log10(distance_m)) + float(rng.normal(0, 1.5))
 
 
 def readings(scenario: Scenario) -> list[Reading]:
-    """Return all tag readings of a scenario in time order."""
+    """Return all tag readings that arrive, in the order of their arrival; who is absent has none."""
     made = []
     for number, person in enumerate(scenario.people):
+        if person.alias in scenario.absent:
+            continue
         rng = np.random.default_rng([scenario.seed, 2, number])
+        fate = np.random.default_rng([scenario.seed, 3, number])
         for at_s in person.reading_times_s():
-            distance = chest_distance_m(person, at_s, scenario.camera_height_m)
-            if distance is not None:
-                made.append(Reading(person.alias, at_s, distance, scenario, rng))
-    return sorted(made, key=lambda reading: reading.at_s)
+            place = scenario.seen_from_robot(person, at_s)
+            missed, late_s = fate.random() < scenario.reader.missed, fate.random() * scenario.reader.late_s
+            if place is None:
+                continue
+            right, up, ahead = place
+            distance_m = math.hypot(right, ahead, up)
+            reading = Reading(person.alias, at_s, distance_m, scenario, rng, behind=ahead < 0)
+            reading.arrives_s = at_s + late_s
+            if not missed:
+                made.append(reading)
+    return sorted(made, key=lambda reading: reading.arrives_s)

@@ -1,0 +1,103 @@
+"""What changes in the corridor itself: doors that open, beds that stand there, a floor that mirrors. Pure geometry.
+
+Must draw nobody: what is drawn here belongs to no person and has no label.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from clients.robot.events import Mask
+from clients.robot.scenario import Door, Surroundings
+from clients.robot.synthetic.body import Capsules
+from clients.robot.synthetic.corridor import BEYOND_M, HALF_WIDTH_M, NEAR_M, Camera, Image, Labels, directions, draw
+from clients.robot.synthetic.props import bed_rows
+
+DOOR_HEIGHT_M = 2.05
+DOOR_SWING_S = 1.4
+DOOR_OPEN_RAD = math.radians(86)
+ROOM_DEPTH_M = 2.2
+MIRROR_DROP = 0.25  # how much of a mirroring floor returns nothing
+PATCH_SIZE_PX = 4.0
+
+
+def door_angle(door: Door, at_s: float) -> float:
+    """Return how far a door is open at a time, in radians."""
+    opened = (at_s - door.opens_s) / DOOR_SWING_S
+    closed = (at_s - door.closes_s) / DOOR_SWING_S
+    share = min(max(opened, 0.0), 1.0) - min(max(closed, 0.0), 1.0)
+    return DOOR_OPEN_RAD * max(share, 0.0)
+
+
+def furnish(camera: Camera, depth: Image, surroundings: Surroundings, at_s: float) -> None:
+    """Draw doors and beds as they are at a time. In place."""
+    for door in surroundings.doors:
+        angle = door_angle(door, at_s)
+        if angle > 0:
+            _draw_door(camera, depth, door, angle)
+    nobody = np.zeros(depth.shape, dtype=np.uint8)
+    for bed in surroundings.beds:
+        if at_s >= bed.from_s:
+            rows = np.array(bed_rows(bed), dtype=np.float32)
+            draw(camera, depth, nobody, Capsules(rows[:, :3], rows[:, 3:6], rows[:, 6]), 0)
+
+
+def _draw_door(camera: Camera, depth: Image, door: Door, angle: float) -> None:
+    """Draw the room behind the doorway and the leaf, which hangs at the far end and swings into the corridor."""
+    x, z, _ = camera.at
+    wall = HALF_WIDTH_M if door.side == "right" else -HALF_WIDTH_M
+    inwards = -1.0 if door.side == "right" else 1.0
+    dx, dz = directions(camera)
+    ry = np.broadcast_to(camera.ray_y, camera.shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_wall = (wall - x) / dx
+        to_room = (wall - inwards * ROOM_DEPTH_M - x) / dx
+        at_z, up = z + to_wall * dz, camera.height_m - to_wall * ry
+        opening = (at_z > door.z_m) & (at_z < door.z_m + door.width_m) & (up > 0) & (up < DOOR_HEIGHT_M)
+        opening &= (to_wall > NEAR_M) & (np.abs(depth - to_wall) < 0.02)
+        floor = np.where(ry > 0, camera.height_m / ry, np.inf)
+        depth[opening] = np.minimum(to_room, floor)[opening]
+        hinge = door.z_m + door.width_m
+        along_x, along_z = inwards * math.sin(angle), -math.cos(angle)
+        across = dx * along_z - dz * along_x
+        hit = ((wall - x) * along_z - (hinge - z) * along_x) / across
+        place = (x + hit * dx - wall) * along_x + (z + hit * dz - hinge) * along_z
+        up = camera.height_m - hit * ry
+        leaf = (place > 0) & (place < door.width_m) & (up > 0.01) & (up < DOOR_HEIGHT_M) & (hit > NEAR_M)
+        leaf &= hit < depth
+    depth[leaf] = hit[leaf]
+
+
+def mirror(camera: Camera, depth: Image, labels: Labels, bodies: list[Capsules], share: float, seed: int) -> None:
+    """Let a share of the floor's pixels see bodies upside down in it, and a part of them see nothing. In place.
+
+    What is seen in the floor is farther than the floor, has no label, and is the same pixels in every frame.
+    """
+    ry = np.broadcast_to(camera.ray_y, camera.shape)
+    with np.errstate(divide="ignore"):
+        floor = np.where(ry > 0, camera.height_m / ry, np.inf)
+    is_floor = (np.abs(depth - floor) < 0.01) & (labels == 0)
+    shiny, dull = _patches(depth.shape, share, seed)
+    below = np.full(depth.shape, np.inf, dtype=np.float32)
+    nobody = np.zeros(depth.shape, dtype=np.uint8)
+    for body in bodies:
+        down = np.array([1, -1, 1], dtype=np.float32)
+        draw(camera, below, nobody, Capsules(body.start * down, body.end * down, body.radius), 0)
+    seen = is_floor & shiny & np.isfinite(below)
+    depth[seen] = below[seen]
+    depth[is_floor & dull & ~seen] = BEYOND_M
+
+
+@lru_cache(maxsize=4)
+def _patches(shape: tuple[int, int], share: float, seed: int) -> tuple[Mask, Mask]:
+    """Return where the floor mirrors and where it returns nothing at all: patches that stay where they are."""
+    fields = []
+    for number, part in ((0x317, share), (0x318, share * MIRROR_DROP)):
+        rng = np.random.default_rng([seed, number])
+        rough = np.asarray(cv2.GaussianBlur(rng.standard_normal(shape, dtype=np.float32), (0, 0), PATCH_SIZE_PX))
+        fields.append(rough >= np.quantile(rough, 1 - part))
+    return fields[0], fields[1]
