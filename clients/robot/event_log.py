@@ -25,6 +25,7 @@ IMAGE_PAIRED = "IMAGE_PAIRED"
 IMAGE_WITHHELD = "IMAGE_WITHHELD"
 BLOCKCHAIN_TRANSACTION = "BLOCKCHAIN_TRANSACTION"
 DATABASE_PERSISTANCE = "DATABASE_PERSISTANCE"
+CLOCK_ESTIMATED = "CLOCK_ESTIMATED"
 
 ACTIVITIES = (
     IMAGE_RETRIEVE,
@@ -35,7 +36,9 @@ ACTIVITIES = (
     IMAGE_WITHHELD,
     BLOCKCHAIN_TRANSACTION,
     DATABASE_PERSISTANCE,
+    CLOCK_ESTIMATED,
 )
+ALIASES_MAX_COUNT = 65_536
 
 
 def _draw() -> str:
@@ -48,6 +51,11 @@ class AliasBook:
     def __init__(self) -> None:
         self._aliases: dict[bytes, str] = {}
         self._taken: set[str] = set()
+
+    @property
+    def is_full(self) -> bool:
+        """Whether so many tags were seen in this run that strangers' tags should get no alias any more."""
+        return len(self._aliases) >= ALIASES_MAX_COUNT
 
     def alias(self, tag: bytes) -> str:
         """Return this run's alias of a tag."""

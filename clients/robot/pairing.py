@@ -28,6 +28,7 @@ REFUSED_FRAMES_FULL = "frames-full"
 REFUSED_SIGHTING_TIME = "sighting-time"
 REFUSED_TAGS_FULL = "tags-full"
 REFUSED_INTERVALS_FULL = "intervals-full"
+REFUSED_AND_COUNTED = frozenset({"FRAME_TIME_WRONG", "PAIRING_FULL"})  # codes after which a run goes on
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,14 @@ import asyncio
 import random
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
+from typing import Any
 
+from clients.robot.admission import Admission
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import (
     BLOCKCHAIN_TRANSACTION,
+    CLOCK_ESTIMATED,
     DATABASE_PERSISTANCE,
     IMAGE_PAIRED,
     IMAGE_RETRIEVE,
@@ -27,12 +30,13 @@ from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
 from clients.robot.open_visits import OpenVisits
-from clients.robot.pairing import Decision
+from clients.robot.pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.rosters import RosterBook
 from clients.robot.sealing import ClipContent, seal_clip
 from clients.robot.spool import Spool, SpooledClip
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
+from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 from consensus.records.roster import RosterRow
@@ -84,6 +88,7 @@ class Pipeline:
         self._now_ms = now_ms
         self._aliases = AliasBook()
         self._people: dict[str, RosterRow] = {}
+        self.admission = Admission()
 
     async def run(self, events: AsyncIterator[Event]) -> None:
         """Work through a stream to its end and return when every record is final and every visit closed.
@@ -92,22 +97,45 @@ class Pipeline:
         """
         for name in self._spool.names():
             self._delivery.start(name)
-        async for event in events:
-            if isinstance(event, Frame):
-                self._statistics.frame_arrived(event.sequence, self._now_ms())
-                self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{event.sequence}")
-                outputs = await asyncio.to_thread(self._hider.push_frame, event)
-                ready = self._batcher.close_idle(self._now_ms())
-            else:
-                outputs, ready = self._identify(event), []
-            self._seal([*self._sort(outputs), *ready])
-            await self._hold_back()
+        async for arrived in events:
+            if isinstance(arrived, Frame):
+                self._statistics.frame_arrived(arrived.sequence, self._now_ms())
+                self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{arrived.sequence}")
+            for event in self.admission.clocks.admit(arrived):
+                await self._work_on(event)
+            self._tell_clocks(last=False)
+        self.admission.clocks.flush()
+        self._tell_clocks(last=True)
         self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
         self._seal(self._batcher.flush())
         await self._delivery.drain()
         for owner, record_count in self._open_visits.counts.items():
             await self._delivery.close_visit(owner, record_count)
             self._open_visits.forget(owner)
+
+    def intake_json(self) -> dict[str, Any]:
+        """Return what was found of the clocks, and how many frames and sightings were refused, late or thinned."""
+        return self.admission.as_json(self._hider.pairing)
+
+    async def _work_on(self, event: Event) -> None:
+        """Take one admitted event all the way to the spool."""
+        ready: list[ReadyClip] = []
+        if isinstance(event, Frame):
+            try:
+                outputs = await asyncio.to_thread(self._hider.push_frame, event)
+            except BlockRobotError as error:
+                if error.code not in REFUSED_AND_COUNTED:
+                    raise
+                return
+            ready = self._batcher.close_idle(self._now_ms())
+        else:
+            outputs = self._identify(event)
+        self._seal([*self._sort(outputs), *ready])
+        await self._hold_back()
+
+    def _tell_clocks(self, *, last: bool) -> None:
+        for name, estimate in self.admission.tell(last=last):
+            self._log.write(self._now_ms(), CLOCK_ESTIMATED, f"clock-{name}", **estimate)
 
     async def _hold_back(self) -> None:
         while len(self._spool.names()) > WAITING_CLIPS_MAX_COUNT:
@@ -119,10 +147,15 @@ class Pipeline:
         """Find the tag's bearer in the roster. Without consent to this purpose a tag counts as unknown."""
         row = self._roster.find(sighting.uid)
         consents = row is not None and self._purpose in row.purposes
+        weighed = self.admission.weighs(sighting, known=consents)
+        if not consents and (not weighed or self._aliases.is_full):
+            return self._hider.cover("", sighting, known=False)
         alias = self._aliases.alias(sighting.uid.encode())
-        self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
         if row is not None and consents:
             self._people[alias] = row
+        if not weighed:
+            return self._hider.cover(alias, sighting, known=consents)
+        self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
         return self._hider.push_sighting(alias, sighting, known=consents)
 
     def _sort(self, outputs: list[Output]) -> list[ReadyClip]:

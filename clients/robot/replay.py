@@ -79,6 +79,7 @@ class _Run:
         self._network = RobotNetwork(client, self._identity)
         self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
         self._spool = Spool(folder / "spool", self._identity.spool)
+        self.intake: dict[str, Any] = {}
 
     async def work(self, source: BagSource) -> RunStatistics:
         """Work through a recording and return the figures once all its records are final."""
@@ -118,6 +119,7 @@ class _Run:
             finally:
                 telling.cancel()
                 await delivery.stop()
+            self.intake = pipeline.intake_json()
             self._tell(statistics, last=True)
         return statistics
 
@@ -158,6 +160,7 @@ async def replay_recording(
         "roster_rows": run.roster_rows,
         "frames": statistics.frames_json(),
         "latency_ms": statistics.latency_json(),
+        "intake": run.intake,
         "records": statistics.records_final,
         "stored_bytes": statistics.stored_bytes,
         "final_gap_max_s": _longest_gap_s(statistics.final_times_ms),

@@ -112,18 +112,32 @@ class Hider:
 
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
         """Take a sighting of the tag that this run calls `alias`; `known` says whether the roster holds it."""
-        self.pairing.add_sighting(alias, sighting.first_seen_ms, sighting.last_seen_ms, known=known)
+        outputs = self.cover(alias, sighting, known=known)
         self.matcher.add_sighting(alias, sighting)
         self.matcher.evaluate(alias)
-        return self._settle()
+        return [*outputs, *self._settle()]
+
+    def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
+        """Take a sighting for pairing alone: one of too many for the matcher."""
+        received_ms = sighting.received_at_ms
+        first_ms, last_ms = sighting.first_seen_ms, sighting.last_seen_ms
+        decided = self.pairing.add_sighting(alias, first_ms, last_ms, known=known, received_at_ms=received_ms)
+        return self._take(decided) if decided else []
 
     def push_frame(self, frame: Frame) -> list[Output]:
-        """Take a frame; raises FRAME_INVALID for a wrong size or a sequence number that is still held."""
+        """Take a frame; raises FRAME_INVALID for a wrong size or a sequence number that is still held.
+
+        Raises FRAME_TIME_WRONG and PAIRING_FULL as `Pairing.add_frame`; a stamp with a time of receipt is vouched for.
+        """
         depth = check_depth(frame.depth, shape=self._background.shape)
         if frame.sequence in self._seen:
             raise BlockRobotError("FRAME_INVALID", f"Frame {frame.sequence} came twice.")
         seen = _Seen(frame.sequence, frame.captured_at_ms)
-        decided = self.pairing.add_frame(frame.sequence, frame.captured_at_ms)
+        timeline = self.pairing.timeline_count
+        vouched = frame.received_at_ms is not None
+        decided = self.pairing.add_frame(frame.sequence, frame.captured_at_ms, vouched=vouched)
+        before = self._end_timeline(decided) if self.pairing.timeline_count != timeline else []
+        decided = [] if before else decided
         if self._newest_ms is not None and frame.captured_at_ms <= self._newest_ms:
             seen.disordered = True
         else:
@@ -140,7 +154,7 @@ class Hider:
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
         self._seen[frame.sequence] = seen
-        return self._take(decided)
+        return [*before, *self._take(decided)]
 
     def advance(self, now_ms: int) -> list[Output]:
         """Let time pass without an event, for a camera that has stopped."""
@@ -151,6 +165,13 @@ class Hider:
         for alias in self._pending:
             self.matcher.evaluate(alias)
         return [*self._take(self.pairing.flush()), *self._settle(final=True)]
+
+    def _end_timeline(self, decided: list[Decision]) -> list[Output]:
+        """Settle all that was before the camera's clock was set back, and follow nobody across that."""
+        outputs = [*self._take(decided), *self._settle(final=True)]
+        self.matcher, self._tracker = Matcher(), Tracker()
+        self._newest_ms, self._forgot_ms = None, 0
+        return outputs
 
     def _take(self, decided: list[Decision]) -> list[Output]:
         for decision in decided:

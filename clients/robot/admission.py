@@ -1,0 +1,106 @@
+"""The robot's front door: puts what arrives on one timeline, and lets a storm of readings cost no more than a drizzle.
+
+Pairing gets every reading, since its owners must be exact. Matching, the log and aliases get a thinned stream: a tag's
+readings a little apart, and so many a second in all, those of the roster's tags and of strangers' counted apart, so
+that strangers cannot crowd out whom the robot is for. Must never drop a reading without counting it.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, insort
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.robot.clocks import RunClocks
+from clients.robot.events import Sighting
+from clients.robot.pairing import Pairing
+
+APART_MS = 50  # readings of one tag by one antenna that are closer tell matching nothing new
+KNOWN_MAX_PER_S = 200
+STRANGERS_MAX_PER_S = 50
+READINGS_MAX_COUNT = 256  # remembered of one tag and antenna
+TAGS_MAX_COUNT = 4_096  # remembered, tags times antennas
+FORGET_EVERY_MS = 10_000
+MEMORY_MS = 30_000
+TELL_EVERY_MS = 10_000
+
+
+@dataclass(slots=True)
+class _Second:
+    """How many readings of one kind passed in the stream's present second."""
+
+    limit: int
+    second: int = 0
+    passed: int = 0
+
+    def takes(self, at_ms: int) -> bool:
+        """Count one more reading; return whether there was room."""
+        if at_ms // 1000 != self.second:
+            self.second, self.passed = at_ms // 1000, 0
+        self.passed += 1
+        return self.passed <= self.limit
+
+
+@dataclass(slots=True)
+class Admission:
+    """What stands between the sources and the pipeline. `only_paired_count` readings went to pairing alone."""
+
+    clocks: RunClocks = field(default_factory=RunClocks)
+    only_paired_count: int = 0
+    _readings: dict[tuple[str, int], list[int]] = field(default_factory=dict)
+    _known: _Second = field(default_factory=lambda: _Second(KNOWN_MAX_PER_S))
+    _strangers: _Second = field(default_factory=lambda: _Second(STRANGERS_MAX_PER_S))
+    _forgot_ms: int = 0
+    _told_ms: int | None = None
+
+    def weighs(self, sighting: Sighting, *, known: bool) -> bool:
+        """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
+        fits = self._is_apart(sighting)
+        if fits:
+            fits = (self._known if known else self._strangers).takes(sighting.last_seen_ms)
+        self.only_paired_count += not fits
+        return fits
+
+    def tell(self, *, last: bool = False) -> list[tuple[str, dict[str, Any]]]:
+        """Return what the log should hold now: (`reader` or `camera`, its estimate) every ten seconds of the stream."""
+        now = self.clocks.newest_ms
+        if now is None or (self._told_ms is not None and not last and abs(now - self._told_ms) < TELL_EVERY_MS):
+            return []
+        self._told_ms = now
+        return [(name, estimate.as_json()) for name, estimate in self.clocks.estimates().items()]
+
+    def as_json(self, pairing: Pairing) -> dict[str, Any]:
+        """Return what was found of the clocks, and how many frames and sightings were refused, late or thinned."""
+        return {
+            "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
+            "refused": dict(sorted((Counter(self.clocks.refused) + Counter(pairing.refused)).items())),
+            "sightings_late": pairing.late_count,
+            "sightings_only_paired": self.only_paired_count,
+            "timelines": pairing.timeline_count,
+        }
+
+    def _is_apart(self, sighting: Sighting) -> bool:
+        """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""
+        at, key = sighting.middle_ms, (sighting.uid, sighting.antenna)
+        if abs(at - self._forgot_ms) > FORGET_EVERY_MS:
+            self._forget(at)
+        times = self._readings.get(key)
+        if times is None:
+            if len(self._readings) >= TAGS_MAX_COUNT:
+                return False
+            self._readings[key] = [at]
+            return True
+        place = bisect_left(times, at - APART_MS + 1)
+        if place < len(times) and times[place] < at + APART_MS:
+            return False
+        if len(times) >= READINGS_MAX_COUNT:
+            if at < times[0]:
+                return False
+            del times[0]
+        insort(times, at)
+        return True
+
+    def _forget(self, at_ms: int) -> None:
+        self._forgot_ms = at_ms
+        self._readings = {key: times for key, times in self._readings.items() if abs(at_ms - times[-1]) <= MEMORY_MS}
