@@ -1,0 +1,236 @@
+"""A device's clock measured from a stream of late messages: found, followed, and found again after it was set."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from clients.robot.clocks import (
+    BIN_MS,
+    CONFIRM_COUNT,
+    DELAY_MAX_MS,
+    HORIZON_MS,
+    READING_MAX_MS,
+    ClockEstimate,
+    ClockEstimator,
+    RunClocks,
+    Standing,
+)
+from clients.robot.events import Event, Frame, Sighting
+
+START_MS = 1_579_278_405_650
+DAY_MS = 86_400_000
+DEPTH = np.zeros((1, 1), dtype=np.uint16)
+
+Delay = Callable[[random.Random], float]
+DELAYS: dict[str, Delay] = {
+    "none": lambda chance: 0.0,
+    "exponential": lambda chance: min(chance.expovariate(1 / 40), DELAY_MAX_MS),
+    "even": lambda chance: chance.uniform(0, 900),
+    "mostly-slow": lambda chance: 0.0 if chance.random() < 0.05 else chance.uniform(100, 500),
+}
+
+
+class Device:
+    """A clock that is `offset_ms` and a growing drift behind the host's, and whose messages are late."""
+
+    def __init__(self, delay: Delay, *, offset_ms: float = -7_200_123.0, drift_ppm: float = 0.0) -> None:
+        self.delay = delay
+        self.offset_ms = offset_ms
+        self.drift_ppm = drift_ppm
+        self.now_ms = 0.0
+        self.estimator = ClockEstimator()
+        self._chance = random.Random(20200117)
+
+    def true_offset_ms(self) -> float:
+        return self.offset_ms + self.drift_ppm * 1e-6 * self.now_ms
+
+    def send(self, seconds: float, rate: float = 2.0) -> list[Standing]:
+        standings = []
+        for _ in range(int(seconds * rate)):
+            self.now_ms += 1000 / rate
+            stamp = START_MS + self.now_ms - self.true_offset_ms()
+            received = START_MS + self.now_ms + self.delay(self._chance)
+            standings.append(self.estimator.observe(int(stamp), int(received)))
+        return standings
+
+    def estimate(self) -> ClockEstimate:
+        found = self.estimator.estimate(START_MS + int(self.now_ms))
+        assert found is not None
+        return found
+
+    def error_ms(self) -> float:
+        return self.estimate().offset_ms - self.true_offset_ms()
+
+
+@pytest.mark.parametrize("delay", DELAYS.values(), ids=DELAYS.keys())
+@pytest.mark.parametrize("drift_ppm", [0.0, 80.0, -200.0])
+def test_offset_and_drift_are_found_within_the_stated_uncertainty(delay: Delay, drift_ppm: float) -> None:
+    device = Device(delay, drift_ppm=drift_ppm)
+    for _ in range(20):
+        assert set(device.send(60)) == {Standing.FITS}
+        assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
+    assert abs(device.error_ms()) < 20
+    assert device.estimate().drift_ppm == pytest.approx(drift_ppm, abs=60)
+    assert device.estimate().started_anew_count == 0
+
+
+def test_the_first_report_is_placed_at_its_receipt_and_says_how_little_is_known() -> None:
+    device = Device(lambda _: 700.0)
+    device.send(0.5)
+    assert device.error_ms() == pytest.approx(700, abs=1)
+    assert device.estimate().uncertainty_ms > 700
+
+
+def test_uncertainty_shrinks_as_reports_come_and_nothing_is_known_before() -> None:
+    device = Device(DELAYS["exponential"])
+    assert device.estimator.estimate(START_MS) is None
+    assert device.estimator.offset_at(START_MS) is None
+    found = []
+    for _ in range(4):
+        device.send(60)
+        found.append(device.estimate().uncertainty_ms)
+    assert found == sorted(found, reverse=True)
+    assert found[-1] < 30
+
+
+@pytest.mark.parametrize("jump_ms", [DAY_MS, -DAY_MS, 5_000, -5_000])
+def test_a_clock_that_was_set_is_found_after_as_many_reports_as_stated(jump_ms: int) -> None:
+    device = Device(DELAYS["exponential"])
+    device.send(120)
+    device.offset_ms += jump_ms
+    expected = [Standing.DOUBTFUL] * (CONFIRM_COUNT - 1) + [Standing.CLOCK_SET]
+    assert device.send(CONFIRM_COUNT / 2) == expected
+    device.send(120)
+    assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
+    assert device.estimate().started_anew_count == 1
+
+
+def test_a_small_step_forward_is_found_at_once_and_one_back_within_four_bins() -> None:
+    ahead = Device(DELAYS["exponential"])
+    ahead.send(120)
+    ahead.offset_ms -= 800
+    ahead.send(5)
+    assert abs(ahead.error_ms()) < 100
+    assert ahead.estimate().started_anew_count == 1
+    behind = Device(DELAYS["exponential"])
+    behind.send(120)
+    behind.offset_ms += 800
+    behind.send(4 * BIN_MS / 1000)
+    assert abs(behind.error_ms()) < 100
+    assert behind.estimate().started_anew_count == 1
+
+
+@pytest.mark.parametrize("off_ms", [DAY_MS, -DAY_MS, 3_000, -3_000])
+def test_one_wrong_stamp_changes_nothing(off_ms: int) -> None:
+    device = Device(DELAYS["exponential"])
+    device.send(120)
+    before = device.estimate()
+    now = START_MS + int(device.now_ms)
+    assert device.estimator.observe(now - int(device.offset_ms) - off_ms, now) is Standing.DOUBTFUL
+    assert device.estimate() == before
+    assert set(device.send(60)) == {Standing.FITS}
+
+
+def test_wrong_stamps_that_do_not_agree_with_one_another_are_never_believed() -> None:
+    device = Device(DELAYS["none"])
+    device.send(60)
+    now = START_MS + int(device.now_ms)
+    for number in range(50):
+        assert device.estimator.observe(now - (number + 2) * DAY_MS, now) is Standing.DOUBTFUL
+    assert device.estimate().started_anew_count == 0
+
+
+@pytest.mark.parametrize("gap_ms", [HORIZON_MS + BIN_MS, -2 * HORIZON_MS])
+def test_after_a_silence_beyond_the_horizon_or_a_host_clock_set_back_it_starts_anew(gap_ms: int) -> None:
+    device = Device(DELAYS["none"], drift_ppm=100)
+    device.send(300)
+    device.now_ms += gap_ms
+    device.send(0.5)
+    assert device.estimate().sample_count == 1
+    assert abs(device.error_ms()) < 2
+
+
+def test_memory_is_bounded_over_an_hour_and_a_storm() -> None:
+    device = Device(DELAYS["exponential"])
+    device.send(3_600, rate=1)
+    device.send(2, rate=10_000)
+    assert len(device.estimator._bins) <= HORIZON_MS // BIN_MS
+    assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
+
+
+def frame(number: int, at_ms: int, received_ms: int | None) -> Frame:
+    return Frame(at_ms, number, DEPTH, received_ms)
+
+
+def sighting(at_ms: int, received_ms: int | None, *, lasting_ms: int = 0) -> Sighting:
+    return Sighting(at_ms, at_ms + lasting_ms, "E2", received_at_ms=received_ms)
+
+
+def sightings(events: list[Event]) -> list[Sighting]:
+    return [event for event in events if isinstance(event, Sighting)]
+
+
+@pytest.mark.parametrize("camera_ms", [0, 3_600_000])
+@pytest.mark.parametrize("reader_ms", [0, -DAY_MS, 12_345])
+def test_sightings_come_out_on_the_cameras_timeline_and_frames_as_they_are(camera_ms: int, reader_ms: int) -> None:
+    clocks = RunClocks()
+    for number in range(20):
+        at = START_MS + number * 100
+        taken = frame(number, at + camera_ms, at)
+        assert clocks.admit(taken) == [taken]
+        (moved,) = sightings(clocks.admit(sighting(at + reader_ms, at)))
+        assert (moved.first_seen_ms, moved.received_at_ms) == (at + camera_ms, at + camera_ms)
+    assert {name: found.offset_ms for name, found in clocks.estimates().items()} == {
+        "reader": -reader_ms,
+        "camera": -camera_ms,
+    }
+
+
+def test_where_no_receipt_is_told_stamps_are_taken_at_their_word() -> None:
+    clocks = RunClocks()
+    read, taken = sighting(START_MS, None), frame(0, START_MS, None)
+    assert clocks.admit(read) == [read]
+    assert clocks.admit(taken) == [taken]
+    assert clocks.estimates() == {}
+
+
+def test_readings_that_waited_for_a_set_clock_to_be_confirmed_are_not_lost() -> None:
+    clocks = RunClocks()
+    out = []
+    for number in range(40):
+        at = START_MS + number * 500
+        out += sightings(clocks.admit(sighting(at - (DAY_MS if number >= 20 else 0), at)))
+    assert [one.first_seen_ms for one in out] == [START_MS + number * 500 for number in range(40)]
+    assert clocks.refused == {"frame-time": 0, "sighting-time": 0}
+
+
+def test_single_wrong_stamps_are_refused_and_counted() -> None:
+    clocks = RunClocks()
+    for number in range(30):
+        at, off = START_MS + number * 500, DAY_MS if number % 10 == 9 else 0
+        assert len(clocks.admit(sighting(at + off, at))) == (0 if off else 1)
+        assert len(clocks.admit(frame(number, at - off, at))) == (0 if off else 1)
+    clocks.flush()
+    assert clocks.refused == {"frame-time": 3, "sighting-time": 3}
+
+
+def test_a_reading_longer_than_any_or_that_ends_before_it_begins_is_refused() -> None:
+    clocks = RunClocks()
+    assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=READING_MAX_MS + 1)) == []
+    assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=-1)) == []
+    assert len(clocks.admit(sighting(START_MS, START_MS + READING_MAX_MS, lasting_ms=READING_MAX_MS))) == 1
+    assert clocks.refused["sighting-time"] == 2
+
+
+def test_what_waits_in_doubt_is_bounded() -> None:
+    clocks = RunClocks()
+    clocks.admit(frame(0, START_MS, START_MS))
+    for number in range(1, 100):
+        assert clocks.admit(frame(number, START_MS + number * DAY_MS, START_MS + number)) == []
+    assert len(clocks._held_frames) < CONFIRM_COUNT
+    clocks.flush()
+    assert clocks.refused["frame-time"] == 99
