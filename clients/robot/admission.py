@@ -36,8 +36,9 @@ class _Second:
 
     def takes(self, at_ms: int) -> bool:
         """Count one more reading; return whether there was room."""
-        if at_ms // 1000 != self.second:
-            self.second, self.passed = at_ms // 1000, 0
+        second = at_ms // 1000
+        if second > self.second or second < self.second - MEMORY_MS // 1000:  # older by less: out of order
+            self.second, self.passed = second, 0
         self.passed += 1
         return self.passed <= self.limit
 
@@ -58,7 +59,8 @@ class Admission:
         """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
         fits = self._is_apart(sighting)
         if fits:
-            fits = (self._known if known else self._strangers).takes(sighting.last_seen_ms)
+            at_ms = sighting.last_seen_ms if sighting.received_at_ms is None else sighting.received_at_ms
+            fits = (self._known if known else self._strangers).takes(at_ms)
         self.only_paired_count += not fits
         return fits
 

@@ -1,91 +1,170 @@
-"""Pairing against a brute-force oracle: whatever order things arrive in, a frame gets exactly its owners."""
+"""Pairing against a brute-force oracle: whatever order things arrive in, a frame gets exactly its owners, in time."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from clients.robot.clocks import RunClocks
+from clients.robot.events import Frame, Sighting
 from clients.robot.pairing import NOT_PAIRED_NO_TAG, NOT_PAIRED_UNKNOWN_TAG, Decision, Pairing
 
 WINDOW_MS = 500
 LATENESS_MS = 100
-
-sightings = st.lists(
-    st.tuples(
-        st.sampled_from(["a", "b", "c", "stranger"]),
-        st.integers(0, 6_000),  # first seen
-        st.integers(0, 80),  # for how long
-        st.integers(-300, LATENESS_MS),  # arrival after first seen; negative: the reader's clock runs ahead
-        st.booleans(),  # reported twice
-    ),
-    max_size=25,
-)
-frames = st.lists(st.integers(0, 6_000), max_size=60)
+LAST_MS = 6_000
+FRAME_DELAY_MAX_MS = 400
+REPORT_DELAY_MAX_MS = 80
+START_MS = 1_579_278_405_000
+DEPTH = np.zeros((1, 1), dtype=np.uint16)
 
 
-def known(alias: str) -> bool:
-    return alias != "stranger"
+@dataclass(frozen=True)
+class Seen:
+    """A reading as the world had it: whose, from when to when, when it arrives, and whether it is told."""
+
+    alias: str
+    first: int
+    last: int
+    arrives: int
+    told: bool
+    twice: bool
+
+    @property
+    def known(self) -> bool:
+        return self.alias != "stranger"
 
 
-def oracle(at: int, seen: list[tuple[str, int, int]]) -> tuple[tuple[str, ...], str]:
-    covering = {alias for alias, first, last in seen if first - WINDOW_MS <= at <= last + WINDOW_MS}
-    owners = tuple(sorted(filter(known, covering)))
+@st.composite
+def readings(draw: st.DrawFn) -> Seen:
+    first = draw(st.integers(0, LAST_MS))
+    arrives = first + draw(st.integers(-300, LATENESS_MS))  # before it was read: the reader's clock runs ahead
+    return Seen(
+        draw(st.sampled_from(["a", "b", "c", "stranger"])),
+        first,
+        first + draw(st.integers(0, 80)),
+        arrives,
+        draw(st.booleans()),
+        draw(st.booleans()),
+    )
+
+
+sightings = st.lists(readings(), max_size=25)
+frames = st.lists(st.tuples(st.integers(0, LAST_MS), st.integers(0, FRAME_DELAY_MAX_MS)), max_size=60)
+
+
+def oracle(at: int, seen: list[Seen]) -> tuple[tuple[str, ...], str]:
+    covering = [one for one in seen if one.first - WINDOW_MS <= at <= one.last + WINDOW_MS]
+    owners = tuple(sorted({one.alias for one in covering if one.known}))
     if owners:
         return owners, ""
     return (), NOT_PAIRED_UNKNOWN_TAG if covering else NOT_PAIRED_NO_TAG
 
 
-def run(frame_times: list[int], seen: list[tuple[str, int, int, int, bool]]) -> tuple[list[Decision], Pairing]:
-    """Play frames at their own time and sightings at theirs plus delay; at the same instant the sighting first."""
-    script: list[tuple[int, int, int]] = [(at, 1, i) for i, at in enumerate(frame_times)]
-    for i, (_, first, _, delay, twice) in enumerate(seen):
-        script.append((first + delay, 0, i))
-        if twice:
-            script.append((first + delay, 0, i))
-    pairing, decided = Pairing(WINDOW_MS, LATENESS_MS), []
-    for at, kind, i in sorted(script):
+def tell(pairing: Pairing, one: Seen) -> list[Decision]:
+    received = one.arrives if one.told else None
+    return pairing.add_sighting(one.alias, one.first, one.last, known=one.known, received_at_ms=received)
+
+
+class Play:
+    """Frames and sightings in the order of their arrival, at one instant sightings first."""
+
+    def __init__(self, taken: list[tuple[int, int]], seen: list[Seen]) -> None:
+        self.taken = taken
+        self.seen = seen
+        self.pairing = Pairing(WINDOW_MS, LATENESS_MS)
+        self.decided: list[Decision] = []
+        self.arrived: set[int] = set()
+        self.script = [(at + delay, 1, i) for i, (at, delay) in enumerate(taken)]
+        self.script += [(one.arrives, 0, i) for i, one in enumerate(seen) for _ in range(1 + one.twice)]
+        self.script.sort()
+
+    def step(self, kind: int, i: int) -> list[Decision]:
         if kind == 1:
-            decided += pairing.add_frame(i, at)
+            self.arrived.add(i)
+            made = self.pairing.add_frame(i, self.taken[i][0])
         else:
-            alias, first, lasting, _, _ = seen[i]
-            pairing.add_sighting(alias, first, first + lasting, known=known(alias))
-    return decided + pairing.flush(), pairing
+            made = tell(self.pairing, self.seen[i])
+        self.decided += made
+        return made
+
+    def waiting(self) -> set[int]:
+        return self.arrived - {decision.sequence for decision in self.decided}
+
+    def run(self, count: int | None = None) -> Play:
+        for _, kind, i in self.script[:count]:
+            self.step(kind, i)
+        return self
 
 
 @given(frames, sightings)
-def test_every_frame_is_decided_once_with_exactly_its_owners(
-    frame_times: list[int], seen: list[tuple[str, int, int, int, bool]]
-) -> None:
-    decided, pairing = run(frame_times, seen)
-    assert sorted(d.sequence for d in decided) == list(range(len(frame_times)))
-    spans = [(alias, first, first + lasting) for alias, first, lasting, _, _ in seen]
-    for decision in decided:
-        assert (decision.owners, decision.reason) == oracle(decision.captured_at_ms, spans)
-    assert pairing.late_count == 0
+def test_every_frame_is_decided_once_with_exactly_its_owners(taken: list[tuple[int, int]], seen: list[Seen]) -> None:
+    play = Play(taken, seen).run()
+    play.decided += play.pairing.flush()
+    assert sorted(d.sequence for d in play.decided) == list(range(len(taken)))
+    for decision in play.decided:
+        assert (decision.owners, decision.reason) == oracle(decision.captured_at_ms, seen)
+    assert play.pairing.late_count == 0
+    assert play.pairing.refused == {}
 
 
 @given(frames, sightings)
-def test_decisions_come_in_time_order_and_never_before_the_last_sighting_could(
-    frame_times: list[int], seen: list[tuple[str, int, int, int, bool]]
+def test_a_frame_is_decided_when_nothing_that_may_arrive_changes_it_and_at_once_then(
+    taken: list[tuple[int, int]], seen: list[Seen]
 ) -> None:
-    decided, _ = run(frame_times, seen)
-    times = [decision.captured_at_ms for decision in decided]
-    assert times == sorted(times)
-    pairing = Pairing(WINDOW_MS, LATENESS_MS)
-    for at in sorted(frame_times):
-        for decision in pairing.add_frame(at, at):
-            assert decision.captured_at_ms + WINDOW_MS + LATENESS_MS < at
+    """After every step: who is decided could not be changed by any later reading, who waits could be by some."""
+    play = Play(taken, seen)
+    for _, kind, i in play.script:
+        made = play.step(kind, i)
+        now = play.pairing.now_ms
+        if now is None:
+            assert not made
+            continue
+        earliest = now - LATENESS_MS  # what is still to come was first read no sooner
+        for decision in made:
+            later = [Seen("new", first, first, now, True, False) for first in range(earliest, earliest + 3)]
+            assert oracle(decision.captured_at_ms, later) == ((), NOT_PAIRED_NO_TAG)
+        for number in play.waiting():
+            at = play.taken[number][0]
+            first = max(earliest, at - WINDOW_MS)
+            assert oracle(at, [Seen("new", first, first, now, True, False)])[0] == ("new",)
 
 
-@given(frames, st.permutations(range(6)), st.lists(st.integers(0, 6_000), min_size=6, max_size=6))
+@given(st.data(), frames.filter(bool), sightings)
+def test_whoever_waits_can_still_be_given_an_owner(
+    data: st.DataObject, taken: list[tuple[int, int]], seen: list[Seen]
+) -> None:
+    play = Play(taken, seen)
+    play.run(data.draw(st.integers(1, len(play.script))))
+    waiting, now = sorted(play.waiting()), play.pairing.now_ms
+    if not waiting or now is None:
+        return
+    number = data.draw(st.sampled_from(waiting))
+    first = taken[number][0] + WINDOW_MS
+    assert now <= first + LATENESS_MS, "it would be late otherwise"
+    play.pairing.add_sighting("new", first, first)
+    (mine,) = [decision for decision in play.pairing.flush() if decision.sequence == number]
+    assert "new" in mine.owners
+    assert play.pairing.late_count == 0
+
+
+@given(st.lists(st.integers(0, LAST_MS), max_size=60), sightings)
+def test_decisions_on_frames_that_come_in_order_come_in_time_order(times: list[int], seen: list[Seen]) -> None:
+    decided = Play([(at, 0) for at in times], seen).run().decided
+    assert [d.captured_at_ms for d in decided] == sorted(d.captured_at_ms for d in decided)
+
+
+@given(frames, st.permutations(range(6)), st.lists(st.integers(0, LAST_MS), min_size=6, max_size=6))
 def test_the_order_in_which_sightings_arrive_does_not_matter(
-    frame_times: list[int], order: list[int], firsts: list[int]
+    taken: list[tuple[int, int]], order: list[int], firsts: list[int]
 ) -> None:
     def owners(arrival: list[int]) -> list[Decision]:
         pairing = Pairing(WINDOW_MS, LATENESS_MS)
         for i in arrival:
             pairing.add_sighting("abc"[i % 3], firsts[i], firsts[i])
-        return [d for i, at in enumerate(sorted(frame_times)) for d in pairing.add_frame(i, at)] + pairing.flush()
+        return [d for i, (at, _) in enumerate(sorted(taken)) for d in pairing.add_frame(i, at)] + pairing.flush()
 
     assert owners(order) == owners(sorted(order))
 
@@ -102,3 +181,48 @@ def test_a_sighting_that_is_too_late_changes_no_decision_and_is_counted(delay: i
     assert not before.keys() & {d.sequence for d in rest}
     for decision in rest:
         assert decision.owners == (("a",) if abs(decision.captured_at_ms - (now - delay)) <= WINDOW_MS else ())
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from("ab"), st.integers(0, LAST_MS), st.integers(0, REPORT_DELAY_MAX_MS)),
+        min_size=1,
+        max_size=25,
+    ),
+    st.lists(st.tuples(st.integers(0, LAST_MS), st.integers(0, 30)), min_size=1, max_size=60),
+    st.integers(-86_400_000, 86_400_000),
+    st.integers(-200, 200),
+)
+def test_with_a_readers_clock_that_is_off_and_drifts_frames_are_paired_as_by_true_time(
+    read: list[tuple[str, int, int]], taken: list[tuple[int, int]], offset_ms: int, drift_ppm: int
+) -> None:
+    """Only frames nearer to a window's end than the delays that hide the offset may differ."""
+    clocks, pairing = RunClocks(), Pairing(WINDOW_MS, 2 * LATENESS_MS)
+    script: list[tuple[int, int, Frame | Sighting]] = []
+    for alias, at, delay in read:
+        stamp = START_MS + at + offset_ms + round(drift_ppm * 1e-6 * at)
+        script.append((at + delay, len(script), Sighting(stamp, stamp, alias, received_at_ms=START_MS + at + delay)))
+    for number, (at, delay) in enumerate(taken):
+        script.append((at + delay, len(script), Frame(START_MS + at, number, DEPTH, START_MS + at + delay)))
+    decided: list[Decision] = []
+    for _, _, event in sorted(script, key=lambda item: item[:2]):
+        for one in clocks.admit(event):
+            if isinstance(one, Frame):
+                decided += pairing.add_frame(one.sequence, one.captured_at_ms, vouched=True)
+            else:
+                decided += pairing.add_sighting(
+                    one.uid, one.first_seen_ms, one.last_seen_ms, received_at_ms=one.received_at_ms
+                )
+    decided += pairing.flush()
+    assert len(decided) == len(taken)
+    slack = REPORT_DELAY_MAX_MS + 5
+    for decision in decided:
+        gaps = {alias: abs(decision.captured_at_ms - START_MS - at) for alias, at, _ in reversed(read)}
+        for alias in "ab":
+            nearest = min(
+                (abs(decision.captured_at_ms - START_MS - at) for a, at, _ in read if a == alias), default=None
+            )
+            if nearest is None or nearest > WINDOW_MS + slack:
+                assert alias not in decision.owners, gaps
+            elif nearest <= WINDOW_MS - slack:
+                assert alias in decision.owners, gaps

@@ -1,0 +1,89 @@
+"""A storm of readings at the robot's front door: what gets through, what is only paired, and what is kept of it."""
+
+from __future__ import annotations
+
+import pytest
+
+from clients.robot.admission import (
+    APART_MS,
+    KNOWN_MAX_PER_S,
+    READINGS_MAX_COUNT,
+    STRANGERS_MAX_PER_S,
+    TAGS_MAX_COUNT,
+    TELL_EVERY_MS,
+    Admission,
+)
+from clients.robot.events import Sighting
+from clients.robot.pairing import Pairing
+
+START_MS = 1_579_278_405_000
+
+
+def reading(at_ms: int, uid: str = "E2", antenna: int = 1) -> Sighting:
+    return Sighting(START_MS + at_ms, START_MS + at_ms, uid, antenna, received_at_ms=START_MS + at_ms)
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_readings_apart_are_weighed_in_any_order_and_near_ones_only_paired(order: int) -> None:
+    admission = Admission()
+    assert all(admission.weighs(reading(at), known=True) for at in range(0, 1_000, APART_MS)[::order])
+    assert not any(admission.weighs(reading(at), known=True) for at in range(1, 950))
+    assert admission.only_paired_count == 949
+
+
+def test_another_antenna_or_tag_is_another_matter() -> None:
+    admission = Admission()
+    assert admission.weighs(reading(0), known=True)
+    assert admission.weighs(reading(0, antenna=2), known=True)
+    assert admission.weighs(reading(0, uid="E3"), known=True)
+    assert not admission.weighs(reading(0), known=True), "the same reading, reported twice"
+
+
+def test_strangers_cannot_crowd_out_whom_the_robot_is_for() -> None:
+    admission = Admission()
+    weighed = sum(admission.weighs(reading(0, f"stranger-{n}"), known=False) for n in range(1_000))
+    assert weighed == STRANGERS_MAX_PER_S
+    assert admission.weighs(reading(0), known=True)
+    weighed = sum(admission.weighs(reading(0, f"known-{n}"), known=True) for n in range(1_000))
+    assert weighed == KNOWN_MAX_PER_S - 1
+    assert admission.weighs(reading(1_000, "stranger-x"), known=False), "a new second"
+    weighed = sum(admission.weighs(reading(n % 2 * 1_000, f"stranger-{n}"), known=False) for n in range(2_000, 3_000))
+    assert weighed == STRANGERS_MAX_PER_S - 1, "readings out of order begin no new second"
+
+
+def test_what_is_remembered_of_readings_is_bounded_and_forgotten() -> None:
+    admission = Admission()
+    for number in range(TAGS_MAX_COUNT + 100):
+        admission.weighs(reading(0, f"stranger-{number}"), known=False)
+    assert len(admission._readings) == TAGS_MAX_COUNT
+    for number in range(2 * READINGS_MAX_COUNT):
+        admission.weighs(reading(60_000 + number * APART_MS), known=True)
+    assert [len(times) for times in admission._readings.values()] == [READINGS_MAX_COUNT]
+    assert not admission.weighs(reading(60_000), known=True), "older than what is remembered"
+
+
+def test_what_is_known_of_clocks_is_told_now_and_then_and_at_the_end() -> None:
+    admission = Admission()
+    assert admission.tell(last=True) == []
+    told = []
+    for at in range(0, 3 * TELL_EVERY_MS, 500):
+        admission.clocks.admit(reading(at))
+        told += admission.tell()
+    assert [name for name, _ in told] == ["reader"] * 3
+    assert [name for name, _ in admission.tell(last=True)] == ["reader"]
+    assert set(told[-1][1]) == {"offset_ms", "drift_ppm", "uncertainty_ms", "sample_count", "started_anew_count"}
+
+
+def test_the_summary_counts_every_refusal_once() -> None:
+    admission, pairing = Admission(), Pairing()
+    pairing.add_frame(0, START_MS)
+    pairing.add_sighting("a", 0, 0)
+    admission.clocks.admit(Sighting(5, 1, "E2"))
+    summary = admission.as_json(pairing)
+    assert summary == {
+        "clocks": {},
+        "refused": {"sighting-time": 2},
+        "sightings_late": 0,
+        "sightings_only_paired": 0,
+        "timelines": 1,
+    }
