@@ -55,18 +55,27 @@ async def run_command(arguments: list[str], *, environment: dict[str, str] | Non
     try:
         output, errors = await asyncio.wait_for(process.communicate(), COMMAND_TIMEOUT_S)
     except TimeoutError:
-        process.kill()
-        await process.wait()
         raise BlockRobotError("INTERNAL", f"`blockrobot {' '.join(arguments[:3])}` did not end in time.") from None
+    finally:
+        if process.returncode is None:
+            process.kill()
+            await process.wait()
     return parse_answer(output, errors, arguments)
 
 
 class LongCommand:
     """A long-running command that reports progress as lines of JSON on standard error."""
 
-    def __init__(self, arguments: list[str], on_progress: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(
+        self,
+        arguments: list[str],
+        on_progress: Callable[[dict[str, Any]], None],
+        on_start: Callable[[int], None] | None = None,
+    ) -> None:
+        """`on_start` is told the process id."""
         self._arguments = arguments
         self._on_progress = on_progress
+        self._on_start = on_start
 
     async def run(self, timeout_s: float) -> dict[str, Any]:
         """Run to the end and return the JSON answer. Raises the command's refusal."""
@@ -78,6 +87,8 @@ class LongCommand:
             limit=1024 * 1024,
         )
         assert process.stdout is not None
+        if self._on_start is not None:
+            self._on_start(process.pid)
         errors: list[bytes] = []
         follow = asyncio.create_task(self._follow(process, errors))
         try:

@@ -6,12 +6,24 @@ from pathlib import Path
 
 import numpy as np
 
+from clients.robot.pairing import WINDOW_DEFAULT_MS
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic.render import Renderer
 from clients.sdk.picture import decode_depth_png
 
 FOREIGN_PIXELS_MAX_SHARE = 0.001
 JUDGED_FRAMES_MAX_COUNT = 40
+
+
+def covered_frames(scenario: Scenario, alias: str) -> set[int]:
+    """Return which frames the readings of a person's tag cover, worked out from the scenario alone."""
+    person = next(person for person in scenario.people if person.alias == alias)
+    times = [round(1000 * reading) for reading in person.reading_times_s()] if person.tagged else []
+    return {
+        index
+        for index in range(scenario.frame_count)
+        if any(abs(round(1000 * index / scenario.frame_rate) - at) <= WINDOW_DEFAULT_MS for at in times)
+    }
 
 
 def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: str) -> float:

@@ -7,8 +7,6 @@ word for a check that can be made from another side.
 from __future__ import annotations
 
 import asyncio
-import os
-import secrets
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,20 +14,18 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.bag import make_bag
-from clients.robot.pairing import WINDOW_DEFAULT_MS
 from clients.robot.scenario import Scenario, published_run_1
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
-from network.cluster import Cluster, read_metric
+from network.cluster import read_metric
 from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
-from network.demo.processes import LongCommand, run_command, wallet_arguments
-from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, worst_foreign_share
-from network.demo.tampering import drop_databases, flip_stored_byte
-from network.layout import create_network
+from network.demo.processes import LongCommand
+from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
+from network.demo.tampering import flip_stored_byte
+from network.staging import Stage
 
 RECORDING_TIMEOUT_S = 150.0
-PEERS_MAX_S = 10.0
 WITHHELD_MAX_SHARE = 0.30
 _TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
@@ -70,21 +66,7 @@ class Demo:
         self.state = DemoState()
         self.scenario: Scenario = published_run_1()
         self._tell = tell
-        self._network_dir = options.out / "network"
-        self._wallets = options.out / "wallets"
-        self._robots = options.out / "robots"
-        self.cluster: Cluster | None = None
-
-    @property
-    def running(self) -> Cluster:
-        """The running cluster. Raises CLUSTER_NOT_RUNNING before it was started."""
-        if self.cluster is None:
-            raise BlockRobotError("CLUSTER_NOT_RUNNING")
-        return self.cluster
-
-    @property
-    def _genesis(self) -> Path:
-        return self._network_dir / "genesis.json"
+        self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
     async def run(self) -> None:
         """Run all steps in order. What a step raises becomes a failed check, and the story ends there."""
@@ -125,19 +107,7 @@ class Demo:
     async def start_network(self) -> None:
         """Make and start four node processes of two organisations, and wait until each is ready."""
         started = time.monotonic()
-        create_network(
-            self._network_dir,
-            nodes=4,
-            organisations=2,
-            base_port=self.options.base_port,
-            store=self.options.store,
-            network=f"demo-{secrets.token_hex(4)}",
-            faults=True,
-        )
-        self.cluster = Cluster(self._network_dir)
-        self.cluster.start_all()
-        await self.cluster.wait_ready()
-        peers = await self._count_peers()
+        peers = await self.stage.start_network("demo")
         self.checks.add(
             "4 nodes of 2 organisations are ready",
             ok=len(peers) == 4 and min(peers) == 3,
@@ -145,66 +115,20 @@ class Demo:
             f"after {time.monotonic() - started:.1f} s",
         )
 
-    async def _count_peers(self) -> list[int]:
-        """Return how many peers each node is in touch with, once all are with all (a quorum is ready a little sooner)."""
-        deadline = time.monotonic() + PEERS_MAX_S
-        while True:
-            reports = await self.running.status()
-            peers = [len(report.status["peers"]) for report in reports if report.status]
-            if min(peers, default=0) == len(reports) - 1 or time.monotonic() > deadline:
-                return peers
-            await asyncio.sleep(0.1)
-
-    def _desk(self) -> list[str]:
-        organisation = self.running.genesis.organisations[0].name
-        return ["--desk", str(self._network_dir / "organisations" / organisation), "--genesis", str(self._genesis)]
-
-    def _wallet(self, profile: str) -> list[str]:
-        return wallet_arguments(self._wallets, profile, self._genesis)
-
-    def _robot(self) -> list[str]:
-        return ["robot", "--robot-dir", str(self._robots), "--genesis", str(self._genesis)]
-
-    async def _wallet_command(self, profile: str, *arguments: str) -> dict[str, Any]:
-        environment = {"BLOCKROBOT_PASSPHRASE_FILE": str(self._wallets / f"{profile}.passphrase")}
-        return await run_command([*self._wallet(profile), *arguments], environment=environment)
-
-    async def _issue_card(self, role: str, alias: str, uid: str) -> str:
-        uid_file = self._wallets / f"{alias}.uid"
-        _write_private(uid_file, uid)
-        answer = await run_command(["card", "issue", *self._desk(), "--role", role, "--uid-file", str(uid_file)])
-        uid_file.unlink()
-        return str(answer["code"])
-
     async def enrol(self) -> None:
         """Issue cards, make wallets, register them and the robot, and seal the robot's roster."""
-        self._wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
-        members = {}
-        for patient in PATIENTS:
-            _write_private(self._wallets / f"{patient}.passphrase", secrets.token_urlsafe(16))
-            code = await self._issue_card("subject", patient, self._tags[patient])
-            words = self._wallets / f"{patient}.words"
-            made = await self._wallet_command(patient, "new", "--fast-passphrase", "--words-file", str(words))
-            registered = await self._wallet_command(patient, "register", code, "--purpose", PURPOSE)
-            members[patient] = (made["member"], registered["member"])
-        held = all(own == on_chain for own, on_chain in members.values())
+        held = [await self.stage.enrol_person(patient, self._tags[patient]) for patient in PATIENTS]
         self.checks.add(
             "two patients are registered",
-            ok=held,
+            ok=all(held),
             detail="the key that the contract recovered from each signature is the wallet's own",
         )
-        made = await run_command([*self._robot(), "new"])
-        code = await self._issue_card("robot", "robot", secrets.token_hex(12).upper())
-        registered = await run_command([*self._robot(), "register", code])
-        self.state.robot_member = registered["member"]
-        roster = self._robots / "robot" / "roster.sealed"
-        answer = await run_command(
-            ["roster", "make", *self._desk(), "--robot", self.state.robot_member, "--out", str(roster)]
-        )
+        self.state.robot_member = await self.stage.enrol_robot()
+        rows = await self.stage.make_roster(self.state.robot_member)
         self.checks.add(
             "the robot has its sealed roster",
-            ok=made["member"] == registered["member"] and answer["rows"] == len(PATIENTS),
-            detail=f"{answer['rows']} people; only this robot can open it",
+            ok=rows == len(PATIENTS),
+            detail=f"{rows} people; only this robot can open it",
         )
 
     async def record(self) -> None:
@@ -218,9 +142,9 @@ class Demo:
             self._tell(f"recording: {read} frames seen, {recorded} recorded, {waiting} clips on their way")
             if kill is None and recorded >= expected_kept:
                 self._tell("killing the leading node")
-                kill = asyncio.create_task(kill_and_restart_leader(self.running))
+                kill = asyncio.create_task(kill_and_restart_leader(self.stage.cluster))
 
-        arguments = [*self._robot(), "replay", str(self._bag), "--purpose", PURPOSE]
+        arguments = [*self.stage.robot_arguments(), "replay", str(self._bag), "--purpose", PURPOSE]
         arguments += ["--events", str(self.options.out / "events.jsonl")]
         self.state.summary = await LongCommand(arguments, progress).run(RECORDING_TIMEOUT_S)
         self._check_frames()
@@ -237,13 +161,7 @@ class Demo:
 
     def _expected_covered(self) -> int:
         """Return how many (frame, owner) pairs the readings cover, worked out from the scenario alone."""
-        covered = 0
-        for person in self.scenario.people:
-            times = person.reading_times_s() if person.tagged else []
-            for index in range(self.scenario.frame_count):
-                at_ms = round(1000 * index / self.scenario.frame_rate)
-                covered += any(abs(at_ms - round(1000 * reading)) <= WINDOW_DEFAULT_MS for reading in times)
-        return covered
+        return sum(len(covered_frames(self.scenario, alias)) for alias in self.scenario.tagged_aliases)
 
     def _check_frames(self) -> None:
         frames = self.state.summary["frames"]
@@ -280,7 +198,7 @@ class Demo:
     async def look(self) -> None:
         """Both patients list, fetch, verify and open their records; neither can reach the other's."""
         for patient in PATIENTS:
-            listed = await self._wallet_command(patient, "records")
+            listed = await self.stage.wallet(patient, "records")
             self.state.records[patient] = [row for visit in listed["visits"] for row in visit["records"]]
             missing = sum(visit["missing_records"] for visit in listed["visits"])
             closed = all(visit["closed"] for visit in listed["visits"])
@@ -291,7 +209,7 @@ class Demo:
                 detail=f"{len(self.state.records[patient])} records, {frames} pictures, none missing",
             )
             out = self.options.out / "pictures" / patient
-            seen = await self._wallet_command(patient, "view", "--out", str(out), "--purpose", "own-access")
+            seen = await self.stage.wallet(patient, "view", "--out", str(out), "--purpose", "own-access")
             statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
             self.state.pictures[patient] = sorted(out.glob("*/*[0-9].png"))
             self.checks.add(
@@ -312,39 +230,28 @@ class Demo:
     async def _check_strangers(self) -> None:
         own = {row["record_id"] for row in self.state.records["patient-b"]}
         foreign = [row["record_id"] for row in self.state.records["patient-a"]]
-        refused = await self._refusal("patient-b", "view", foreign[0], "--out", str(self.options.out / "none"))
+        refused = await self.stage.refusal("patient-b", "view", foreign[0], "--out", str(self.options.out / "none"))
         self.checks.add(
             "patient B's wallet cannot tell which records are A's, nor fetch them",
             ok=not own & set(foreign) and refused == "NOT_FOUND",
             detail="no record of A's opens to B's view key",
         )
-        probe = await run_command(
-            [*self._wallet("patient-b"), "probe", foreign[0]],
-            environment={"BLOCKROBOT_PASSPHRASE_FILE": str(self._wallets / "patient-b.passphrase")},
-        )
+        probe = await self.stage.wallet("patient-b", "probe", foreign[0])
         self.checks.add(
             "custodians refuse A's records to B",
             ok=set(probe["refusals"].values()) <= {"NOT_PERMITTED", "ACCESS_NOT_GRANTED"} and bool(probe["refusals"]),
             detail="; ".join(f"{name}: {code}" for name, code in probe["refusals"].items()),
         )
 
-    async def _refusal(self, patient: str, *arguments: str) -> str:
-        """Return the code with which a wallet's command is refused, or an empty text if it is not."""
-        try:
-            await self._wallet_command(patient, *arguments)
-        except BlockRobotError as error:
-            return error.code
-        return ""
-
     async def tamper(self) -> None:
         """Flip one bit in both custodians' stores; the wallet names the frame, opens the rest, says so on the chain."""
         record = max(self.state.records["patient-a"], key=lambda row: int(row["frames"]))
         index = int(record["frames"]) // 2
-        for node in self.running.genesis.custodians:
+        for node in self.stage.cluster.genesis.custodians:
             await asyncio.to_thread(
-                flip_stored_byte, self.running.config(node.name), bytes.fromhex(record["record_id"]), index
+                flip_stored_byte, self.stage.cluster.config(node.name), bytes.fromhex(record["record_id"]), index
             )
-        answer = await self._wallet_command("patient-a", "verify", record["record_id"])
+        answer = await self.stage.wallet("patient-a", "verify", record["record_id"])
         (verdict,) = answer["records"]
         statuses = {frame["index"]: frame["status"] for frame in verdict["frames"]}
         rest = {status for place, status in statuses.items() if place != index}
@@ -359,19 +266,17 @@ class Demo:
         """Erase two frames, then everything; wait for the custodians' receipts each time."""
         records = self.state.records["patient-a"]
         chosen = next(row for row in records if int(row["frames"]) >= 4)
-        first = await self._wallet_command(
-            "patient-a", "erase", chosen["record_id"], "--frames", "0,1", "--yes", "--wait"
-        )
+        first = await self.stage.wallet("patient-a", "erase", chosen["record_id"], "--frames", "0,1", "--yes", "--wait")
         out = self.options.out / "pictures" / "after-two"
-        seen = await self._wallet_command("patient-a", "view", chosen["record_id"], "--out", str(out))
+        seen = await self.stage.wallet("patient-a", "view", chosen["record_id"], "--out", str(out))
         statuses = [frame["status"] for frame in seen["records"][0]["frames"]]
         self.checks.add(
             "two pictures are erased, the rest stay",
             ok=_confirmed(first) and statuses[:2] == ["erased", "erased"] and "erased" not in statuses[2:],
             detail=f"both custodians destroyed keys and bytes; {statuses.count('ok')} of {len(statuses)} still open",
         )
-        everything = await self._wallet_command("patient-a", "erase", "--all", "--yes", "--wait")
-        listed = await self._wallet_command("patient-a", "records")
+        everything = await self.stage.wallet("patient-a", "erase", "--all", "--yes", "--wait")
+        listed = await self.stage.wallet("patient-a", "records")
         left = sum(len(visit["records"]) for visit in listed["visits"])
         erased = sum(len(visit["erased_records"]) for visit in listed["visits"])
         self.checks.add(
@@ -379,13 +284,13 @@ class Demo:
             ok=_confirmed(everything) and left == 0 and erased == len(records),
             detail=f"{erased} records, {sum(len(row['confirmed']) for row in everything['erasures'])} receipts on chain",
         )
-        refused = await self._refusal("patient-a", "view", chosen["record_id"], "--out", str(out))
+        refused = await self.stage.refusal("patient-a", "view", chosen["record_id"], "--out", str(out))
         self.checks.add(
             "nothing of it can be had any more",
             ok=refused in {"NOT_FOUND", "CLIP_ERASED"},
             detail=f"asking for it again is answered {refused or 'with the record'}",
         )
-        listed_b = await self._wallet_command("patient-b", "records")
+        listed_b = await self.stage.wallet("patient-b", "records")
         kept_b = sum(len(visit["records"]) for visit in listed_b["visits"])
         self.checks.add(
             "patient B's records are untouched",
@@ -395,7 +300,7 @@ class Demo:
 
     async def read_trail(self) -> None:
         """Read A's audit trail and hold it against what was done."""
-        trail = await self._wallet_command("patient-a", "audit")
+        trail = await self.stage.wallet("patient-a", "audit")
         self.state.audit = trail["entries"]
         kinds = [entry["kind"] for entry in self.state.audit]
         wanted = ["visit_opened", "recorded", "access_requested", "verdict", "erasure_requested", "erasure_receipted"]
@@ -412,13 +317,13 @@ class Demo:
         """Compare the nodes' finalized state at the end."""
         deadline = time.monotonic() + 10
         while True:
-            reports = [report.status for report in await self.running.status() if report.status]
+            reports = [report.status for report in await self.stage.cluster.status() if report.status]
             tips = {(status["finalized_height"], status["state_root"]) for status in reports}
             if len(tips) == 1 or time.monotonic() > deadline:
                 break
             await asyncio.sleep(0.2)
         self.state.blocks = max(height for height, _ in tips)
-        counts = [await read_metric(config, _TRANSACTIONS_METRIC) for config in self.running.configs.values()]
+        counts = [await read_metric(config, _TRANSACTIONS_METRIC) for config in self.stage.cluster.configs.values()]
         self.state.transactions = int(max(count or 0 for count in counts))
         self.checks.add(
             "all nodes hold the same state",
@@ -428,9 +333,8 @@ class Demo:
 
     async def stop(self) -> None:
         """Stop the network, unless it is to be kept."""
-        if self.cluster is not None and not self.options.keep:
-            await asyncio.to_thread(self.cluster.stop_all)
-            await asyncio.to_thread(drop_databases, self.cluster)
+        if not self.options.keep:
+            await self.stage.stop()
 
 
 def _confirmed(answer: dict[str, Any]) -> bool:
@@ -439,9 +343,3 @@ def _confirmed(answer: dict[str, Any]) -> bool:
         row["status"] == "complete" and sorted(row["confirmed"]) == sorted(row["custodians"])
         for row in answer["erasures"]
     )
-
-
-def _write_private(path: Path, text: str) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(text)
