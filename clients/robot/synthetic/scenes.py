@@ -178,7 +178,7 @@ def _drawn_person(rng: np.random.Generator, alias: str, path: Path, *, aid: Aid 
         aid=aid if aid or child or rng.random() > 0.12 else "bag",
         arms=arms,
         shoulders=float(np.clip(rng.normal(1.0, 0.07), 0.85, 1.2)),
-        belly=float(max(0.0, rng.normal(0.1, 0.35))) if rng.random() < 0.6 else 0.0,
+        belly=float(np.clip(rng.normal(0.1, 0.35), 0.0, 1.0)) if rng.random() < 0.6 else 0.0,
         stoop=math.radians(float(rng.uniform(5, 28))) if old and aid != "wheelchair" else 0.0,
         limp=float(rng.uniform(0.3, 1.0)) if old else 0.0,
         coat=bool(rng.random() < 0.25),
