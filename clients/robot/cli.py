@@ -15,8 +15,21 @@ from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
 from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.source_options import open_recording, source_options
+from clients.robot.sources.rosbag import BagSource
+from clients.robot.sources.source import Source
 from clients.robot.synthetic_recording import default_recording
-from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
+from clients.robot.topics_cli import topics
+from clients.sdk.terminal import (
+    EXIT_FAILED,
+    console,
+    home_folder,
+    json_option,
+    load_genesis,
+    plain_errors,
+    print_json,
+)
+from consensus.errors import BlockRobotError
 
 _PROGRESS_EVERY_S = 0.25
 
@@ -110,7 +123,7 @@ def _common(command: Any) -> Any:
     return command
 
 
-def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[str, Any]) -> None:
+def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
     folder, genesis_path = ctx.obj
     chosen = ReplayOptions(
         roster=options["roster"] or folder / "roster.sealed",
@@ -123,29 +136,49 @@ def _replay(ctx: click.Context, recording: Path, as_json: bool, options: dict[st
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
     progress = _Progress(as_json=as_json)
-    summary = asyncio.run(replay_recording(folder, recording, load_genesis(genesis_path), chosen, progress))
+    summary = asyncio.run(replay_recording(folder, source, load_genesis(genesis_path), chosen, progress))
+    fault = summary["intake"]["fault"]
     if as_json:
-        print_json({"ok": summary["frames"]["lost"] == 0, **summary})
+        print_json({"ok": summary["frames"]["lost"] == 0 and fault is None, **summary, **_error_json(fault)})
     else:
         frames = summary["frames"]
         console.print(
             f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
             f"{frames['withheld']} withheld, {frames['lost']} lost."
         )
+        for kind, reasons in summary["intake"]["messages_refused"].items():
+            told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
+            console.print(f"Not usable: {sum(reasons.values())} of kind {kind} ({told}).")
+        if fault is not None:
+            raise BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
+    if fault is not None:
+        sys.exit(EXIT_FAILED)
+
+
+def _error_json(fault: dict[str, str] | None) -> dict[str, Any]:
+    """Return the error of a run that broke off as every command tells it."""
+    if fault is None:
+        return {}
+    error = BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
+    return {"error": {"code": error.code, "detail": error.detail, "next_step": error.next_step}}
+
+
+robot.add_command(topics)
 
 
 @robot.command()
 @click.argument("recording", type=click.Path(path_type=Path))
+@source_options
 @_common
 @json_option
 @click.pass_context
 @plain_errors
 def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
-    """Record from a ROS bag (rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
+    """Record from a ROS bag (ROS 1 .bag, rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
 
-    Example: blockrobot robot replay recording.mcap --fast
+    Example: blockrobot robot replay recording.mcap --topics topics.toml --fast
     """
-    _replay(ctx, recording, as_json, options)
+    _replay(ctx, open_recording(recording, options), as_json, options)
 
 
 @robot.command()
@@ -158,4 +191,4 @@ def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
 
     Example: blockrobot robot run --purpose demo
     """
-    _replay(ctx, default_recording(home_folder()), as_json, options)
+    _replay(ctx, BagSource(default_recording(home_folder())), as_json, options)

@@ -71,6 +71,61 @@ class Sighting:
 Event = Frame | Sighting
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ColourFrame:
+    """One colour image: uint8, shape (height, width, 3), red first.
+
+    `registered` says that it shows what the depth camera shows, pixel for pixel.
+    """
+
+    at_ms: int
+    sequence: int
+    pixels: npt.NDArray[np.uint8]
+    registered: bool = False
+    received_at_ms: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Label:
+    """One estimate about the person before the robot, such as an emotional state, with its confidence if known."""
+
+    at_ms: int
+    sequence: int
+    text: str
+    confidence: float | None = None
+    received_at_ms: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AudioClip:
+    """A stretch of sound: 16-bit samples (little-endian, channels side by side) that began at `at_ms`."""
+
+    at_ms: int
+    sequence: int
+    samples: bytes = field(repr=False)
+    rate_hz: int = 16_000
+    channels: int = 1
+    received_at_ms: int | None = None
+
+    @property
+    def ends_ms(self) -> int:
+        """When the stretch ends."""
+        return self.at_ms + len(self.samples) * 1000 // (2 * self.channels * self.rate_hz)
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A message that could not be used: what it should have been (`frame`, `sighting`, `rgb`, ...), and why."""
+
+    at_ms: int
+    kind: str
+    reason: str
+
+
+Sense = ColourFrame | Label | AudioClip
+SourceEvent = Event | Sense | Refused
+
+
 def check_depth(depth: npt.NDArray[np.generic], *, shape: tuple[int, int] | None = None) -> Depth:
     """Return `depth` if it is a two-dimensional uint16 image (of `shape`, if given); raises FRAME_INVALID otherwise."""
     if depth.dtype != np.uint16 or depth.ndim != 2:

@@ -15,16 +15,17 @@ from typing import Any, Protocol
 import cv2
 
 from clients.robot.delivery import Delivery
-from clients.robot.event_log import EventLog
-from clients.robot.events import Event
+from clients.robot.event_log import MESSAGE_REFUSED, EventLog
+from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
 from clients.robot.identity import load_identity
+from clients.robot.inputs import Inputs
 from clients.robot.network import RobotNetwork
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import load_roster
-from clients.robot.source import BagSource
+from clients.robot.sources.source import Source
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
@@ -57,13 +58,17 @@ class ProgressListener(Protocol):
         """Take frames_read, frames_recorded and waiting."""
 
 
-async def _events(source: BagSource, *, real_time: bool) -> AsyncIterator[Event]:
+async def _events(source: Source, *, real_time: bool) -> AsyncIterator[SourceEvent]:
     if real_time:
         async for event in source.play():
             yield event
     else:
         for event in source.events():
             yield event
+
+
+def _note_refused(refused: Refused, log: EventLog, now_ms: int) -> None:
+    log.write(now_ms, MESSAGE_REFUSED, f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}", reason=refused.reason)
 
 
 class _Run:
@@ -81,8 +86,8 @@ class _Run:
         self._spool = Spool(folder / "spool", self._identity.spool)
         self.intake: dict[str, Any] = {}
 
-    async def work(self, source: BagSource) -> RunStatistics:
-        """Work through a recording and return the figures once all its records are final."""
+    async def work(self, source: Source) -> RunStatistics:
+        """Work through a source and return the figures once all its records are final."""
         await self._roster.confirm(self._client, self._identity.identity)
         empty = source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
@@ -112,14 +117,15 @@ class _Run:
                 now_ms=self._network.now_ms,
             )
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
-            events = _events(source, real_time=self._options.real_time)
+            inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
+            events = inputs.usable(_events(source, real_time=self._options.real_time))
             telling = asyncio.create_task(self._tell_regularly(statistics))
             try:
                 await pipeline.run(events)
             finally:
                 telling.cancel()
                 await delivery.stop()
-            self.intake = pipeline.intake_json()
+            self.intake = {**pipeline.intake_json(), **inputs.summary()}
             self._tell(statistics, last=True)
         return statistics
 
@@ -144,15 +150,15 @@ class _Run:
 
 
 async def replay_recording(
-    folder: Path, recording: Path, genesis: Genesis, options: ReplayOptions, progress: ProgressListener
+    folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: ProgressListener
 ) -> dict[str, Any]:
-    """Replay a recording through the robot in `folder` and return its summary once all its records are final.
+    """Replay a source through the robot in `folder` and return its summary once all its records are final.
 
-    Raises BAG_*, ROSTER_*, SPOOL_*, and what the network refuses for good.
+    `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
+    Raises EMPTY_SCENE_MISSING, BAG_*, ROSTER_*, SPOOL_*, and what the network refuses for good.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
-    source = BagSource(recording)
     async with open_pinned_client(genesis, folder / PIN_FILE) as client:
         run = _Run(folder, client, options, progress)
         statistics = await run.work(source)

@@ -18,7 +18,7 @@ from clients.robot.hiding.hider import Hider
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import RosterBook
-from clients.robot.source import BagSource
+from clients.robot.sources.rosbag import BagSource
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook

@@ -1,0 +1,81 @@
+"""Lets through what the pipeline can use, and counts the rest by reason. Must never let one bad message end a run.
+
+A stream that breaks off, or of which too many messages in a row cannot be used, ends here: what came before is worked
+through as at any other end, and `fault` says what happened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+from clients.robot.events import AudioClip, ColourFrame, Event, Frame, Label, Refused, Sighting, SourceEvent
+from consensus.errors import BlockRobotError
+
+REFUSED_IN_A_ROW_MAX_COUNT = 300
+
+_SOURCE_FAULTS = frozenset({"BAG_DAMAGED"})
+
+
+class Inputs:
+    """The gate before the pipeline. `shape` is (height, width) of the empty scene, which every frame must have."""
+
+    def __init__(self, shape: tuple[int, int], note: Callable[[Refused], None] | None = None) -> None:
+        self.refused: dict[str, dict[str, int]] = {}
+        self.fault: BlockRobotError | None = None
+        self._shape = shape
+        self._note = note
+        self._in_a_row: dict[str, int] = {}
+
+    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event]:
+        """Yield frames and sightings that can be used, until the stream ends, breaks off or becomes useless."""
+        try:
+            async for event in events:
+                refused = self._check(event)
+                if refused is not None:
+                    self._refuse(refused)
+                else:
+                    self._in_a_row[_KINDS[type(event)]] = 0
+                if isinstance(event, Frame | Sighting) and refused is None:
+                    yield event
+                if self.fault is not None:
+                    return
+        except BlockRobotError as error:
+            if error.code not in _SOURCE_FAULTS:
+                raise
+            self.fault = error
+
+    def summary(self) -> dict[str, Any]:
+        """Return what was refused, by kind and reason, and what ended the stream if that was no proper end."""
+        fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
+        return {
+            "messages_refused": {kind: dict(sorted(found.items())) for kind, found in self.refused.items()},
+            "fault": fault,
+        }
+
+    def _check(self, event: SourceEvent) -> Refused | None:
+        if isinstance(event, Frame) and event.depth.shape != self._shape:
+            return Refused(event.captured_at_ms, "frame", "size")
+        return event if isinstance(event, Refused) else None
+
+    def _refuse(self, refused: Refused) -> None:
+        """Count a message that cannot be used; too many in a row are a fault."""
+        counts = self.refused.setdefault(refused.kind, {})
+        counts[refused.reason] = counts.get(refused.reason, 0) + 1
+        if self._note is not None:
+            self._note(refused)
+        in_a_row = self._in_a_row.get(refused.kind, 0) + 1
+        self._in_a_row[refused.kind] = in_a_row
+        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT:
+            return
+        detail = f"{in_a_row} messages in a row were no usable {refused.kind}, the last for its {refused.reason}."
+        self.fault = BlockRobotError("FRAMES_UNUSABLE", detail)
+
+
+_KINDS: dict[type, str] = {
+    Frame: "frame",
+    Sighting: "sighting",
+    ColourFrame: "rgb",
+    Label: "label",
+    AudioClip: "audio",
+}

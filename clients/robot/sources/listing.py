@@ -1,0 +1,124 @@
+"""Says what a recording holds, and which topics could be depth, colour, tags, labels or sound.
+
+It looks at types and at the first message of each image topic. Must never show what a message says: a recording holds
+the UIDs of people's tags.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from clients.robot.messages import SIGHTING_TYPE
+from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, could_be_colour, could_be_depth, encoding_of
+from clients.robot.sources.recording import Recording, TopicFigures
+from clients.robot.sources.topics import STRING_TYPE
+
+LISTED_MAX_COUNT = 12
+TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "tid", "transponder")
+TAG_NAMES = ("rfid", "tag", "epc", "uhf", "nfc")
+LABEL_NAMES = ("emotion", "label", "mood", "affect", "state", "expression", "sentiment")
+AUDIO_NAMES = ("audio", "sound", "mic", "speech", "voice", "wav")
+
+
+@dataclass(frozen=True, slots=True)
+class Listed:
+    """One topic: what it could be (`depth`, `rgb`, `tags`, `labels`, `audio`), and how its images are encoded."""
+
+    figures: TopicFigures
+    could_be: tuple[str, ...]
+    encoding: str
+
+
+def list_topics(recording: Recording) -> list[Listed]:
+    """Return every topic of a recording by name, with what it could be."""
+    return [_listed(recording, figures) for _, figures in sorted(recording.topics.items())]
+
+
+def describe(recording: Recording) -> str:
+    """Return what a recording holds as one sentence, for the detail of a refusal."""
+    listed = list_topics(recording)
+    shown = [
+        f"{item.figures.name} ({item.figures.type}"
+        + (f", {item.encoding}" if item.encoding else "")
+        + f", {item.figures.count} messages"
+        + (f", could be {' or '.join(item.could_be)}" if item.could_be else "")
+        + ")"
+        for item in listed[:LISTED_MAX_COUNT]
+    ]
+    more = f" and {len(listed) - LISTED_MAX_COUNT} more" if len(listed) > LISTED_MAX_COUNT else ""
+    return f"It has {'; '.join(shown) or 'no topic'}{more}."
+
+
+def _listed(recording: Recording, figures: TopicFigures) -> Listed:
+    name, kind = figures.name.lower(), figures.type
+    if kind in (IMAGE_TYPE, COMPRESSED_TYPE):
+        first = recording.first(figures.name)
+        guesses = []
+        if first is not None:
+            guesses += ["depth"] if could_be_depth(first) else []
+            guesses += ["rgb"] if could_be_colour(first) else []
+        return Listed(figures, tuple(guesses), "" if first is None else encoding_of(first))
+    if kind == SIGHTING_TYPE:
+        return Listed(figures, ("tags",), "")
+    guesses = []
+    fields = {field.lower() for field in recording.field_names(kind)}
+    words = kind.lower()
+    if ((kind == STRING_TYPE or fields & set(TAG_FIELDS)) and _speaks(name + words, TAG_NAMES)) or fields & {
+        "epc",
+        "uid",
+        "tagid",
+        "tag_id",
+    }:
+        guesses.append("tags")
+    if _speaks(name, LABEL_NAMES):
+        guesses.append("labels")
+    if _speaks(name + words, AUDIO_NAMES):
+        guesses.append("audio")
+    if kind == STRING_TYPE and not guesses:
+        guesses = ["tags", "labels"]
+    return Listed(figures, tuple(guesses), "")
+
+
+def _speaks(text: str, words: tuple[str, ...]) -> bool:
+    return any(word in text for word in words)
+
+
+def draft_topics(recording: Recording, listed: list[Listed]) -> str:
+    """Return the text of a topics file made of the guesses; the user checks it. Fields are guessed by their names."""
+    lines = ["# Drafted from what the recording looks like: check every line.", ""]
+    depth = [item.figures.name for item in listed if "depth" in item.could_be]
+    empty = [name for name in depth if "empty" in name.lower()]
+    for name in [name for name in depth if name not in empty][:1]:
+        lines += ["[depth]", f'topic = "{name}"', ""]
+    for name in empty[:1]:
+        lines += ["[empty]", f'topic = "{name}"', ""]
+    for item in [item for item in listed if "tags" in item.could_be]:
+        lines += ["[[tags]]", f'topic = "{item.figures.name}"', f'type = "{item.figures.type}"']
+        lines += [*_drafted_fields(recording, item.figures.type), ""]
+    return "\n".join(lines)
+
+
+def _drafted_fields(recording: Recording, type_name: str) -> list[str]:
+    names = recording.field_names(type_name)
+    found = []
+    for setting, words in _FIELD_WORDS.items():
+        name = next((name for word in words for name in names if name.lower() == word), None)
+        if name is not None:
+            each = "[]" if recording.is_list(type_name, name) else ""
+            found.append(f'{setting} = "{name}{each}"')
+    if not any(line.startswith("epc") for line in found):
+        found.append('epc = ""  # the path of the tag\'s UID: one of ' + ", ".join(names))
+    return found
+
+
+_FIELD_WORDS = {
+    "epc": ("epc", "uid", "tag_id", "tagid", "ids", "id", "tid", "data"),
+    "antenna": ("antenna", "antenna_id", "antenna_name"),
+    "facing": ("antenna_facing",),
+    "rssi": ("rssi", "rssi_dbm", "dbs"),
+    "distance": ("distance",),
+    "distance_sigma": ("distance_sigma",),
+    "first_seen": ("first_seen",),
+    "last_seen": ("last_seen",),
+    "read_count": ("read_count",),
+}

@@ -1,0 +1,212 @@
+"""Reads what stands before the break of a recording that was cut off: MCAP, ROS 1 bags and SQLite, front to back.
+
+A recorder that is killed leaves no index, so the records are taken in the order of the file until one is not whole.
+Each scan ends by returning at the proper end and by raising `BrokenOffError` at the break. It must never repair a file or
+write one, and never give a record of which a part is missing.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1.reader import decompressors
+from rosbags.rosbag2.storage_mcap import decompress
+from rosbags.typesys.msg import normalize_msgtype
+
+RECORD_MAX_BYTES = 1 << 30
+MCAP_MAGIC = b"\x89MCAP0\r\n"
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+_NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
+_FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+
+
+class BrokenOffError(Exception):
+    """The file breaks off, or is damaged, at this place."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic as the file declares it, before its first message."""
+
+    number: int
+    topic: str
+    msgtype: str
+    definition: MessageDefinition
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One whole message: the number of its channel, when it was recorded, its bytes."""
+
+    channel: int
+    at_ns: int
+    data: bytes
+
+
+Scan = Iterator[Channel | Found]
+
+
+def scan_file(path: Path) -> Scan:
+    """Scan one file by its name and first bytes. Raises `BrokenOffError` for what is no recording."""
+    if path.suffix == ".db3":
+        yield from scan_sqlite(path)
+        return
+    with path.open("rb") as file:
+        if path.suffix == ".mcap" and file.read(len(MCAP_MAGIC)) == MCAP_MAGIC:
+            yield from _guarded(_mcap_records(file, inside=False))
+        elif path.suffix == ".bag" and file.read(len(ROS1_MAGIC)) == ROS1_MAGIC:
+            yield from _guarded(_ros1_records(file, inside=False))
+        else:
+            raise BrokenOffError("It does not begin as a recording does.")
+
+
+def _guarded(scan: Scan) -> Scan:
+    """Turn whatever damaged bytes make a parser do into `BrokenOffError`."""
+    try:
+        yield from scan
+    except BrokenOffError:
+        raise
+    except Exception as error:
+        raise BrokenOffError("A record is damaged.") from error
+
+
+def _read(file: BinaryIO, size: int) -> bytes:
+    if size > RECORD_MAX_BYTES:
+        raise BrokenOffError("A record says that it is larger than any.")
+    data = file.read(size)
+    if len(data) != size:
+        raise BrokenOffError("The last record is not whole.")
+    return data
+
+
+def _in_time_order(scan: Scan) -> Scan:
+    """Yield the channels of one chunk, then its messages by time."""
+    found: list[Found] = []
+    broken: BrokenOffError | None = None
+    try:
+        for item in scan:
+            if isinstance(item, Found):
+                found.append(item)
+            else:
+                yield item
+    except BrokenOffError as error:
+        broken = error
+    yield from sorted(found, key=lambda item: item.at_ns)
+    if broken is not None:
+        raise broken
+
+
+# MCAP: an opcode, a length of 8 bytes, the record
+
+
+def _mcap_records(
+    file: BinaryIO, *, inside: bool, schemas: dict[int, tuple[str, MessageDefinition]] | None = None
+) -> Scan:
+    schemas = {} if schemas is None else schemas
+    while opcode := file.read(1):
+        record = BytesIO(_read(file, *struct.unpack("<Q", _read(file, 8))))
+        if opcode == b"\x03":
+            (number,) = struct.unpack("<H", _read(record, 2))
+            name, kind, text = _mcap_text(record), _mcap_text(record), _mcap_text(record)
+            schemas[number] = (name, MessageDefinition(_FORMATS[kind], text) if kind in _FORMATS else _NO_DEFINITION)
+        elif opcode == b"\x04":
+            number, schema = struct.unpack("<HH", _read(record, 4))
+            name, definition = schemas.get(schema, ("", _NO_DEFINITION))
+            topic, encoding = _mcap_text(record), _mcap_text(record)
+            if encoding != "cdr":
+                raise BrokenOffError(f"Its messages are written as {encoding[:16]!r}, not as ROS 2 does (cdr).")
+            yield Channel(number, topic, name, definition)
+        elif opcode == b"\x05":
+            number, _, at_ns, _ = struct.unpack("<HIQQ", _read(record, 22))
+            yield Found(number, at_ns, record.read())
+        elif opcode == b"\x06" and not inside:
+            _, _, size, crc = struct.unpack("<QQQI", _read(record, 28))
+            compression = _mcap_text(record)
+            packed = _read(record, *struct.unpack("<Q", _read(record, 8)))
+            chunk = BytesIO(decompress(packed, compression, size, crc))
+            yield from _in_time_order(_mcap_records(chunk, inside=True, schemas=schemas))
+        elif opcode in (b"\x0f", b"\x02"):  # what follows is index, no more messages
+            return
+    if not inside:
+        raise BrokenOffError("It has no end.")
+
+
+def _mcap_text(record: BinaryIO) -> str:
+    return _read(record, *struct.unpack("<I", _read(record, 4))).decode()
+
+
+# ROS 1: a header of name=value fields, then data; lengths of 4 bytes before each
+
+
+def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
+    while lead := file.read(4):
+        if len(lead) != 4:
+            raise BrokenOffError("The last record is not whole.")
+        header = _ros1_fields(_read(file, *struct.unpack("<I", lead)))
+        data = _read(file, *struct.unpack("<I", _read(file, 4)))
+        opcode = header["op"]
+        if opcode == b"\x07":
+            fields = _ros1_fields(data)
+            definition = MessageDefinition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())
+            (number,) = struct.unpack("<I", header["conn"])
+            yield Channel(number, header["topic"].decode(), normalize_msgtype(fields["type"].decode()), definition)
+        elif opcode == b"\x02":
+            (number,) = struct.unpack("<I", header["conn"])
+            seconds, rest = struct.unpack("<II", header["time"])
+            yield Found(number, seconds * 10**9 + rest, data)
+        elif opcode == b"\x05" and not inside:
+            unpack = decompressors[header["compression"].decode()]
+            yield from _in_time_order(_ros1_records(BytesIO(unpack(data)), inside=True))
+        elif opcode == b"\x06":  # what follows is index, no more messages
+            return
+    if not inside:
+        raise BrokenOffError("It has no end.")
+
+
+def _ros1_fields(data: bytes) -> dict[str, bytes]:
+    fields, place = {}, 0
+    while place < len(data):
+        (size,) = struct.unpack_from("<I", data, place)
+        name, mark, value = data[place + 4 : place + 4 + size].partition(b"=")
+        if not mark or place + 4 + size > len(data):
+            raise BrokenOffError("A record's header is damaged.")
+        fields[name.decode()] = value
+        place += 4 + size
+    return fields
+
+
+# SQLite: rows in the order in which they were written
+
+
+def scan_sqlite(path: Path) -> Scan:
+    """Scan a rosbag2 database. One that is shorter than it says is read all the same, as far as its pages go."""
+    try:
+        base = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+    except sqlite3.Error as error:
+        raise BrokenOffError("The database cannot be opened.") from error
+    try:
+        base.execute("PRAGMA writable_schema=ON")  # otherwise a short file is refused as a whole
+        definitions = _sqlite_definitions(base)
+        for number, name, kind in base.execute("SELECT id, name, type FROM topics ORDER BY id"):
+            yield Channel(int(number), str(name), str(kind), definitions.get(str(kind), _NO_DEFINITION))
+        for number, at_ns, data in base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY id"):
+            yield Found(int(number), int(at_ns), bytes(data))
+    except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+        raise BrokenOffError("The database is damaged or cut off.") from error
+    finally:
+        base.close()
+
+
+def _sqlite_definitions(base: sqlite3.Connection) -> dict[str, MessageDefinition]:
+    tables = {name for (name,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
+    if "message_definitions" not in tables:
+        return {}
+    rows = base.execute("SELECT topic_type, encoding, encoded_message_definition FROM message_definitions")
+    return {str(name): MessageDefinition(_FORMATS[kind], str(text)) for name, kind, text in rows if kind in _FORMATS}

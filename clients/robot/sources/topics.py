@@ -1,0 +1,281 @@
+"""The topics file: which topic of a recording holds what, and where in its messages each field stands.
+
+Read from TOML and checked here, once, before anything is read. Must never guess: what the file does not name is not read.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
+
+from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
+from clients.robot.messages import SIGHTING_TYPE
+from clients.robot.sources.field_map import LENGTH_UNITS_M, RSSI_UNITS_DBM, TIME_UNITS_NS, TagMap, check_path
+from consensus.errors import BlockRobotError
+
+TOPICS_FILE_MAX_BYTES = 256 * 1024
+TAG_TOPICS_MAX_COUNT = 16
+
+ClockName = Literal["stamp", "recording"]
+DETECTION_MAP = TagMap(
+    epc="epc",
+    antenna="antenna",
+    facing="antenna_facing",
+    rssi="rssi",
+    distance="distance",
+    distance_sigma="distance_sigma",
+    first_seen="first_seen",
+    last_seen="last_seen",
+    read_count="read_count",
+)
+STRING_TYPE = "std_msgs/msg/String"
+_STRING_MAP = TagMap(epc="data")
+
+
+@dataclass(frozen=True, slots=True)
+class TagTopic:
+    """A topic of tag readings: its map, and the type that its messages must have (empty: any)."""
+
+    topic: str
+    map: TagMap
+    type: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LabelTopic:
+    """A topic of estimates: the paths of the text and, if there is one, of the confidence."""
+
+    topic: str
+    text: str = "data"
+    confidence: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class AudioTopic:
+    """A topic of sound: the path of the samples (16 bits) or of WAV files, and what the samples are."""
+
+    topic: str
+    data: str = "data"
+    rate_hz: int = 16_000
+    channels: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Topics:
+    """What to read. `clock` says whether frames and readings bear their message's stamp or the recording's time.
+
+    `definitions` holds the text of message types that the recording does not define itself.
+    """
+
+    depth: str = DEPTH_TOPIC
+    empty: str = EMPTY_TOPIC
+    tags: tuple[TagTopic, ...] = (TagTopic(SIGHTING_TOPIC, DETECTION_MAP, SIGHTING_TYPE),)
+    rgb: str = ""
+    rgb_registered: bool = False
+    labels: LabelTopic | None = None
+    audio: AudioTopic | None = None
+    clock: ClockName = "stamp"
+    definitions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def wanted(self) -> dict[str, str]:
+        """Each topic that makes events, and what for: `depth`, `tags`, `rgb`, `labels` or `audio`."""
+        wanted = {tags.topic: "tags" for tags in self.tags} | {self.depth: "depth"}
+        if self.rgb:
+            wanted[self.rgb] = "rgb"
+        if self.labels is not None:
+            wanted[self.labels.topic] = "labels"
+        if self.audio is not None:
+            wanted[self.audio.topic] = "audio"
+        return wanted
+
+
+def load_topics(path: Path) -> Topics:
+    """Read a topics file. Raises TOPICS_INVALID, naming the setting."""
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise _wrong(f"There is no topics file at {path}.") from None
+    if len(data) > TOPICS_FILE_MAX_BYTES:
+        raise _wrong("The topics file is larger than 256 KiB.")
+    try:
+        return parse_topics(data.decode("utf-8"))
+    except UnicodeDecodeError:
+        raise _wrong("The topics file is no text in UTF-8.") from None
+
+
+def parse_topics(text: str) -> Topics:
+    """Return the topics that a file's text names. Raises TOPICS_INVALID, naming the setting."""
+    try:
+        table = _Table(tomllib.loads(text), "")
+    except tomllib.TOMLDecodeError as error:
+        raise _wrong(f"The topics file is not valid TOML: {error}.") from error
+    clock = table.word("clock", "stamp", get_args(ClockName))
+    depth, empty = table.table("depth"), table.table("empty")
+    topics = Topics(
+        depth=depth.text("topic") if depth else DEPTH_TOPIC,
+        empty=empty.text("topic") if empty else EMPTY_TOPIC,
+        tags=tuple(_tag_topic(row) for row in table.tables("tags")) or Topics().tags,
+        clock=cast(ClockName, clock),
+        definitions=table.texts("definitions"),
+    )
+    for part in (depth, empty):
+        if part:
+            part.close()
+    table.close()
+    return check_topics(topics)
+
+
+def check_topics(topics: Topics) -> Topics:
+    """Return `topics` if no topic is named for two things. Raises TOPICS_INVALID."""
+    names = [topics.depth, *(tags.topic for tags in topics.tags), topics.rgb]
+    names += [part.topic for part in (topics.labels, topics.audio) if part is not None]
+    named = [name for name in names if name]
+    twice = {name for name in named if named.count(name) > 1}
+    if twice:
+        raise _wrong(f"The topic {sorted(twice)[0]} is named for two things.")
+    if len(topics.tags) > TAG_TOPICS_MAX_COUNT:
+        raise _wrong(f"There are more than {TAG_TOPICS_MAX_COUNT} topics of tags.")
+    return topics
+
+
+def tags_by_type(topic: str, type_name: str) -> TagTopic:
+    """Return how a topic of a known type is read: RfidDetection, or a string that is the tag's UID.
+
+    Raises TOPICS_INVALID for any other type, of which only a topics file can say where its fields stand.
+    """
+    if type_name == SIGHTING_TYPE:
+        return TagTopic(topic, DETECTION_MAP, SIGHTING_TYPE)
+    if type_name == STRING_TYPE:
+        return TagTopic(topic, _STRING_MAP, STRING_TYPE)
+    raise _wrong(f"{topic} carries {type_name}: say in a topics file in which field the tag's UID stands.")
+
+
+def with_topic(topics: Topics, **changes: Any) -> Topics:
+    """Return `topics` with some of them named anew; None leaves one as it is. Raises TOPICS_INVALID."""
+    return check_topics(replace(topics, **{name: value for name, value in changes.items() if value is not None}))
+
+
+def _tag_topic(table: _Table) -> TagTopic:
+    sigma: str | float = table.number("distance_sigma") if table.is_number("distance_sigma") else ""
+    sigma = sigma or table.path("distance_sigma")
+    made = TagMap(
+        epc=table.path("epc", required=True),
+        antenna=table.path("antenna"),
+        facing=table.path("facing"),
+        front=table.names("front"),
+        back=table.names("back"),
+        rssi=table.path("rssi"),
+        rssi_unit=table.word("rssi_unit", "dBm", tuple(RSSI_UNITS_DBM)),
+        distance=table.path("distance"),
+        distance_sigma=sigma,
+        distance_unit=table.word("distance_unit", "m", tuple(LENGTH_UNITS_M)),
+        first_seen=table.path("first_seen"),
+        last_seen=table.path("last_seen"),
+        time_unit=table.word("time_unit", "ns", tuple(TIME_UNITS_NS)),
+        read_count=table.path("read_count"),
+    )
+    topic = TagTopic(table.text("topic"), made, table.text("type", required=False))
+    if made.distance and made.distance_sigma == "":
+        raise _wrong(f"{table.name}distance needs distance_sigma, a path or a number: how far off it usually is.")
+    if (made.front or made.back) and not made.antenna:
+        raise _wrong(f"{table.name}front and back name antennas: say in antenna where their number stands.")
+    lists = {path.partition("[]")[0] for path in made.paths if "[]" in path}
+    if len(lists) > 1 and not all(path.endswith("[]") for path in made.paths if "[]" in path):
+        raise _wrong(f"{table.name}epc and its fellows go through different lists.")
+    table.close()
+    return topic
+
+
+def _labels(table: _Table) -> LabelTopic:
+    made = LabelTopic(table.text("topic"), table.path("text") or "data", table.path("confidence"))
+    table.close()
+    return made
+
+
+def _audio(table: _Table) -> AudioTopic:
+    made = AudioTopic(
+        topic=table.text("topic"),
+        data=table.path("data") or "data",
+        rate_hz=int(table.number("rate_hz", 16_000)),
+        channels=int(table.number("channels", 1)),
+    )
+    if not (4_000 <= made.rate_hz <= 192_000 and 1 <= made.channels <= 8):
+        raise _wrong("audio.rate_hz must be between 4000 and 192000, audio.channels between 1 and 8.")
+    table.close()
+    return made
+
+
+class _Table:
+    """One table of the file; `close` refuses what nobody asked for, since a misspelt setting is silent otherwise."""
+
+    def __init__(self, values: Mapping[str, Any], name: str) -> None:
+        self._values = dict(values)
+        self.name = f"{name}." if name else ""
+
+    def _take(self, key: str, kind: type | tuple[type, ...], what: str) -> Any:
+        value = self._values.pop(key, None)
+        if value is not None and (not isinstance(value, kind) or (isinstance(value, bool) and kind is not bool)):
+            raise _wrong(f"{self.name}{key} must be {what}.")
+        return value
+
+    def text(self, key: str, *, required: bool = True) -> str:
+        value = self._take(key, str, "a text")
+        if required and not value:
+            raise _wrong(f"{self.name}{key} is missing.")
+        return value or ""
+
+    def path(self, key: str, *, required: bool = False) -> str:
+        value = self.text(key, required=required)
+        return check_path(value, f"{self.name}{key}") if value else ""
+
+    def word(self, key: str, default: str, allowed: tuple[str, ...]) -> str:
+        value = self.text(key, required=False) or default
+        if value not in allowed:
+            raise _wrong(f"{self.name}{key} = {value!r} is none of {', '.join(allowed)}.")
+        return value
+
+    def flag(self, key: str) -> bool:
+        return bool(self._take(key, bool, "true or false"))
+
+    def is_number(self, key: str) -> bool:
+        return isinstance(self._values.get(key), int | float)
+
+    def number(self, key: str, default: float = 0.0) -> float:
+        value = self._take(key, (int, float), "a number")
+        if value is not None and not 0 < value < 1e9:
+            raise _wrong(f"{self.name}{key} must be above 0.")
+        return default if value is None else float(value)
+
+    def names(self, key: str) -> tuple[str, ...]:
+        values = self._take(key, list, "a list of antennas") or []
+        if not all(isinstance(value, str | int) for value in values):
+            raise _wrong(f"{self.name}{key} must be a list of numbers or names.")
+        return tuple(str(value) for value in values)
+
+    def texts(self, key: str) -> dict[str, str]:
+        values = self._take(key, dict, "a table of texts") or {}
+        if not all(isinstance(value, str) for value in values.values()):
+            raise _wrong(f"{self.name}{key} must hold texts.")
+        return {str(name): value for name, value in values.items()}
+
+    def table(self, key: str) -> _Table | None:
+        value = self._take(key, dict, "a table")
+        return None if value is None else _Table(value, f"{self.name}{key}")
+
+    def tables(self, key: str) -> list[_Table]:
+        values = self._take(key, list, f"a list of tables, [[{key}]]") or []
+        if not all(isinstance(value, dict) for value in values):
+            raise _wrong(f"{self.name}{key} must be a list of tables, [[{key}]].")
+        return [_Table(value, f"{key}[{place}]") for place, value in enumerate(values)]
+
+    def close(self) -> None:
+        if self._values:
+            raise _wrong(f"{self.name}{sorted(self._values)[0]} is no setting that the robot knows.")
+
+
+def _wrong(detail: str) -> BlockRobotError:
+    return BlockRobotError("TOPICS_INVALID", detail)

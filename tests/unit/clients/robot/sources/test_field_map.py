@@ -1,0 +1,145 @@
+"""Tag readings out of the message types that exist, by a map of fields; nonsense is refused one reading at a time."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Facing, Sighting
+from clients.robot.sources.field_map import TagMap, header_ms, stamp_ms
+from consensus.errors import BlockRobotError
+
+AT_MS, SHIFT_MS, RECEIVED_MS = 5_000, 100, 5_110
+
+
+def message(**fields: Any) -> SimpleNamespace:
+    return SimpleNamespace(**fields)
+
+
+def read(made: TagMap, content: Any) -> tuple[list[Sighting], list[str]]:
+    return made.read(content, AT_MS, SHIFT_MS, RECEIVED_MS)
+
+
+def one(made: TagMap, content: Any) -> Sighting:
+    sightings, reasons = read(made, content)
+    assert reasons == []
+    (sighting,) = sightings
+    return sighting
+
+
+def test_a_bare_text_is_a_tag_at_the_time_of_the_message() -> None:
+    sighting = one(TagMap(epc="data"), message(data=" E2000017 "))
+    assert (sighting.uid, sighting.first_seen_ms, sighting.last_seen_ms) == ("E2000017", 5_100, 5_100)
+    assert sighting.received_at_ms == RECEIVED_MS
+    assert sighting.distance_m is None
+
+
+def test_several_readings_in_one_message_stand_side_by_side_in_lists() -> None:
+    made = TagMap(epc="ids[]", rssi="dbs[]")
+    sightings, _ = read(made, message(ids=["A", "B", "C"], dbs=np.array([-40, -50, -60], np.float32)))
+    assert [(sighting.uid, sighting.rssi_dbm) for sighting in sightings] == [("A", -40), ("B", -50), ("C", -60)]
+
+
+def test_several_readings_in_one_message_are_messages_of_their_own() -> None:
+    made = TagMap(epc="tags[].epc", rssi="tags[].power.dbm", antenna="antenna")
+    tags = [message(epc="A", power=message(dbm=-41.5)), message(epc="B", power=message(dbm=-42.5))]
+    sightings, _ = read(made, message(tags=tags, antenna=2))
+    assert [(sighting.uid, sighting.rssi_dbm, sighting.antenna) for sighting in sightings] == [
+        ("A", -41.5, 2),
+        ("B", -42.5, 2),
+    ]
+
+
+def test_no_reading_in_a_message_is_no_sighting() -> None:
+    assert read(TagMap(epc="ids[]"), message(ids=[])) == ([], [])
+
+
+@pytest.mark.parametrize(("value", "uid"), [(np.array([0xE2, 0, 0x17], np.uint8), "E20017"), (b"\x01\xff", "01FF")])
+def test_a_uid_of_bytes_is_written_in_hexadecimal(value: Any, uid: str) -> None:
+    assert one(TagMap(epc="uid"), message(uid=value)).uid == uid
+
+
+def test_antennas_by_name_or_number_tell_which_way_the_tag_is() -> None:
+    made = TagMap(epc="id", antenna="antenna", front=("left_ear", "1"), back=("2",))
+    facing = [one(made, message(id="A", antenna=antenna)).facing for antenna in ("left_ear", 1, 2, "tail")]
+    assert facing == [Facing.FRONT, Facing.FRONT, Facing.BACK, Facing.UNKNOWN]
+
+
+def test_units_are_turned_into_metres_dbm_and_milliseconds() -> None:
+    made = TagMap(
+        epc="id",
+        rssi="rssi",
+        rssi_unit="cdBm",
+        distance="range",
+        distance_sigma=30,
+        distance_unit="cm",
+        first_seen="first",
+        last_seen="last",
+        time_unit="us",
+    )
+    sighting = one(made, message(id="A", rssi=-5512, range=185.0, first=4_000_000, last=4_500_000))
+    assert sighting.rssi_dbm == pytest.approx(-55.12)
+    assert (sighting.distance_m, sighting.sigma_m) == (pytest.approx(1.85), pytest.approx(0.3))
+    assert (sighting.first_seen_ms, sighting.last_seen_ms) == (4_100, 4_600)
+
+
+def test_nanoseconds_lose_nothing() -> None:
+    assert stamp_ms(1_700_000_000_123_456_789) == 1_700_000_000_123
+
+
+@pytest.mark.parametrize("distance", [math.nan, math.inf, 0.0, -1.0])
+def test_a_distance_that_is_none_is_unknown(distance: float) -> None:
+    made = TagMap(epc="id", distance="range", distance_sigma=0.3)
+    assert one(made, message(id="A", range=distance)).distance_m is None
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"id": ""}, "tag"),
+        ({"id": "x" * 65}, "tag"),
+        ({"id": "\x00\x01"}, "tag"),
+        ({"id": 1.5}, "field"),
+        ({"id": True}, "field"),
+        ({"first": 9_000, "last": 8_000}, "time"),
+        ({"first": 0, "last": 3_600_000}, "time"),
+        ({"first": -1}, "time"),
+        ({"first": math.nan}, "time"),
+        ({"first": "noon"}, "field"),
+        ({"rssi": "strong"}, "field"),
+    ],
+)
+def test_a_reading_that_makes_no_sense_is_refused_with_a_reason(fields: dict[str, Any], reason: str) -> None:
+    made = TagMap(epc="id", rssi="rssi", first_seen="first", last_seen="last", time_unit="ms")
+    good = {"id": "A", "rssi": -40.0, "first": 4_000, "last": 4_001}
+    assert read(made, message(**{**good, **fields})) == ([], [reason])
+
+
+def test_one_bad_reading_leaves_its_fellows_alone() -> None:
+    sightings, reasons = read(TagMap(epc="ids[]"), message(ids=["A", "", "B"]))
+    assert ([sighting.uid for sighting in sightings], reasons) == (["A", "B"], ["tag"])
+
+
+@pytest.mark.parametrize(
+    ("made", "content", "reason"),
+    [
+        (TagMap(epc="epc"), message(other="A"), "field"),
+        (TagMap(epc="epc[]"), message(epc="A"), "field"),
+        (TagMap(epc="ids[]", rssi="dbs[]"), message(ids=["A"], dbs=[1.0, 2.0]), "field"),
+        (TagMap(epc="ids[]"), message(ids=["A"] * 16_385), "size"),
+    ],
+)
+def test_a_message_that_does_not_fit_its_map_is_refused(made: TagMap, content: Any, reason: str) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        read(made, content)
+    assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", reason)
+
+
+def test_a_header_that_was_never_stamped_has_no_time() -> None:
+    assert header_ms(message(header=message(stamp=message(sec=0, nanosec=0)))) is None
+    assert header_ms(message(header=message(stamp=message(sec=2, nanosec=5_000_000)))) == 2_005
+    assert header_ms(message(data="A")) is None

@@ -1,0 +1,108 @@
+"""The topics file: what it may say, and what it must not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clients.robot.bag import DEPTH_TOPIC, SIGHTING_TOPIC
+from clients.robot.messages import SIGHTING_TYPE
+from clients.robot.sources.topics import load_topics, parse_topics, tags_by_type, with_topic
+from consensus.errors import BlockRobotError
+
+WHOLE = """
+clock = "recording"
+
+[depth]
+topic = "/kinect/depth"
+
+[empty]
+topic = "/kinect/empty"
+
+[[tags]]
+topic = "/left/rfid"
+type = "stdr_msgs/msg/RfidSensorMeasurementMsg"
+epc = "rfid_tags_ids[]"
+rssi = "rfid_tags_dbs[]"
+
+[[tags]]
+topic = "/right/rfid"
+epc = "epc"
+antenna = "antenna"
+front = [1, "left_ear"]
+distance = "range"
+distance_sigma = 30
+distance_unit = "cm"
+
+[definitions]
+"my_msgs/msg/Tag" = "string epc"
+"""
+
+
+def test_a_whole_file_is_understood() -> None:
+    topics = parse_topics(WHOLE)
+    assert (topics.depth, topics.empty, topics.clock) == ("/kinect/depth", "/kinect/empty", "recording")
+    left, right = topics.tags
+    assert (left.map.epc, left.map.rssi, left.map.distance) == ("rfid_tags_ids[]", "rfid_tags_dbs[]", "")
+    assert (right.map.front, right.map.distance_sigma, right.map.distance_unit) == (("1", "left_ear"), 30, "cm")
+    assert topics.wanted == {"/kinect/depth": "depth", "/left/rfid": "tags", "/right/rfid": "tags"}
+    assert topics.definitions == {"my_msgs/msg/Tag": "string epc"}
+
+
+def test_an_empty_file_names_the_robots_own_topics() -> None:
+    topics = parse_topics("")
+    assert topics.wanted == {DEPTH_TOPIC: "depth", SIGHTING_TOPIC: "tags"}
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("depth =", "TOML"),
+        ("[depth]", "depth.topic"),
+        ("[depth]\ntopic = 3", "depth.topic"),
+        ("[dephts]\ntopic = '/a'", "dephts"),
+        ("depth = 3", "depth"),
+        ("[depth]\ntopic = '/a'\nencoding = 'x'", "depth.encoding"),
+        ("[[tags]]\ntopic = '/t'", "tags[0].epc"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'a b'", "tags[0].epc"),
+        ("[[tags]]\ntopic = '/t'\nepc = '__import__(1)'", "tags[0].epc"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'a[].b[]'", "tags[0].epc"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\nrsi = 'x'", "tags[0].rsi"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\ndistance = 'd'", "distance_sigma"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\ndistance = 'd'\ndistance_sigma = -1", "distance_sigma"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\ndistance = 'd'\ndistance_sigma = true", "distance_sigma"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\ndistance_unit = 'ft'", "distance_unit"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\nfront = [1]", "antenna"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'a[].id'\nrssi = 'b[].db'", "lists"),
+        ("tags = 3", "tags"),
+        ("clock = 'sundial'", "clock"),
+        ("[depth]\ntopic = '/t'\n[[tags]]\ntopic = '/t'\nepc = 'id'", "/t"),
+        ("definitions = {a = 1}", "definitions"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(text: str, named: str) -> None:
+    with pytest.raises(BlockRobotError) as refused:
+        parse_topics(text)
+    assert refused.value.code == "TOPICS_INVALID"
+    assert named in refused.value.detail
+
+
+def test_files_that_are_no_topics_files_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
+    (tmp_path / "large.toml").write_bytes(b"#" * 300_000)
+    for name in ("missing.toml", "binary.toml", "large.toml"):
+        with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
+            load_topics(tmp_path / name)
+
+
+def test_options_go_before_the_file() -> None:
+    topics = with_topic(parse_topics(WHOLE), depth="/other", empty=None)
+    assert (topics.depth, topics.empty) == ("/other", "/kinect/empty")
+
+
+def test_types_that_are_known_need_no_map() -> None:
+    assert tags_by_type("/t", SIGHTING_TYPE).map.distance == "distance"
+    assert tags_by_type("/t", "std_msgs/msg/String").map.epc == "data"
+    with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
+        tags_by_type("/t", "my_msgs/msg/Tag")
