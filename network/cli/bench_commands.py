@@ -118,6 +118,35 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
     _finish(asyncio.run(run_sync_benchmark(options)), as_json=as_json)
 
 
+@bench.command("hiding")
+@click.option("--scenes", default=200, show_default=True, type=click.IntRange(1, 10_000), help="Scenes to judge.")
+@click.option("--seeds", default=5, show_default=True, type=click.IntRange(1, 100), help="Over how many seeds.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="The first seed.")
+@click.option(
+    "--learning-scenes", default=40, show_default=True, type=click.IntRange(4, 1_000), help="To train on, for each seed."
+)
+@click.option("--people", default=8, show_default=True, type=click.IntRange(2, 64), help="To tell apart by their gait.")
+@click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
+@json_option
+@plain_errors
+def hiding(as_json: bool, **options: int) -> None:
+    """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
+
+    Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
+
+    Example: blockrobot bench hiding --scenes 200 --json
+    """
+    from network.bench.hiding.judge import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
+
+    _finish(run_hiding_benchmark(HidingOptions(**options), _tell), as_json=as_json)
+
+
+def _tell(line: str) -> None:
+    """Show how far a measurement is: one moving line for a person, nothing for a file."""
+    if sys.stderr.isatty():
+        click.echo(f"\r{line:<70}", nl=False, err=True)
+
+
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:
     """Print a result and exit 1 if it is not `ok`."""
     if as_json:

@@ -1,0 +1,210 @@
+"""Plays a scene through the hider that robots run, and notes what it released, to whom, and what it cost.
+
+Must never hide anyone by other means than the robot's own: its segmentation, tracks, matcher and cut.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from clients.robot.events import Depth, Frame, Mask, Sighting
+from clients.robot.hiding.background import Background, learn_background
+from clients.robot.hiding.cut import CutOut, cut_out
+from clients.robot.hiding.hider import Hider, Kept, Output, Reason, Withheld
+from clients.robot.hiding.segmentation import Segmented, Silhouette, segment
+from clients.robot.hiding.tracking import Tracker
+from clients.robot.synthetic.corridor import Labels
+from clients.robot.synthetic.render import Renderer, readings
+from clients.sdk.picture import decode_depth_png
+from network.bench.hiding.scenes import Scene
+
+FRAMES_A_SECOND = 5  # of the camera's 30: what the tracks need, at a sixth of the cost
+EMPTY_FRAMES_COUNT = 12
+VISIBLE_MIN_PX = 600  # of the whole frame; fewer pixels of a person are not a silhouette to recover
+
+
+# The matcher's reasons: the silhouette itself may well be clean.
+DOUBTS = (Reason.AMBIGUOUS, Reason.NO_DISTANCE, Reason.NO_SILHOUETTE)
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A rendition with others near: frame, owner, and how near the next person was in the picture (px).
+
+    `kept` is what was released; None where only the matcher was in doubt, so that the cut alone is to be judged.
+    """
+
+    index: int
+    alias: str
+    kept: Kept | None
+    gap_px: float
+
+
+@dataclass(slots=True)
+class Played:
+    """What became of a scene's covered frames, counted for each owner, and what was released with others in view."""
+
+    covered: int = 0
+    visible: int = 0
+    withheld: Counter[str] = field(default_factory=Counter)
+    kept: int = 0
+    wrong: int = 0
+    shown: list[Shown] = field(default_factory=list)
+
+
+class Stage:
+    """A scene's renderer, its empty frames and what a robot learns from them."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.renderer = Renderer(scene.scenario)
+        self.empty = [self.renderer.empty_frame(i) for i in range(EMPTY_FRAMES_COUNT)]
+        self.background: Background = learn_background(self.empty)
+        self.focal_px = scene.scenario.focal_px
+
+    def control(self, alias: str) -> Renderer:
+        """Return the renderer of the same scene in which only `alias` ever was."""
+        return Renderer(self.scene.alone(alias))
+
+    def frame_indices(self) -> range:
+        """Return which of the camera's frames are played."""
+        return range(0, self.scene.scenario.frame_count, max(1, self.scene.scenario.frame_rate // FRAMES_A_SECOND))
+
+    def at_ms(self, index: int) -> int:
+        """Return when a frame was captured."""
+        return round(index * 1000 / self.scene.scenario.frame_rate)
+
+
+def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
+    """Return all readings of a scene as (arrival in ms, alias, sighting), in the order of their arrival."""
+    made = []
+    for reading in readings(scene.scenario):
+        at_ms = round(reading.at_s * 1000)
+        seen = Sighting(
+            at_ms,
+            at_ms,
+            "",
+            reading.antenna,
+            reading.facing,
+            reading.rssi_dbm,
+            reading.distance_m,
+            reading.sigma_m,
+        )
+        made.append((round(reading.arrives_s * 1000), reading.alias, seen))
+    return made
+
+
+def play(stage: Stage) -> Played:
+    """Run a scene through the robot's hider and judge every verdict against the truth."""
+    hider = Hider(stage.background, focal_px=stage.focal_px)
+    waiting = sightings(stage.scene)[::-1]
+    truths: dict[int, Labels] = {}
+    outputs: list[Output] = []
+    for index in stage.frame_indices():
+        depth, labels = stage.renderer.frame_with_truth(index)
+        truths[index] = labels[::2, ::2].copy()
+        at_ms = stage.at_ms(index)
+        while waiting and waiting[-1][0] <= at_ms:
+            outputs += hider.push_sighting(*waiting.pop()[1:])
+        outputs += hider.push_frame(Frame(at_ms, index, depth))
+    for _, alias, seen in reversed(waiting):
+        outputs += hider.push_sighting(alias, seen)
+    outputs += hider.flush()
+    return _judge(stage.scene, outputs, truths)
+
+
+def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Played:
+    played = Played()
+    owners = scene.owners
+    for output in outputs:
+        if not isinstance(output, Kept | Withheld):
+            continue
+        labels, label = truths[output.sequence], owners[output.alias]
+        played.covered += 1
+        seen = 4 * int(np.count_nonzero(labels == label)) >= VISIBLE_MIN_PX
+        played.visible += seen
+        if isinstance(output, Kept):
+            played.kept += 1
+            played.wrong += not _is_owners(output, labels, label)
+        elif seen:
+            played.withheld[str(output.reason)] += 1
+        others = (labels != 0) & (labels != label)
+        if 4 * int(np.count_nonzero(others)) < VISIBLE_MIN_PX or not seen:
+            continue
+        if isinstance(output, Kept):
+            played.shown.append(Shown(output.sequence, output.alias, output, gap_px(labels == label, others)))
+        elif output.reason in DOUBTS:
+            played.shown.append(Shown(output.sequence, output.alias, None, gap_px(labels == label, others)))
+    return played
+
+
+def _is_owners(kept: Kept, labels: Labels, label: int) -> bool:
+    """Tell whether most pixels of a rendition are its owner's."""
+    mask = placed(kept, (2 * labels.shape[0], 2 * labels.shape[1])) > 0
+    return 2 * int(np.count_nonzero(mask[::2, ::2] & (labels == label))) > int(np.count_nonzero(mask[::2, ::2]))
+
+
+def placed(kept: Kept, shape: tuple[int, int]) -> Depth:
+    """Return the owner's pixels of a rendition in a frame of `shape`, 0 elsewhere."""
+    whole = np.zeros(shape, dtype=np.uint16)
+    cut = kept.cut
+    whole[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width] = decode_depth_png(cut.pixels_png)
+    return whole
+
+
+def gap_px(owner: Mask, others: Mask) -> float:
+    """Return the distance between two half-resolution silhouettes in whole pixels; infinite where one is empty."""
+    if not owner.any() or not others.any():
+        return float("inf")
+    away = cv2.distanceTransform((~owner).astype(np.uint8), cv2.DIST_L2, 3)
+    return 2 * float(np.asarray(away)[others].min())
+
+
+def owner_cut(stage: Stage, depth: Depth, labels: Labels, label: int, *, troubled: bool) -> Depth | None:
+    """Return what is cut out for `label` in a frame, 0 elsewhere, or None where the robot would cut nothing.
+
+    `troubled` says whether a silhouette that is in trouble counts as well (for controls, where nobody can be hidden).
+    """
+    segmented = segment(depth, stage.background, stage.focal_px)
+    silhouette = _silhouette_of(segmented, labels, label)
+    if silhouette is None or (silhouette.trouble and not troubled):
+        return None
+    return spread(cut_out(depth, stage.background, segmented, silhouette), depth.shape)
+
+
+def spread(out: CutOut, shape: tuple[int, ...]) -> Depth:
+    """Return a cut in a frame of `shape`, 0 elsewhere."""
+    whole = np.zeros(shape, dtype=np.uint16)
+    height, width = out.pixels.shape
+    whole[out.y : out.y + height, out.x : out.x + width] = out.pixels
+    return whole
+
+
+def _silhouette_of(segmented: Segmented, labels: Labels, label: int) -> Silhouette | None:
+    """Return the silhouette most of whose pixels are `label`'s and that holds most of them."""
+    if segmented.labels is None:
+        return None
+    own = labels[::2, ::2] == label
+    best, best_count = None, 0
+    for silhouette in segmented.silhouettes:
+        inside = segmented.labels == silhouette.label
+        count = int(np.count_nonzero(inside & own))
+        if count > best_count and 2 * count > int(np.count_nonzero(inside)):
+            best, best_count = silhouette, count
+    return best
+
+
+def time_frame(stage: Stage, depth: Depth, tracker: Tracker, at_ms: int) -> tuple[float, float]:
+    """Return (CPU, wall) milliseconds of segmenting, tracking and cutting everyone in a frame, without encoding."""
+    cpu, wall = time.thread_time(), time.perf_counter()
+    segmented = segment(depth, stage.background, stage.focal_px)
+    tracker.step(segmented.silhouettes, at_ms)
+    for silhouette in segmented.silhouettes:
+        if not silhouette.trouble:
+            cut_out(depth, stage.background, segmented, silhouette)
+    return 1000 * (time.thread_time() - cpu), 1000 * (time.perf_counter() - wall)

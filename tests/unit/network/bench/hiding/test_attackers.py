@@ -1,0 +1,103 @@
+"""Attackers find a person who was planted in a picture, and nothing where nobody is."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Depth, Mask
+from consensus.errors import BlockRobotError
+from network.bench.hiding import learned
+from network.bench.hiding.features import NAMES, features
+from network.bench.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
+from network.bench.hiding.learned import Example, train
+from network.bench.hiding.scoring import iou
+from network.bench.hiding.views import View, blur_others, half_view, show_owner_only
+
+HEIGHT, WIDTH = 240, 320
+WALL_MM, OWNER_MM, OTHER_MM = 4000, 2000, 2600
+
+
+def box(left: int, top: int, width: int, height: int) -> Mask:
+    mask = np.zeros((HEIGHT, WIDTH), dtype=bool)
+    mask[top : top + height, left : left + width] = True
+    return mask
+
+
+OWNER, OTHER, NOBODY = box(60, 60, 50, 150), box(180, 80, 40, 120), box(0, 0, 0, 0)
+
+
+def noisy(rng: np.random.Generator) -> Depth:
+    return np.rint(rng.normal(WALL_MM, 12, (HEIGHT, WIDTH))).astype(np.uint16)
+
+
+def scene(rng: np.random.Generator, other: Mask, value: int = OTHER_MM) -> Depth:
+    picture = noisy(rng)
+    picture[OWNER] = OWNER_MM
+    picture[other] = value
+    return picture
+
+
+def view_of(picture: Depth, owner: Mask = OWNER) -> View:
+    return half_view(picture, np.full((HEIGHT, WIDTH), WALL_MM, dtype=np.uint16), owner)
+
+
+def half(mask: Mask) -> Mask:
+    return np.ascontiguousarray(mask[::2, ::2])
+
+
+def test_the_difference_to_the_empty_scene_finds_the_other() -> None:
+    found = by_difference(view_of(scene(np.random.default_rng(1), OTHER)))
+    assert iou(found, half(OTHER)) > 0.9
+
+
+def test_a_blurred_person_is_found_all_the_same() -> None:
+    blurred = blur_others(scene(np.random.default_rng(1), OTHER), OTHER)
+    assert iou(by_difference(view_of(blurred)), half(OTHER)) > 0.9
+
+
+def test_a_hole_in_the_shape_of_a_person_is_found() -> None:
+    assert iou(by_holes(view_of(scene(np.random.default_rng(1), OTHER, 0))), half(OTHER)) > 0.9
+
+
+def test_the_bite_out_of_the_owner_is_found_where_someone_stood_in_front() -> None:
+    bite = box(90, 100, 20, 60)
+    assert iou(by_bite(view_of(noisy(np.random.default_rng(1)), OWNER & ~bite)), half(bite)) > 0.9
+
+
+@pytest.mark.parametrize("name", sorted(HAND_MADE))
+def test_nothing_is_found_where_only_the_owner_is(name: str) -> None:
+    rng = np.random.default_rng(2)
+    shown = show_owner_only(np.where(OWNER, scene(rng, OTHER), np.uint16(0)), noisy(rng))
+    assert np.count_nonzero(HAND_MADE[name](view_of(shown)) & half(OTHER)) == 0
+
+
+def test_our_rendition_holds_no_pixel_of_the_other() -> None:
+    rng = np.random.default_rng(2)
+    shown = show_owner_only(np.where(OWNER, scene(rng, OTHER), np.uint16(0)), noisy(rng))
+    assert (shown[OWNER] == OWNER_MM).all()
+    assert abs(float(shown[OTHER].mean()) - WALL_MM) < 20
+
+
+def test_every_feature_has_a_name_and_is_finite_even_without_an_owner() -> None:
+    for owner in (OWNER, NOBODY):
+        table = features(view_of(scene(np.random.default_rng(3), OTHER), owner))
+        assert table.shape == (HEIGHT // 2, WIDTH // 2, len(NAMES))
+        assert np.isfinite(table).all()
+
+
+def test_a_learned_attacker_finds_the_other_in_a_scene_it_has_not_seen_and_nobody_in_the_control() -> None:
+    rng = np.random.default_rng(4)
+    others = [box(int(rng.integers(130, 260)), int(rng.integers(40, 100)), 40, 120) for _ in range(8)]
+    attacker = train([Example(view_of(scene(rng, other)), half(other)) for other in others], seed=1, trees=15)
+    assert iou(attacker.recover(view_of(scene(rng, OTHER))), half(OTHER)) > 0.85
+    assert np.count_nonzero(attacker.recover(view_of(scene(rng, NOBODY)))) < 20
+    assert attacker.recover(view_of(scene(rng, OTHER)), every=2).shape == (HEIGHT // 2, WIDTH // 2)
+
+
+def test_without_the_extra_the_judge_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(learned.importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(BlockRobotError) as refused:
+        train([], seed=1)
+    assert refused.value.code == "EXTRA_MISSING"
+    assert "attack" in refused.value.entry.next_step
