@@ -147,6 +147,5 @@ class Desk:
             spend=state["spend"],
             view=state["view"],
             sealing=state["sealing"],
-            purposes=tuple(state["purposes"]),
             proof=b"",
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from clients.robot.hiding.hider import Kept, Withheld
+from clients.robot.hiding.hider import Kept
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 CLIP_DEFAULT_MS = 500
@@ -52,10 +52,15 @@ class Batcher:
             ready.append(self._close(frame.alias))
         return ready
 
-    def add_withheld(self, frame: Withheld) -> None:
-        """Count a withheld frame: the owner is told with the next clip."""
-        counts = self._open.setdefault(frame.alias, OpenClip()).withheld
-        counts[str(frame.reason)] = counts.get(str(frame.reason), 0) + 1
+    def add_withheld(self, alias: str, reason: str, count: int = 1) -> None:
+        """Count withheld frames: the owner is told with the next clip."""
+        counts = self._open.setdefault(alias, OpenClip()).withheld
+        counts[reason] = counts.get(reason, 0) + count
+
+    def drop(self, alias: str) -> list[Kept]:
+        """Forget what waits for one owner, and return which frames that were."""
+        clip = self._open.pop(alias, None)
+        return clip.frames if clip is not None else []
 
     def close_idle(self, now_ms: int) -> list[ReadyClip]:
         """Return the clips that got no frame for a clip's length, so that none waits for a frame that never comes."""

@@ -1,4 +1,5 @@
-"""Brings spooled clips to custodians and chain: upload, record, confirm. Must never forget a clip that is not final.
+"""Brings spooled clips to custodians and chain: upload, record, confirm. Must never forget a clip that is not final, unless
+its person's consent has ended: then it is destroyed.
 
 Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
 not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import random
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -31,6 +32,10 @@ OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
 _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
 
 _log = structlog.get_logger("delivery")
+
+
+class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
+    """The clip's person does not consent any more."""
 
 
 class DeliveryNetwork(Protocol):
@@ -80,11 +85,16 @@ class Delivery:
         network: DeliveryNetwork,
         *,
         on_delivered: Callable[[Delivered], None],
+        may_record: Callable[[SpooledClip], Awaitable[bool]],
+        on_dropped: Callable[[SpooledClip], None] = lambda _: None,
         at_once: bool = False,
     ) -> None:
+        """`may_record` is asked before each attempt to announce or record a clip; what it says no to is destroyed."""
         self._spool = spool
         self._network = network
         self._on_delivered = on_delivered
+        self._may_record = may_record
+        self._on_dropped = on_dropped
         self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
         self._slots = asyncio.Semaphore(DELIVERIES_AT_ONCE_MAX_COUNT)
         self._announcements: dict[bytes, asyncio.Task[None]] = {}
@@ -110,9 +120,22 @@ class Delivery:
             self._announcements[owner] = asyncio.create_task(self._open_visit(clip_or_visit))
         return self._announcements[owner]
 
+    async def _announced(self, clip: SpooledClip) -> None:
+        """Wait until the clip's visit is announced. Raises ConsentEnded, if this clip's has ended."""
+        while True:
+            task = self.announce(clip)
+            try:
+                await asyncio.shield(task)
+                return
+            except ConsentEnded:
+                if self._announcements.get(clip.owner) is task:
+                    del self._announcements[clip.owner]
+                if not await self._may_record(clip):
+                    raise
+
     async def _open_visit(self, clip: SpooledClip) -> None:
         arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
-        await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"))
+        await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
 
     async def close_visit(self, owner: bytes, record_count: int) -> None:
         """Say on the chain how many records the visit has, so that a missing tail is noticed.
@@ -143,14 +166,18 @@ class Delivery:
         arguments: list[Any],
         *,
         accepted: tuple[str, ...],
+        clip: SpooledClip | None = None,
         upload: ClipUpload | None = None,
     ) -> tuple[bytes, int]:
         """Submit until final, over cuts and expiries; what goes with it is uploaded first.
 
-        Returns (txid, when it was submitted). Raises NOT_PERMITTED if the contract refuses.
+        Returns (txid, when it was submitted). Raises NOT_PERMITTED if the contract refuses, ConsentEnded if it is for
+        a clip that may not be recorded.
         """
         wait_ms = RETRY_FIRST_MS
         while True:
+            if clip is not None and not await self._may_record(clip):
+                raise ConsentEnded
             transaction = self._network.sign(contract, entry, arguments)
             try:
                 if upload is not None:
@@ -188,6 +215,10 @@ class Delivery:
             else:
                 raise
             return
+        except ConsentEnded:
+            self._spool.destroy(name)
+            self._on_dropped(clip)
+            return
         self._spool.remove(name)
         self._on_delivered(
             Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
@@ -201,7 +232,7 @@ class Delivery:
 
     async def _record(self, clip: SpooledClip) -> tuple[bytes, int]:
         """Announce the visit, then upload and record the clip. Returns (txid, when it was submitted)."""
-        await asyncio.shield(self.announce(clip))
+        await self._announced(clip)
         if self._delay_max_ms:
             await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
         arguments = [
@@ -215,5 +246,5 @@ class Delivery:
         ]
         async with self._slots:
             return await self._final(
-                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), upload=clip.upload
+                "records", "record", arguments, accepted=("OK", "RECORD_EXISTS"), clip=clip, upload=clip.upload
             )

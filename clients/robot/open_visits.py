@@ -55,6 +55,11 @@ class OpenVisits:
         self._counts[owner] = record_count
         self._write()
 
+    def lower(self, owner: bytes) -> None:
+        """Remember durably that a record of the visit, if it is still open, will never be. Raises SPOOL_FULL."""
+        if self._counts.get(owner, 0) > 0:
+            self.note(owner, self._counts[owner] - 1)
+
     def forget(self, owner: bytes) -> None:
         """The visit is closed on the chain. Raises SPOOL_FULL."""
         self._counts.pop(owner, None)

@@ -14,6 +14,7 @@ from typing import Any
 
 from clients.robot.admission import Admission
 from clients.robot.batching import Batcher, ReadyClip
+from clients.robot.consents import Consents
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import (
     BLOCKCHAIN_TRANSACTION,
@@ -21,14 +22,14 @@ from clients.robot.event_log import (
     DATABASE_PERSISTANCE,
     IMAGE_PAIRED,
     IMAGE_RETRIEVE,
-    IMAGE_WITHHELD,
     RFID_RETRIEVE,
     AliasBook,
     EventLog,
 )
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import EmptyFrame
-from clients.robot.hiding.hider import Hider, Kept, Output, Withheld
+from clients.robot.hiding.hider import Hider, Kept, Output
+from clients.robot.keeping import Keeper
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.rosters import RosterBook
@@ -39,7 +40,6 @@ from clients.robot.visits import VisitBook
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
-from consensus.records.roster import RosterRow
 
 WAITING_CLIPS_MAX_COUNT = 512
 _BACKPRESSURE_POLL_S = 0.05
@@ -64,6 +64,7 @@ class Pipeline:
         camera: Camera,
         hider: Hider,
         roster: RosterBook,
+        consents: Consents,
         visits: VisitBook,
         open_visits: OpenVisits,
         spool: Spool,
@@ -83,11 +84,19 @@ class Pipeline:
         self._delivery = delivery
         self._statistics = statistics
         self._log = log
-        self._purpose = purpose
         self._batcher = Batcher(clip_ms)
         self._now_ms = now_ms
         self._aliases = AliasBook()
-        self._people: dict[str, RosterRow] = {}
+        self._keeper = Keeper(
+            consents,
+            self._batcher,
+            visits,
+            statistics=statistics,
+            log=log,
+            purpose=purpose,
+            sensor=camera.sensor,
+            now_ms=now_ms,
+        )
         self.admission = Admission()
 
     async def run(self, events: AsyncIterator[Event]) -> None:
@@ -144,15 +153,15 @@ class Pipeline:
             await asyncio.sleep(_BACKPRESSURE_POLL_S)
 
     def _identify(self, sighting: Sighting) -> list[Output]:
-        """Find the tag's bearer in the roster. Without consent to this purpose a tag counts as unknown."""
+        """Find the tag's bearer in the roster. Without her consent, as far as it is known now, a tag counts as unknown."""
         row = self._roster.find(sighting.uid)
-        consents = row is not None and self._purpose in row.purposes
+        consents = row is not None and self._keeper.admits(row, sighting.last_seen_ms)
         weighed = self.admission.weighs(sighting, known=consents)
         if not consents and (not weighed or self._aliases.is_full):
             return self._hider.cover("", sighting, known=False)
         alias = self._aliases.alias(sighting.uid.encode())
         if row is not None and consents:
-            self._people[alias] = row
+            self._keeper.people[alias] = row
         if not weighed:
             return self._hider.cover(alias, sighting, known=consents)
         self._log.write(self._now_ms(), RFID_RETRIEVE, alias, alias=alias)
@@ -169,31 +178,31 @@ class Pipeline:
                     self._log.write(now, output.reason, case)
                 for alias in output.owners:
                     self._log.write(now, IMAGE_PAIRED, case, alias=alias)
-            elif isinstance(output, Kept):
-                ready.extend(self._batcher.add_kept(output, now))
             else:
-                self._note_withheld(output, now, case)
+                ready.extend(self._keeper.take(output))
         return ready
-
-    def _note_withheld(self, output: Withheld, now_ms: int, case: str) -> None:
-        reasons = self._statistics.withheld
-        reasons[str(output.reason)] = reasons.get(str(output.reason), 0) + 1
-        self._log.write(now_ms, IMAGE_WITHHELD, case, alias=output.alias, reason=str(output.reason))
-        self._batcher.add_withheld(output)
 
     def _seal(self, clips: list[ReadyClip]) -> None:
         for clip in clips:
-            spooled = self._seal_one(clip)
-            name = self._spool.put(spooled)
-            self._delivery.start(name)
+            admitted = self._keeper.admit(clip)
+            if admitted is not None:
+                name = self._spool.put(self._seal_one(admitted))
+                self._delivery.start(name)
 
     def _seal_one(self, clip: ReadyClip) -> SpooledClip:
         now = self._now_ms()
-        chain = self._visits.chain_for(clip.alias, self._people[clip.alias], now)
+        chain = self._visits.chain_for(clip.alias, self._keeper.people[clip.alias], now)
         empty = random.SystemRandom().choice(self._camera.empty_frames)
         renditions = tuple(self._rendition(frame, empty) for frame in clip.frames) or (self._notice(empty, now),)
         sensor = self._camera.sensor if clip.frames else NOTICE_SENSOR
-        content = ClipContent(renditions=renditions, withheld=clip.withheld, sensor=sensor, decided_at_ms=now)
+        content = ClipContent(
+            renditions=renditions,
+            withheld=clip.withheld,
+            sensor=sensor,
+            decided_at_ms=now,
+            person=self._keeper.person_of(clip.alias),
+            taken_by=self._keeper.sensor,
+        )
         spooled = seal_clip(content, chain, now_ms=now)
         self._open_visits.note(chain.owner, chain.record_count)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]

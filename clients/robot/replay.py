@@ -14,6 +14,7 @@ from typing import Any, Protocol
 
 import cv2
 
+from clients.robot.consents import Consents, compute_stale_after_ms
 from clients.robot.delivery import Delivery
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
@@ -21,9 +22,11 @@ from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
 from clients.robot.identity import load_identity
 from clients.robot.inputs import Inputs
+from clients.robot.keeping import note_dropped
 from clients.robot.network import RobotNetwork
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
+from clients.robot.registry import RegistryReader
 from clients.robot.rosters import load_roster
 from clients.robot.sources.source import Source
 from clients.robot.spool import Spool
@@ -84,15 +87,23 @@ class _Run:
         self._network = RobotNetwork(client, self._identity)
         self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
         self._spool = Spool(folder / "spool", self._identity.spool)
+        self._consents = Consents(
+            RegistryReader(client, self._identity.identity, self._roster.rows),
+            self._roster,
+            person_key=self._identity.spool,
+            stale_after_ms=compute_stale_after_ms(client.genesis.settings.heartbeat_ms),
+            now_ms=self._network.now_ms,
+        )
         self.intake: dict[str, Any] = {}
 
     async def work(self, source: Source) -> RunStatistics:
         """Work through a source and return the figures once all its records are final."""
-        await self._roster.confirm(self._client, self._identity.identity)
+        await self._consents.refresh()
         empty = source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
         hider = Hider(learn_background(empty))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
+        open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         await self._network.publish_empty_frames(bank)
         height, width = empty[0].shape
         with EventLog(self._options.events) as log:
@@ -100,14 +111,19 @@ class _Run:
                 self._spool,
                 self._network,
                 on_delivered=lambda done: note_delivered(done, statistics, log),
+                may_record=self._consents.may_record,
+                on_dropped=lambda clip: note_dropped(
+                    clip, self._consents, statistics, open_visits, log, self._network.now_ms()
+                ),
                 at_once=self._options.at_once,
             )
             pipeline = Pipeline(
                 camera=Camera(sensor=SENSOR_NAME, width=width, height=height, empty_frames=bank),
                 hider=hider,
                 roster=self._roster,
+                consents=self._consents,
                 visits=VisitBook(self._chain_id, self._identity.identity.public_key, self._options.purpose),
-                open_visits=OpenVisits(self._folder / "open-visits", self._identity.spool),
+                open_visits=open_visits,
                 spool=self._spool,
                 delivery=delivery,
                 statistics=statistics,
@@ -119,11 +135,15 @@ class _Run:
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
             inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
             events = inputs.usable(_events(source, real_time=self._options.real_time))
-            telling = asyncio.create_task(self._tell_regularly(statistics))
+            beside = [
+                asyncio.create_task(self._tell_regularly(statistics)),
+                asyncio.create_task(self._consents.watch()),
+            ]
             try:
                 await pipeline.run(events)
             finally:
-                telling.cancel()
+                for task in beside:
+                    task.cancel()
                 await delivery.stop()
             self.intake = {**pipeline.intake_json(), **inputs.summary()}
             self._tell(statistics, last=True)
@@ -132,7 +152,12 @@ class _Run:
     @property
     def roster_rows(self) -> int:
         """How many people of the roster the chain has confirmed."""
-        return len(self._roster)
+        return len(self._consents)
+
+    @property
+    def consent_figures(self) -> dict[str, Any]:
+        """What the summary says of consents."""
+        return self._consents.summary()
 
     async def _tell_regularly(self, statistics: RunStatistics) -> None:
         while True:
@@ -164,6 +189,7 @@ async def replay_recording(
         statistics = await run.work(source)
     return {
         "roster_rows": run.roster_rows,
+        "consents": run.consent_figures,
         "frames": statistics.frames_json(),
         "latency_ms": statistics.latency_json(),
         "intake": run.intake,

@@ -50,12 +50,18 @@ class VisitChain:
 
 @dataclass(frozen=True, slots=True)
 class ClipContent:
-    """What one record will hold. `withheld` counts, by reason, the frames kept back since the record before."""
+    """What one record will hold. `withheld` counts, by reason, the frames kept back since the record before.
+
+    `person` stands for whom it shows (`clients.robot.consents`; nobody is 32 zeros), `taken_by` for the sensor that
+    consent is asked for, if that is not `sensor`.
+    """
 
     renditions: tuple[Rendition, ...]
     withheld: tuple[tuple[str, int], ...]
     sensor: str
     decided_at_ms: int
+    person: bytes = bytes(32)
+    taken_by: str = ""
 
 
 def compute_time_bucket(time_ms: int) -> int:
@@ -116,4 +122,8 @@ def seal_clip(
         expires_at_ms=compute_expiry(now_ms, retention_ms),
         frame_count=len(content.renditions),
         decided_at_ms=content.decided_at_ms,
+        person=content.person,
+        sensor=content.taken_by or content.sensor,
+        captured_from_ms=min(rendition.captured_at_ms for rendition in content.renditions),
+        captured_until_ms=max(rendition.captured_at_ms for rendition in content.renditions),
     )

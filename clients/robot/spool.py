@@ -7,6 +7,7 @@ moment finds each clip there once or not at all, and delivers it again; delivery
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
@@ -22,7 +23,8 @@ class SpooledClip(Wire, frozen=True):
     """A sealed clip and what its record will say. The transaction is signed at delivery, since it expires.
 
     `owner` is the visit's owner key; with `ephemeral`, `view_tag` and `purpose` it can still be announced after a
-    restart. `decided_at_ms` is when the clip's last frame was decided.
+    restart. `decided_at_ms` is when the clip's last frame was decided, `captured_...` when the first and last were taken.
+    `person` (32 bytes, `clients.robot.consents`) and `sensor` are what consent is asked for once more before recording.
     """
 
     upload: ClipUpload
@@ -38,6 +40,10 @@ class SpooledClip(Wire, frozen=True):
     expires_at_ms: int
     frame_count: int
     decided_at_ms: int
+    person: bytes
+    sensor: str
+    captured_from_ms: int
+    captured_until_ms: int
 
 
 class Spool:
@@ -85,3 +91,19 @@ class Spool:
         """Forget a delivered clip."""
         (self._folder / name).unlink(missing_ok=True)
         self._sizes.pop(name, None)
+
+    def destroy(self, name: str) -> None:
+        """Forget a clip that must not be recorded, and its sealed keys with it: overwritten, then removed.
+
+        What a medium keeps of overwritten blocks is sealed to the clip's owner; the robot cannot open it either.
+        """
+        try:
+            with (self._folder / name).open("r+b") as file:
+                file.write(bytes(self._sizes.get(name, 0)))
+                file.flush()
+                os.fsync(file.fileno())
+        except FileNotFoundError:
+            pass
+        except OSError as error:
+            raise BlockRobotError("SPOOL_DAMAGED", f"The clip {name} cannot be removed: {error.strerror}.") from None
+        self.remove(name)

@@ -60,6 +60,17 @@ class RunStatistics:
         """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
         self.sealed[record_id] = SealedFrames(alias, tuple(frames))
 
+    def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
+        """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
+        sealed = self.sealed.pop(record_id, SealedFrames())
+        self.add_withheld(reason, len(sealed.frames))
+        return sealed
+
+    def add_withheld(self, reason: str, count: int = 1) -> None:
+        """Count covered frames that are not kept."""
+        if count:
+            self.withheld[reason] = self.withheld.get(reason, 0) + count
+
     def delivered(self, done: Delivered) -> SealedFrames:
         """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
         sealed = self.sealed.pop(done.clip.upload.record_id, SealedFrames())

@@ -49,3 +49,7 @@ class VisitBook:
         )
         self._open[alias] = _Open(chain=chain, opened_at_ms=now_ms)
         return chain
+
+    def forget(self, alias: str) -> None:
+        """End a person's visit here: should she be recorded again, it is in a new one."""
+        self._open.pop(alias, None)

@@ -18,7 +18,7 @@ from consensus.primitives.keys import PrivateKey, recover
 from consensus.primitives.trie import Proof, verify_proof
 from consensus.records.envelopes import open_sealed, seal_to
 
-ROSTER_VERSION = 1
+ROSTER_VERSION = 2
 ROSTER_TAG = "blockrobot/roster"
 ROSTER_LIFETIME_MAX_MS = 24 * 3600 * 1000
 ROSTER_CLOCK_TOLERANCE_MS = 5 * 60 * 1000
@@ -27,9 +27,9 @@ ROSTER_KEY_BYTES = 32
 
 
 class RosterRow(Wire, frozen=True):
-    """One person: `tag` = HMAC of the card's UID (32), handle 32, S and V 33, X 32, purposes consented to.
+    """One person: `tag` = HMAC of the card's UID (32), handle 32, S and V 33, X 32.
 
-    `proof` is an encoded `RowProof`, or empty.
+    `proof` is an encoded `RowProof`, or empty. What the person consents to is asked of the chain, never of a roster.
     """
 
     tag: bytes
@@ -37,7 +37,6 @@ class RosterRow(Wire, frozen=True):
     spend: bytes
     view: bytes
     sealing: bytes
-    purposes: tuple[str, ...]
     proof: bytes
 
 
@@ -143,7 +142,7 @@ def verify_row(row: RosterRow, state_root: bytes) -> bytes:
         member: Any = decode_value(shown.value)
     except BlockRobotError:
         raise BlockRobotError("ROSTER_INVALID", "A row's proof does not lead to the state root.") from None
-    told = (row.handle, row.spend, row.view, row.sealing, list(row.purposes), "active")
-    if told != tuple(member.get(name) for name in ("handle", "spend", "view", "sealing", "purposes", "status")):
+    told = (row.handle, row.spend, row.view, row.sealing, "active")
+    if told != tuple(member.get(name) for name in ("handle", "spend", "view", "sealing", "status")):
         raise BlockRobotError("ROSTER_INVALID", "The chain says otherwise of a member than the roster.")
     return shown.member

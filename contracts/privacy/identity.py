@@ -3,9 +3,10 @@
 A handle is a random name that a registrar drew for a card. It is registered once, by whoever holds the card's one-time
 key, under a registrar's voucher.
 
-member/M -> {handle, role, org, spend, view, sealing, purposes, status, since}; handle/H -> M; org/name -> {admins,
-registrars}; admin/M, registrar/M -> org; removed/name -> when (ms) an organisation was last
-removed; custodian/M -> {name, org}; custodians -> sorted list; purpose/code -> True.
+member/M -> {handle, role, org, spend, view, sealing, status, since}; handle/H -> M; org/name -> {admins, registrars};
+admin/M, registrar/M -> org; removed/name -> when (ms) an organisation was last removed; custodian/M -> {name, org};
+custodians -> sorted list; purpose/code -> True; changes -> how often a member's keys or status changed. What a member
+consents to is in the contract `consent` alone.
 """
 
 KEY_BYTES = 33
@@ -14,6 +15,7 @@ SEALING_BYTES = 32
 SIGNATURE_BYTES = 65
 PURPOSES_MAX_COUNT = 16
 ROLES = ("subject", "staff", "robot", "officer", "auditor")
+RECORDED_ROLES = ("subject", "staff")
 VOUCHER_TAG = "blockrobot/voucher"
 CARD_TAG = "blockrobot/card"
 ROTATION_TAG = "blockrobot/rotation"
@@ -129,7 +131,10 @@ def register(
     card_signature: bytes,
     purposes: list,
 ):
-    """Register the caller under a handle. Who may call: whoever holds the card's key, under a registrar's voucher."""
+    """Register the caller under a handle. Who may call: whoever holds the card's key, under a registrar's voucher.
+
+    The purposes are first consents, for those who can be recorded.
+    """
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     require(len(card_key) == KEY_BYTES, "KEY_SIZE_WRONG", "A card key has 33 bytes.")
     check_keys(spend, view, sealing)
@@ -155,11 +160,13 @@ def register(
         "spend": spend,
         "view": view,
         "sealing": sealing,
-        "purposes": purposes,
         "status": "active",
         "since": ctx.time,
     }
     state.put(b"member/" + ctx.caller, entry)
+    note_change()
+    if len(purposes) > 0 and role in RECORDED_ROLES:
+        call("consent", "begin", handle, purposes)
     emit("registered", {"member": ctx.caller, "role": role})
 
 
@@ -187,6 +194,7 @@ def rotate(handle: bytes, new_member: bytes, spend: bytes, view: bytes, sealing:
     state.put(b"member/" + new_member, entry)
     state.put(b"handle/" + handle, new_member)
     state.put(b"member/" + ctx.caller, old)
+    note_change()
     emit("rotated", {"member": ctx.caller, "new_member": new_member})
 
 
@@ -195,6 +203,8 @@ def leave(handle: bytes):
     """End the membership and remove its keys. Who may call: the member of the handle."""
     entry = require_member(handle)
     state.put(b"member/" + ctx.caller, reduced(entry, "left"))
+    note_change()
+    call("consent", "end", handle)
     emit("left", {"member": ctx.caller})
 
 
@@ -211,7 +221,14 @@ def revoke(handle: bytes):
     entitled = ctx.caller in org["admins"] or ctx.caller in org["registrars"]
     require(entitled, "NOT_AN_ADMIN", "Only an admin or a registrar of the member's organisation may do that.")
     state.put(b"member/" + owner, reduced(entry, "revoked"))
+    note_change()
+    call("consent", "end", handle)
     emit("revoked", {"member": owner})
+
+
+def note_change():
+    """Robots ask for this one number to learn whether they must read the registry again."""
+    state.put(b"changes", state.get(b"changes", 0) + 1)
 
 
 def reduced(entry: dict, status: str) -> dict:
@@ -223,7 +240,6 @@ def reduced(entry: dict, status: str) -> dict:
         "spend": b"",
         "view": b"",
         "sealing": b"",
-        "purposes": [],
         "status": status,
         "since": ctx.time,
     }

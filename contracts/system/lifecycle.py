@@ -30,7 +30,7 @@ AHEAD_MAX_BLOCKS = 10000000
 NAME_MAX_CHARS = 32
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-_"
 RESERVED_NAMES = ("blockrobot", "chain", "contract", "ctx", "genesis", "machine", "state", "system")
-GOVERNING = ("forms", "identity", "lifecycle", "membership", "producers", "settings")
+GOVERNING = ("consent", "forms", "identity", "lifecycle", "membership", "producers", "settings")
 FIELDS = {
     "deploy": {"name": "str", "source_hash": "bytes", "height": "int", "delay": "int", "note": "str"},
     "activate": {"name": "str", "version": "int", "height": "int", "delay": "int", "note": "str"},
@@ -223,7 +223,7 @@ def check(kind: str, arguments: dict, organisation: str):
     require(name in table, "CONTRACT_UNKNOWN", "There is no contract of this name.")
     version, _, enabled, _ = table[name]
     if kind == "disable":
-        require(name not in GOVERNING, "GOVERNING", "Without this contract the network could never be changed again.")
+        require(name not in GOVERNING, "GOVERNING", "The network and the people in it cannot do without this contract.")
         require(enabled, "DISABLED_ALREADY", "The contract is disabled already.")
         require_active(arguments["version"], table[name])
         return

@@ -83,7 +83,7 @@ class BlockBench:
 
     async def _prepare_state(self) -> None:
         robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
-        robot |= {"purposes": [_PURPOSE], "since": _NOW_MS}
+        robot |= {"since": _NOW_MS}
         with self._store.snapshot() as parent:
             made = Overlay.apply(
                 parent,

@@ -84,7 +84,7 @@ class RecordBench:
         self.host: MemoryHost = MemoryHost()
         self.count = 0
         robot: dict[str, Any] = {"handle": b"h" * 32, "role": "robot", "org": "bench", "status": "active"}
-        robot |= {"purposes": [PURPOSE], "since": _NOW_MS}
+        robot |= {"since": _NOW_MS}
         self.host.entries[b"identity\x00member/" + ROBOT] = encode_value(robot)
         self.host.entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)
         self.invoke("open_visit", [OWNER, b"\x02" + b"e" * 32, 7, _NOW_MS, PURPOSE])

@@ -34,7 +34,7 @@ Execute = Callable[[StateView, int, int, list[Transaction]], BlockResult]
 
 def build_state(entries_count: int) -> MemoryState:
     """Return a state in which the robot has an open visit with each owner, among so many other entries."""
-    robot = {"handle": bytes(32), "role": "robot", "org": "bench", "status": "active", "purposes": [], "since": 0}
+    robot = {"handle": bytes(32), "role": "robot", "org": "bench", "status": "active", "since": 0}
     entries = {b"identity\x00filler/" + sha256(u64(number)): u64(number) for number in range(entries_count)}
     entries[b"identity\x00member/" + _ROBOT.public_key] = encode_value(robot)
     entries[b"identity\x00purpose/" + PURPOSE.encode()] = encode_value(True)

@@ -10,7 +10,7 @@ import contracts.vm
 from contracts import vectors
 from contracts.execution import executor, genesis, views
 from contracts.execution.registry import SHIPPED_CONTRACTS
-from tests.unit.contracts.privacy.hospital import Hospital
+from tests.unit.contracts.privacy.hospital import Hospital, Person
 from tests.unit.contracts.system.consortium import Consortium, admin_of, node_fields, organisation_fields, producer_of
 from tests.unit.contracts.system.deploying import VISITORS, deployment, upload
 
@@ -47,6 +47,25 @@ def recording(calls: list[dict[str, Any]]) -> Iterator[None]:
             module.invoke = contracts.vm.invoke  # type: ignore[attr-defined]
 
 
+def consent_story(hospital: Hospital, anna: Person, ben: Person) -> None:
+    for arguments in (
+        (["care", "research"], ["depth", "rgb"], 0, 0, 0),
+        (["research"], ["audio"], 0, 1_700_010_000_000, hospital.height + 5),
+        (["research"], ["x-ray"], 0, 0, 0),
+        (["research"], ["audio"], 1, 0, 0),
+    ):
+        hospital.send(anna.identity, "consent", "give", anna.handle, *arguments)
+    hospital.send(ben.identity, "consent", "give", anna.handle, ["care"], ["depth"], 0, 0, 0)
+    hospital.must(anna.identity, "consent", "refuse", anna.handle, ["demo"], [])
+    hospital.view("consent", "allowed", anna.handle, "care", "rgb")
+    hospital.view("consent", "choices", anna.handle)
+    hospital.must(anna.identity, "consent", "withdraw", anna.handle, [], ["rgb"])
+    hospital.must(anna.identity, "consent", "withdraw", anna.handle, [], [])
+    hospital.send(anna.identity, "consent", "withdraw", anna.handle, [], [])
+    hospital.send(anna.identity, "consent", "end", anna.handle)
+    hospital.view("consent", "allowed", anna.handle, "care", "rgb")
+
+
 def hospital_story() -> None:
     hospital = Hospital()
     anna, ben = hospital.enrol("anna"), hospital.enrol("ben", "staff")
@@ -55,6 +74,7 @@ def hospital_story() -> None:
     hospital.send(ben.identity, "identity", "register", *forged[:-2], bytes(65), forged[-1])
     hospital.must(anna.identity, "identity", "authenticate", anna.handle)
     hospital.send(ben.identity, "identity", "authenticate", anna.handle)
+    consent_story(hospital, anna, ben)
     visit = hospital.open_visit(anna)
     for _ in range(3):
         hospital.record(visit)

@@ -138,7 +138,6 @@ def member_state(role: str, status: str = "active", sealing: bytes = bytes(32)) 
         "spend": keys[0],
         "view": keys[1],
         "sealing": sealing,
-        "purposes": ["demo"],
     }
 
 

@@ -6,16 +6,12 @@ import pytest
 
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.hiding.cut import Cut
-from clients.robot.hiding.hider import Kept, Reason, Withheld
+from clients.robot.hiding.hider import Kept
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 
 def kept(sequence: int, at_ms: int, alias: str = "ann", size_bytes: int = 10) -> Kept:
     return Kept(sequence, at_ms, alias, Cut(0, 0, 1, 1, bytes(size_bytes)))
-
-
-def withheld(sequence: int, at_ms: int, reason: Reason = Reason.CONTACT, alias: str = "ann") -> Withheld:
-    return Withheld(sequence, at_ms, alias, reason)
 
 
 def sequences(clips: list[ReadyClip]) -> list[list[int]]:
@@ -59,9 +55,9 @@ def test_two_owners_are_never_in_one_clip() -> None:
 
 def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
     batcher = Batcher(500)
-    batcher.add_withheld(withheld(0, 0, Reason.CONTACT))
-    batcher.add_withheld(withheld(1, 50, Reason.CONTACT))
-    batcher.add_withheld(withheld(2, 99, Reason.MERGED))
+    batcher.add_withheld("ann", "contact")
+    batcher.add_withheld("ann", "contact")
+    batcher.add_withheld("ann", "merged")
     batcher.add_kept(kept(3, 100), 0)
     (clip,) = batcher.flush()
     assert clip.withheld == (("contact", 2), ("merged", 1))
@@ -69,7 +65,7 @@ def test_an_owner_is_told_with_the_next_clip_what_was_withheld() -> None:
 
 def test_withheld_frames_are_counted_once() -> None:
     batcher = Batcher(500)
-    batcher.add_withheld(withheld(0, 0))
+    batcher.add_withheld("ann", "contact")
     batcher.add_kept(kept(1, 100), 0)
     first = batcher.add_kept(kept(2, 700), 0)
     assert [clip.withheld for clip in first] == [(("contact", 1),)]
@@ -78,14 +74,14 @@ def test_withheld_frames_are_counted_once() -> None:
 
 def test_a_tail_that_is_withheld_whole_is_still_told() -> None:
     batcher = Batcher(500)
-    batcher.add_withheld(withheld(0, 0, Reason.OCCLUDED))
+    batcher.add_withheld("ann", "occluded")
     (clip,) = batcher.flush()
     assert (clip.frames, clip.withheld) == ((), (("occluded", 1),))
 
 
 def test_withheld_frames_of_one_owner_say_nothing_to_another() -> None:
     batcher = Batcher(500)
-    batcher.add_withheld(withheld(0, 0, alias="bob"))
+    batcher.add_withheld("bob", "contact")
     batcher.add_kept(kept(0, 0, "ann"), 0)
     assert {clip.alias: clip.withheld for clip in batcher.flush()} == {"ann": (), "bob": (("contact", 1),)}
 
@@ -100,8 +96,18 @@ def test_a_clip_whose_owner_went_away_is_closed_by_the_clock() -> None:
 
 def test_the_clock_alone_makes_no_clip_without_pictures() -> None:
     batcher = Batcher(500)
-    batcher.add_withheld(withheld(0, 0))
+    batcher.add_withheld("ann", "contact")
     assert batcher.close_idle(10**6) == []
+
+
+def test_what_waits_for_somebody_who_said_no_is_dropped_and_nothing_of_another() -> None:
+    batcher = Batcher(500)
+    batcher.add_kept(kept(0, 0, "ann"), 0)
+    batcher.add_withheld("ann", "contact", 3)
+    batcher.add_kept(kept(0, 0, "bob"), 0)
+    assert [frame.sequence for frame in batcher.drop("ann")] == [0]
+    assert batcher.drop("ann") == []
+    assert {clip.alias: clip.withheld for clip in batcher.flush()} == {"bob": ()}
 
 
 @pytest.mark.parametrize("clip_ms", [0, 1, 100, 500, 2_000])

@@ -19,7 +19,7 @@ from clients.robot.delivery import (
     Delivered,
     Delivery,
 )
-from clients.robot.spool import Spool
+from clients.robot.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipUpload
@@ -121,9 +121,23 @@ class Run:
         self.spool = Spool(folder, KEY)
         self.names = [self.spool.put(clip(number)) for number in range(clips)]
         self.done: list[Delivered] = []
+        self.dropped: list[SpooledClip] = []
+        self.refused: set[bytes] = set()
+        self.asked = 0
+
+    async def may_record(self, clip: SpooledClip) -> bool:
+        self.asked += 1
+        return clip.upload.record_id not in self.refused
 
     def delivery(self, *, at_once: bool = True) -> Delivery:
-        return Delivery(self.spool, self.network, on_delivered=self.done.append, at_once=at_once)
+        return Delivery(
+            self.spool,
+            self.network,
+            on_delivered=self.done.append,
+            may_record=self.may_record,
+            on_dropped=self.dropped.append,
+            at_once=at_once,
+        )
 
     async def deliver_all(self, *, at_once: bool = True) -> Delivery:
         delivery = self.delivery(at_once=at_once)

@@ -13,7 +13,7 @@ from clients.robot.rosters import load_roster
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey
-from consensus.records.roster import ROSTER_LIFETIME_MAX_MS, Roster, RosterRow, roster_tag, seal_roster
+from consensus.records.roster import ROSTER_LIFETIME_MAX_MS, ROSTER_VERSION, Roster, RosterRow, roster_tag, seal_roster
 from tests.unit.clients.wallet.conftest import NOW_MS, make_genesis
 
 REGISTRAR = PrivateKey(bytes([2] * 32))
@@ -87,11 +87,10 @@ def sealed_roster(robot: RobotIdentity, genesis: Genesis, registrar: PrivateKey 
         spend=REGISTRAR.public_key,
         view=REGISTRAR.public_key,
         sealing=bytes(32),
-        purposes=("demo",),
         proof=b"",
     )
     roster = Roster(
-        1, genesis.chain_id, robot.identity.public_key, key, NOW_MS, NOW_MS + ROSTER_LIFETIME_MAX_MS, (row,)
+        ROSTER_VERSION, genesis.chain_id, robot.identity.public_key, key, NOW_MS, NOW_MS + ROSTER_LIFETIME_MAX_MS, (row,)
     )
     return seal_roster(roster, registrar, robot.sealing_public)
 

@@ -10,11 +10,13 @@ from pathlib import Path
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
 
+from clients.robot.consents import Consents
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import EventLog, read_events
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.hiding.background import empty_bank, learn_background
 from clients.robot.hiding.hider import Hider
+from clients.robot.keeping import note_dropped
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import RosterBook
@@ -26,7 +28,8 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
-from consensus.records.roster import Roster, RosterRow, roster_tag
+from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow, roster_tag
+from tests.unit.clients.robot.registry_stand_in import RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_delivery import FakeNetwork
 from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual, virtual_now_ms
@@ -34,10 +37,11 @@ from tests.virtual_time import run_virtual, virtual_now_ms
 UID = "E200000000000001"
 CHAIN = bytes(range(32))
 ROBOT = PrivateKey(bytes([5] * 32))
+DAY_MS = 24 * 3600 * 1000
 ANN = SealingPrivateKey(bytes([12] * 32))
 
 
-def roster(*, purposes: tuple[str, ...] = ("demo",)) -> Roster:
+def roster() -> Roster:
     key = bytes([4] * 32)
     row = RosterRow(
         tag=roster_tag(key, UID),
@@ -45,16 +49,17 @@ def roster(*, purposes: tuple[str, ...] = ("demo",)) -> Roster:
         spend=PrivateKey(secrets.token_bytes(32)).public_key,
         view=PrivateKey(secrets.token_bytes(32)).public_key,
         sealing=bytes(ANN.public_key),
-        purposes=purposes,
         proof=b"",
     )
-    return Roster(1, CHAIN, ROBOT.public_key, key, 0, 1, (row,))
+    return Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, key, 0, 1, (row,))
 
 
 class Robot:
     """One run over a recording."""
 
-    def __init__(self, folder: Path, recording: Path, known: Roster, clip_ms: int = 200) -> None:
+    def __init__(
+        self, folder: Path, recording: Path, known: Roster, clip_ms: int = 200, purposes: tuple[str, ...] = ("demo",)
+    ) -> None:
         self.network = FakeNetwork()
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
@@ -64,21 +69,40 @@ class Robot:
         self.known = known
         self.clip_ms = clip_ms
         self.delivered: list[Delivered] = []
+        self.purposes = purposes
+        self.registry: RegistryStandIn
+        self.consents: Consents
 
     async def run(self) -> None:
         empty = self.source.empty_frames()
         height, width = empty[0].shape
+        self.registry = RegistryStandIn(self.known, virtual_now_ms)
+        for row in self.known.rows:
+            for purpose in self.purposes:
+                self.registry.say(row.handle, purpose=purpose, since_ms=virtual_now_ms() - DAY_MS)
+        self.consents = consents_on(self.registry, self.known)
+        await self.consents.refresh()
         with EventLog(self.log_path) as log:
 
             def note(done: Delivered) -> None:
                 self.delivered.append(done)
                 note_delivered(done, self.statistics, log)
 
-            delivery = Delivery(self.spool, self.network, on_delivered=note, at_once=True)
+            delivery = Delivery(
+                self.spool,
+                self.network,
+                on_delivered=note,
+                may_record=self.consents.may_record,
+                on_dropped=lambda clip: note_dropped(
+                    clip, self.consents, self.statistics, self.open_visits, log, virtual_now_ms()
+                ),
+                at_once=True,
+            )
             pipeline = Pipeline(
                 camera=Camera("depth", width, height, tuple(empty_bank(empty))),
                 hider=Hider(learn_background(empty)),
                 roster=RosterBook(self.known),
+                consents=self.consents,
                 visits=VisitBook(CHAIN, ROBOT.public_key, "demo"),
                 open_visits=self.open_visits,
                 spool=self.spool,
@@ -90,9 +114,11 @@ class Robot:
                 now_ms=virtual_now_ms,
             )
             self.source.shift_to(virtual_now_ms())
+            watch = asyncio.create_task(self.consents.watch())
             try:
                 await pipeline.run(self.events())
             finally:
+                watch.cancel()
                 await delivery.stop()
 
     async def events(self) -> AsyncIterator[Event]:
@@ -172,7 +198,7 @@ def test_every_frame_that_is_kept_goes_the_whole_way_in_the_log_under_one_alias(
 
 def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_bag: Path) -> None:
     known = roster()
-    stranger = Roster(1, CHAIN, ROBOT.public_key, bytes([9] * 32), 0, 1, known.rows)
+    stranger = Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, bytes([9] * 32), 0, 1, known.rows)
     robot = Robot(tmp_path, small_bag, stranger)
     run_virtual(robot.run())
     assert robot.network.calls == []
@@ -181,7 +207,7 @@ def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_
 
 
 def test_whoever_did_not_consent_to_the_purpose_is_not_recorded(tmp_path: Path, small_bag: Path) -> None:
-    robot = Robot(tmp_path, small_bag, roster(purposes=("research",)))
+    robot = Robot(tmp_path, small_bag, roster(), purposes=("research",))
     run_virtual(robot.run())
     assert robot.network.calls == []
     assert robot.network.uploads == {}
@@ -216,7 +242,7 @@ def test_a_visit_that_a_killed_robot_left_open_is_closed_by_the_next_run_with_it
             run_virtual(first.run())
     assert first.network.closed == {}
     counts = {owner: list(first.network.records.values()).count(owner) for owner in first.network.visits}
-    second = Robot(tmp_path, small_bag, roster(purposes=("research",)))
+    second = Robot(tmp_path, small_bag, roster(), purposes=("research",))
     second.network = first.network
     run_virtual(second.run())
     assert counts

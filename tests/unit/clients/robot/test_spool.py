@@ -37,6 +37,10 @@ def clip(number: int = 0, size_bytes: int = 100) -> SpooledClip:
         expires_at_ms=10**12,
         frame_count=1,
         decided_at_ms=300_500,
+        person=bytes(32),
+        sensor="depth",
+        captured_from_ms=300_100,
+        captured_until_ms=300_400,
     )
 
 

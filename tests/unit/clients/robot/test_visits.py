@@ -27,7 +27,6 @@ class Person:
             spend=self.spend.public_key,
             view=self.view.public_key,
             sealing=bytes(32),
-            purposes=("demo",),
             proof=b"",
         )
 

@@ -12,6 +12,7 @@ from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.roster import (
     ROSTER_LIFETIME_MAX_MS,
+    ROSTER_VERSION,
     Roster,
     RosterRow,
     RowProof,
@@ -40,14 +41,13 @@ def _row(proof: bytes = b"", uid: str = UID) -> RosterRow:
         spend=SPEND,
         view=VIEW,
         sealing=sha256(b"x"),
-        purposes=("care",),
         proof=proof,
     )
 
 
 def _roster(*rows: RosterRow) -> Roster:
     return Roster(
-        version=1,
+        version=ROSTER_VERSION,
         chain_id=CHAIN,
         robot=ROBOT,
         key=KEY,
@@ -111,7 +111,7 @@ def test_a_roster_of_another_day_is_refused(now_ms: int) -> None:
         {"not_after_ms": NOW + ROSTER_LIFETIME_MAX_MS + 1},
         {"not_after_ms": NOW},
         {"key": bytes(31)},
-        {"version": 2},
+        {"version": ROSTER_VERSION + 1},
         {"rows": (_row(), _row())},
         {"rows": (msgspec.structs.replace(_row(), spend=bytes(32)),)},
     ],
@@ -130,7 +130,6 @@ def _state(status: str = "active", spend: bytes = SPEND) -> tuple[MemoryState, b
             "spend": spend,
             "view": VIEW,
             "sealing": sha256(b"x"),
-            "purposes": ["care"],
             "status": status,
             "since": NOW,
         }

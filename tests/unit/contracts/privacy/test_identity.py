@@ -18,6 +18,7 @@ def test_a_card_registers_its_bearer_once(hospital: Hospital) -> None:
     assert (member["role"], member["org"], member["status"]) == ("subject", "ward", "active")
     assert (member["spend"], member["sealing"]) == (anna.spend.public_key, anna.sealing)
     assert hospital.view("identity", "member_of_handle", card.handle)["member"] == anna.identity.public_key
+    assert "purposes" not in member, "what a member consents to is in the contract consent alone"
 
     thief = Person("thief")
     again = hospital.send(thief.identity, "identity", "register", *hospital.register_arguments(thief, card))
@@ -125,7 +126,8 @@ def test_leaving_removes_the_keys_and_frees_no_handle(hospital: Hospital) -> Non
     anna = hospital.enrol("anna")
     hospital.must(anna.identity, "identity", "leave", anna.handle)
     left = hospital.view("identity", "member", anna.identity.public_key)
-    assert (left["status"], left["view"], left["purposes"]) == ("left", b"", [])
+    assert (left["status"], left["view"]) == ("left", b"")
+    assert hospital.view("consent", "choices", anna.handle) == {}
     assert hospital.send(anna.identity, "identity", "authenticate", anna.handle).code == "MEMBER_NOT_ACTIVE"
     ben = Person("ben")
     card = hospital.card("ben", handle=anna.handle)

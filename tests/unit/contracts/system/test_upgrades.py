@@ -152,7 +152,7 @@ def test_who_goes_back_to_the_kept_version_is_not_on_trial(chain: Consortium) ->
     assert chain.view("lifecycle", "contract", "forms")["version"] == 1
 
 
-@pytest.mark.parametrize("name", ["forms", "identity", "lifecycle", "membership", "producers", "settings"])
+@pytest.mark.parametrize("name", ["consent", "forms", "identity", "lifecycle", "membership", "producers", "settings"])
 def test_a_contract_that_governs_keeps_its_entries_and_cannot_migrate(chain: Consortium, name: str) -> None:
     """What calls it, other contracts and nodes, must find what it knows; and an undone migration could not be undone."""
     key, source = admin_of("org-01"), read_source(name)

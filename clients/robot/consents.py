@@ -1,0 +1,237 @@
+"""Whom the robot may record, now: the consents that the chain proves. Must never take silence, age or doubt for a yes.
+
+The rule. A picture is kept only while the view of the registry is fresh, for a person whom it confirms, whose consent
+to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the
+moment it is seen, and from then on nothing of the person goes to the chain that is not there yet, whenever it was
+taken. A sealed clip is recorded only by a view that was looked up after its last picture was taken.
+
+The view is fresh while the header that proves it is at most `STALE_AFTER_MS` old by the robot's clock (or twice the
+chain's heartbeat, if that is longer), and not more than `CLOCK_AHEAD_MAX_MS` ahead of it: then a clock is wrong.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import hmac
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+import structlog
+
+from clients.robot.registry import Reading, RegistryReader
+from clients.robot.rosters import RosterBook
+from clients.robot.spool import SpooledClip
+from consensus.errors import BlockRobotError
+from consensus.records.consents import GIVEN, Choices, Step, find_consent
+
+REFRESH_EVERY_MS = 1_000
+READ_WHOLE_EVERY_MS = 60_000
+STALE_AFTER_MS = 120_000
+CLOCK_AHEAD_MAX_MS = 10_000
+_PERSON_TAG = b"blockrobot/spooled-person"
+
+_NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
+"""Nobody who is asked takes the robot for a member any more: it was revoked, and will never read again."""
+
+_log = structlog.get_logger("consents")
+
+
+class Refusal(StrEnum):
+    """Why a picture may not be kept."""
+
+    STALE = "registry-stale"
+    NO_CONSENT = "no-consent"
+    OUTSIDE = "outside-consent"
+
+
+def compute_stale_after_ms(heartbeat_ms: int) -> int:
+    """Return how old the proving header may be: an idle chain makes a block at each heartbeat only."""
+    return max(STALE_AFTER_MS, 2 * heartbeat_ms)
+
+
+def compute_person_tag(spool_key: bytes, handle: bytes) -> bytes:
+    """Return 32 bytes by which this robot alone knows whose a spooled clip is: HMAC under the spool's key."""
+    return hmac.new(spool_key, _PERSON_TAG + handle, hashlib.sha256).digest()
+
+
+@dataclass(slots=True)
+class ConsentFigures:
+    """What the summary of a run says of consents. Times in ms."""
+
+    readings: int = 0
+    failures: int = 0
+    stale_count: int = 0
+    stale_ms: int = 0
+    sightings_refused: dict[str, int] = field(default_factory=dict)
+    clips_dropped: int = 0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the figures by name."""
+        return {
+            "readings": self.readings,
+            "failed_readings": self.failures,
+            "stale_times": self.stale_count,
+            "stale_ms": self.stale_ms,
+            "sightings_refused": dict(sorted(self.sightings_refused.items())),
+            "clips_dropped": self.clips_dropped,
+        }
+
+
+class Consents:
+    """The robot's view of the registry. `now_ms` is the wall clock; `on_change` is called after each reading."""
+
+    def __init__(
+        self,
+        reader: RegistryReader,
+        roster: RosterBook,
+        *,
+        person_key: bytes,
+        stale_after_ms: int,
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._reader = reader
+        self._persons = {compute_person_tag(person_key, row.handle): row.handle for row in roster.rows}
+        self._person_key = person_key
+        self._stale_after_ms = stale_after_ms
+        self._now_ms = now_ms
+        self._view: Reading | None = None
+        self._looked_at_ms = 0
+        self._read_whole_at_ms = 0
+        self._coming: set[tuple[bytes, str, str, int]] = set()
+        self._begun_ms: dict[tuple[bytes, str, str, int], int] = {}
+        self._news = asyncio.Event()
+        self._stale_since_ms: int | None = None
+        self._failure: BlockRobotError | None = None
+        self.figures = ConsentFigures()
+        self.on_change: Callable[[], None] = lambda: None
+
+    def __len__(self) -> int:
+        """How many people of the roster the chain confirms."""
+        return len(self._view.people) if self._view is not None else 0
+
+    # The view
+
+    async def refresh(self) -> None:
+        """Read the registry anew. Raises what the network refuses; the view stays what it was then."""
+        looked_at_ms = self._now_ms()
+        known = self._view
+        if looked_at_ms - self._read_whole_at_ms >= READ_WHOLE_EVERY_MS:
+            known = None
+        found = await self._reader.read(known)
+        if looked_at_ms - found.timestamp_ms > self._stale_after_ms // 2:
+            # This node may be cut off from the others and not know it.
+            await self._reader.catch_up()
+            found = await self._reader.read(known)
+        if known is None or found.people is not known.people:
+            self._read_whole_at_ms = looked_at_ms
+        self._view, self._looked_at_ms = found, looked_at_ms
+        self.figures.readings += 1
+        self._note_beginnings(found)
+        self.on_change()
+
+    def _note_beginnings(self, view: Reading) -> None:
+        """A consent that was seen before its height begins with the first block seen at or after it."""
+        places = set(_places(view.people))
+        self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
+        self._coming &= places
+        for place in places:
+            if place[3] > view.height:
+                self._coming.add(place)
+            elif place in self._coming:
+                self._coming.discard(place)
+                self._begun_ms[place] = view.timestamp_ms
+
+    async def watch(self) -> None:
+        """Read the registry again and again until cancelled; a registry that is away makes the view stale, no more."""
+        while True:
+            await asyncio.sleep(REFRESH_EVERY_MS / 1000)
+            try:
+                await self.refresh()
+            except BlockRobotError as error:
+                self.figures.failures += 1
+                _log.warning("registry_unread", code=error.code)
+                if error.code in _NO_ROBOT:
+                    self._failure, self._view = error, None
+            self.note_freshness()
+
+    def note_freshness(self) -> None:
+        """Count and log when the view becomes stale or fresh; wake what waits for a newer one."""
+        now_ms = self._now_ms()
+        if self.is_fresh():
+            if self._stale_since_ms is not None:
+                self.figures.stale_ms += now_ms - self._stale_since_ms
+                self._stale_since_ms = None
+                _log.warning("registry_fresh")
+        elif self._stale_since_ms is None:
+            self._stale_since_ms = now_ms
+            self.figures.stale_count += 1
+            _log.error("registry_stale", age_ms=None if self._view is None else now_ms - self._view.timestamp_ms)
+        news, self._news = self._news, asyncio.Event()
+        news.set()
+
+    def is_fresh(self) -> bool:
+        """Tell whether the view may be acted on."""
+        if self._view is None:
+            return False
+        return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the run so far."""
+        self.note_freshness()
+        figures = self.figures.as_json()
+        if self._stale_since_ms is not None:
+            figures["stale_ms"] += self._now_ms() - self._stale_since_ms
+        return figures
+
+    # Answers
+
+    def find_refusal(self, handle: bytes, purpose: str, sensor: str, taken_at_ms: int) -> Refusal | None:
+        """Return why a picture of this person, taken then, may not be kept, or None if it may."""
+        if self._view is None or not self.is_fresh():
+            return Refusal.STALE
+        consent = self._consent(self._view, handle, purpose, sensor)
+        if consent is None:
+            return Refusal.NO_CONSENT
+        began_ms = max(
+            consent.since_ms, consent.from_ms, self._begun_ms.get((handle, purpose, sensor, consent.height), 0)
+        )
+        ended = consent.until_ms and taken_at_ms >= consent.until_ms
+        return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
+
+    @staticmethod
+    def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> Step | None:
+        choices = view.people.get(handle)
+        return None if choices is None else find_consent(choices.get((purpose, sensor), ()), view.height)
+
+    def person_tag(self, handle: bytes) -> bytes:
+        """Return what stands for a person in the spool."""
+        return compute_person_tag(self._person_key, handle)
+
+    async def may_record(self, clip: SpooledClip) -> bool:
+        """Wait for a fresh view that was looked up after the clip's last picture; tell whether it may be recorded.
+
+        A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
+        SESSION_REFUSED once the robot is no member any more.
+        """
+        while not self.is_fresh() or self._looked_at_ms < min(clip.captured_until_ms, clip.decided_at_ms):
+            if self._failure is not None:
+                raise self._failure
+            await self._news.wait()
+        handle = self._persons.get(clip.person)
+        if handle is None:
+            return False
+        ends = (clip.captured_from_ms, clip.captured_until_ms)
+        return not any(self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends)
+
+
+def _places(people: dict[bytes, Choices]) -> list[tuple[bytes, str, str, int]]:
+    return [
+        (handle, purpose, sensor, step.height)
+        for handle, choices in people.items()
+        for (purpose, sensor), steps in choices.items()
+        for step in steps
+        if step.status == GIVEN
+    ]

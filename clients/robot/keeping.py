@@ -1,0 +1,126 @@
+"""Between hiding and sealing: keeps what its person consents to, by the view of the registry at that moment.
+
+Must never let a picture be sealed while the view is stale, nor tell the chain anything of somebody who does not consent.
+Consent is asked for where a tag is read, where a picture comes out of hiding, where it is sealed, and (in delivery)
+before it is recorded; whatever waits in between is dropped as soon as a no is seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from clients.robot.batching import Batcher, ReadyClip
+from clients.robot.consents import Consents, Refusal
+from clients.robot.event_log import IMAGE_WITHHELD, EventLog
+from clients.robot.hiding.hider import Kept, Withheld
+from clients.robot.open_visits import OpenVisits
+from clients.robot.spool import SpooledClip
+from clients.robot.statistics import RunStatistics
+from clients.robot.visits import VisitBook
+from consensus.records.roster import RosterRow
+
+
+class Keeper:
+    """One sensor's pictures of one run, recorded for one purpose."""
+
+    def __init__(
+        self,
+        consents: Consents,
+        batcher: Batcher,
+        visits: VisitBook,
+        *,
+        statistics: RunStatistics,
+        log: EventLog,
+        purpose: str,
+        sensor: str,
+        now_ms: Callable[[], int],
+    ) -> None:
+        self._consents = consents
+        self._batcher = batcher
+        self._visits = visits
+        self._statistics = statistics
+        self._log = log
+        self._purpose = purpose
+        self._now_ms = now_ms
+        self.sensor = sensor
+        self.people: dict[str, RosterRow] = {}
+        consents.on_change = self.drop_refused
+
+    def admits(self, row: RosterRow, read_at_ms: int) -> bool:
+        """Tell whether a tag that was read then counts as known; count it if not."""
+        refusal = self._find_refusal(row, read_at_ms)
+        if refusal is not None:
+            refused = self._consents.figures.sightings_refused
+            refused[str(refusal)] = refused.get(str(refusal), 0) + 1
+        return refusal is None
+
+    def person_of(self, alias: str) -> bytes:
+        """Return what stands for a person in the spool."""
+        return self._consents.person_tag(self.people[alias].handle)
+
+    def take(self, output: Kept | Withheld) -> list[ReadyClip]:
+        """Take one verdict of the hider; return the clips that it fills."""
+        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms)
+        if isinstance(output, Kept) and refusal is None:
+            return self._batcher.add_kept(output, self._now_ms())
+        may_tell = refusal is None or refusal is Refusal.STALE
+        reason = str(output.reason) if isinstance(output, Withheld) and may_tell else str(refusal)
+        self._note_withheld(output.sequence, output.alias, reason)
+        if may_tell:
+            self._batcher.add_withheld(output.alias, reason)
+        return []
+
+    def admit(self, clip: ReadyClip) -> ReadyClip | None:
+        """Return what of a clip may be sealed by the view of now, or None if nothing may.
+
+        Of frames that wait while the view is stale the owner is told with her next clip, if there is one.
+        """
+        row = self.people[clip.alias]
+        kept, stale_count = [], 0
+        for frame in clip.frames:
+            refusal = self._find_refusal(row, frame.captured_at_ms)
+            if refusal is None:
+                kept.append(frame)
+            else:
+                self._note_withheld(frame.sequence, clip.alias, str(refusal))
+                stale_count += refusal is Refusal.STALE
+        withheld = dict(clip.withheld) | ({str(Refusal.STALE): stale_count} if stale_count else {})
+        now_refusal = self._find_refusal(row, self._now_ms())
+        if kept or (withheld and now_refusal is None):
+            return ReadyClip(alias=clip.alias, frames=tuple(kept), withheld=tuple(sorted(withheld.items())))
+        if now_refusal is Refusal.STALE:
+            for reason, count in withheld.items():
+                self._batcher.add_withheld(clip.alias, reason, count)
+        return None
+
+    def drop_refused(self) -> None:
+        """Forget what waits for a clip of whoever does not consent any more, and end her visit here."""
+        for alias, row in self.people.items():
+            if self._find_refusal(row, self._now_ms()) is Refusal.NO_CONSENT:
+                for frame in self._batcher.drop(alias):
+                    self._note_withheld(frame.sequence, alias, str(Refusal.NO_CONSENT))
+                self._visits.forget(alias)
+
+    def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
+        return self._consents.find_refusal(row.handle, self._purpose, self.sensor, taken_at_ms)
+
+    def _note_withheld(self, sequence: int, alias: str, reason: str) -> None:
+        self._statistics.add_withheld(reason)
+        self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason)
+
+
+def note_dropped(
+    clip: SpooledClip,
+    consents: Consents,
+    statistics: RunStatistics,
+    open_visits: OpenVisits,
+    log: EventLog,
+    now_ms: int,
+) -> None:
+    """Count a sealed clip that was destroyed because its person's consent had ended; its visit has a record less."""
+    consents.figures.clips_dropped += 1
+    open_visits.lower(clip.owner)
+    reason = str(Refusal.NO_CONSENT)
+    sealed = statistics.clip_dropped(clip.upload.record_id, reason)
+    for sequence, _ in sealed.frames:
+        log.write(now_ms, IMAGE_WITHHELD, f"frame-{sequence}", alias=sealed.alias, reason=reason)

@@ -1,0 +1,89 @@
+"""Reads what the chain proves of everybody on a roster: keys, status, consents. Must never ask about one person alone.
+
+The registry is asked for whole, always the same keys in the same order, so that a node learns nothing of who is near.
+Two numbers on the chain tell whether anything changed; while they stay, one small proof makes an old reading new.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from clients.sdk.http import PROOF_KEYS_MAX_COUNT
+from clients.sdk.trust import ProvedState
+from consensus.primitives.keys import PrivateKey
+from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, Choices, read_choices, row_key
+from consensus.records.roster import RosterRow
+
+_COUNTS = (IDENTITY_CHANGES_KEY, CHANGES_KEY)
+
+
+class ProvingClient(Protocol):
+    """What proves values of the state: `clients.sdk.http.NetworkClient`."""
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        """Return proved values of up to 128 flat keys, all from one finalized state."""
+
+    async def catch_up(self, key: PrivateKey) -> object:
+        """Ask every node for the newest final header, and go on with the node that has it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What one block proves: its height and time, the two numbers, and the choices of whom it confirms, by handle."""
+
+    height: int
+    timestamp_ms: int
+    counts: tuple[Any, ...]
+    people: dict[bytes, Choices]
+
+
+class RegistryReader:
+    """Reads the registry for the people of one roster, in the robot's own session."""
+
+    def __init__(self, client: ProvingClient, key: PrivateKey, rows: tuple[RosterRow, ...]) -> None:
+        self._client = client
+        self._key = key
+        self._rows = rows
+
+    async def catch_up(self) -> None:
+        """Look at all nodes for the newest header. Raises NODE_UNREACHABLE and the like."""
+        await self._client.catch_up(self._key)
+
+    async def read(self, known: Reading | None) -> Reading:
+        """Return a new reading; `known` is the last one if it may be carried on while nothing changed.
+
+        Raises what the network refuses, PROOF_INVALID, PROOF_STALE. The reading counts as of the numbers, which are
+        asked for first: whatever changes meanwhile shows in the next one.
+        """
+        state = await self._client.state_values(_COUNTS, self._key)
+        counts = tuple(state.values[key] for key in _COUNTS)
+        unchanged = known is not None and counts == known.counts
+        people = known.people if known is not None and unchanged else await self._read_whole()
+        return Reading(state.height, state.timestamp_ms, counts, people)
+
+    async def _read_whole(self) -> dict[bytes, Choices]:
+        handles = [b"identity\x00handle/" + row.handle for row in self._rows]
+        owners = await self._proved(handles)
+        members = await self._proved([b"identity\x00member/" + owner for owner in owners.values() if owner is not None])
+        choices = await self._proved([row_key(row.handle) for row in self._rows])
+        found = {}
+        for row, place in zip(self._rows, handles, strict=True):
+            owner = owners[place]
+            member = members[b"identity\x00member/" + owner] if owner is not None else None
+            if member is not None and _agrees(row, member):
+                found[row.handle] = read_choices(choices[row_key(row.handle)])
+        return found
+
+    async def _proved(self, flat_keys: list[bytes]) -> dict[bytes, Any]:
+        found: dict[bytes, Any] = {}
+        for start in range(0, len(flat_keys), PROOF_KEYS_MAX_COUNT):
+            part = flat_keys[start : start + PROOF_KEYS_MAX_COUNT]
+            found.update((await self._client.state_values(part, self._key)).values)
+        return found
+
+
+def _agrees(row: RosterRow, state: dict[str, Any]) -> bool:
+    told = (row.handle, row.spend, row.view, row.sealing, "active")
+    return told == tuple(state[name] for name in ("handle", "spend", "view", "sealing", "status"))

@@ -1,0 +1,59 @@
+"""What the contract `consent` keeps of a person, read: choices as steps. Must never read a doubt as a yes.
+
+A choice is about one purpose and one sensor; its steps say from which height on what holds (see the contract).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+GIVEN = "given"
+STEPS_MAX_COUNT = 3
+CHANGES_KEY = b"consent\x00changes"
+IDENTITY_CHANGES_KEY = b"identity\x00changes"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """From `height` on `status` holds. `since_ms`: when a no was said, or since when a consent holds without a break.
+
+    Pictures may be taken from `from_ms` to before `until_ms`, chain time in ms; 0 is no bound.
+    """
+
+    height: int
+    status: str
+    since_ms: int
+    from_ms: int
+    until_ms: int
+
+
+Choices = dict[tuple[str, str], tuple[Step, ...]]
+
+
+def row_key(handle: bytes) -> bytes:
+    """Return the flat key of a person's choices, by her handle (32 bytes)."""
+    return b"consent\x00of/" + handle
+
+
+def read_choices(value: Any) -> Choices:
+    """Return the steps by (purpose, sensor) of a proved state value; None is nothing said."""
+    return dict(_each(value or {}))
+
+
+def _each(value: dict[str, dict[str, list[list[Any]]]]) -> Iterator[tuple[tuple[str, str], tuple[Step, ...]]]:
+    for purpose, sensors in value.items():
+        for sensor, steps in sensors.items():
+            yield (purpose, sensor), tuple(Step(*step) for step in steps)
+
+
+def find_consent(steps: tuple[Step, ...], height: int) -> Step | None:
+    """Return the consent that holds at a height, or None. A no counts as soon as it is seen, before its height too."""
+    held = None
+    for step in steps:
+        if step.height <= height:
+            held = step
+        elif step.status != GIVEN:
+            return None
+    return held if held is not None and held.status == GIVEN else None

@@ -1,0 +1,190 @@
+"""Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak.
+
+of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
+since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`, `withdrawn`) holds. `since_ms` is the
+chain's time when a no was said, or since when a consent has held without a break; `from_ms` and `until_ms` are the period
+in which pictures may be taken (0: no bound). A row has at most what holds now, a no for the next block, and one giving
+that is still to come.
+
+A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
+"""
+
+HANDLE_BYTES = 32
+SENSORS = ("audio", "depth", "emotion", "rgb")
+FIRST_SENSORS = ("depth",)
+RECORDED_ROLES = ("subject", "staff")
+PURPOSES_MAX_COUNT = 16
+GIVING_AFTER_BLOCKS = 1
+AHEAD_MAX_BLOCKS = 10000000
+PERIOD_STEP_MS = 300000
+TIME_MAX_MS = 9007199254740992
+GIVEN = "given"
+REFUSED = "refused"
+WITHDRAWN = "withdrawn"
+
+
+def require_person(handle: bytes):
+    """Only a person who can be recorded speaks, under her own handle, in a transaction of her own."""
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
+    found = call("identity", "member_of_handle", handle)
+    require(found is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
+    require(found["member"] == ctx.caller, "NOT_THE_MEMBER", "The caller is not registered under this handle.")
+    require(found["status"] == "active", "MEMBER_NOT_ACTIVE", "The member has left.")
+    require(found["role"] in RECORDED_ROLES, "NOT_RECORDED", "Only who may be recorded has something to consent to.")
+
+
+def require_identity():
+    require(ctx.calling_contract == "identity", "NOT_THE_IDENTITY_CONTRACT", "Only the contract identity may do that.")
+
+
+def check_purposes(purposes: list):
+    require(len(purposes) <= PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "At most 16 purposes may be named.")
+    for code in purposes:
+        known = isinstance(code, str) and call("identity", "purpose_known", code)
+        require(known, "PURPOSE_UNKNOWN", "The purpose is not published.")
+
+
+def check_sensors(sensors: list):
+    require(len(sensors) <= len(SENSORS), "SENSOR_UNKNOWN", "There are not so many sensors.")
+    for code in sensors:
+        require(isinstance(code, str) and code in SENSORS, "SENSOR_UNKNOWN", "There is no such sensor.")
+
+
+def check_period(from_ms: int, until_ms: int):
+    """A period begins and ends on five full minutes: an exact time would be a mark of whoever chose it."""
+    for moment in [from_ms, until_ms]:
+        whole = 0 <= moment and moment < TIME_MAX_MS and moment % PERIOD_STEP_MS == 0
+        require(whole, "PERIOD_WRONG", "A period begins and ends on five full minutes.")
+    open_yet = until_ms == 0 or until_ms > max(from_ms, ctx.time)
+    require(open_yet, "PERIOD_WRONG", "The period would be over before it begins.")
+
+
+def holding(steps: list, height: int) -> list | None:
+    """Return the step that holds at a height, or None."""
+    found = None
+    for step in steps:
+        if step[0] <= height:
+            found = step
+    return found
+
+
+def say(row: dict, purpose: str, sensor: str, step: list):
+    """Put a new word in its place: it ends every giving that is still to come."""
+    require(purpose in row or len(row) < PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "At most 16 purposes may be named.")
+    sensors = row.get(purpose, {})
+    steps = sensors.get(sensor, [])
+    now = holding(steps, ctx.height)
+    kept = [other for other in steps if other[0] > ctx.height and other[0] < step[0] and other[1] != GIVEN]
+    if step[1] == GIVEN and now is not None and len(kept) == 0 and step[0] == ctx.height + 1:
+        if now[1] == GIVEN and (now[4] == 0 or now[4] > ctx.time):
+            step = [step[0], GIVEN, now[2], step[3], step[4]]
+    if now is not None:
+        kept = [now] + kept
+    sensors[sensor] = kept + [step]
+    row[purpose] = sensors
+
+
+def keep(handle: bytes, row: dict):
+    state.put(b"of/" + handle, row)
+    note_change()
+
+
+def note_change():
+    state.put(b"changes", state.get(b"changes", 0) + 1)
+
+
+def is_given(steps: list) -> bool:
+    """Tell whether there is a consent to withdraw: the last word is a giving."""
+    return len(steps) > 0 and steps[-1][1] == GIVEN
+
+
+@export
+def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: int, height: int):
+    """Consent to be recorded, from a height on (0: soon) and in a period. Who may call: the person of the handle."""
+    require_person(handle)
+    check_purposes(purposes)
+    check_sensors(sensors)
+    check_period(from_ms, until_ms)
+    named = len(purposes) > 0 and len(sensors) > 0
+    require(named, "CHOICE_MISSING", "A consent names its purposes and its sensors.")
+    if height == 0:
+        height = ctx.height + GIVING_AFTER_BLOCKS
+    ahead = height > ctx.height and height <= ctx.height + AHEAD_MAX_BLOCKS
+    require(ahead, "HEIGHT_WRONG", "A consent takes effect at a later block.")
+    row = state.get(b"of/" + handle, {})
+    for purpose in purposes:
+        for sensor in sensors:
+            say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms])
+    keep(handle, row)
+    emit("given", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": height})
+
+
+@export
+def refuse(handle: bytes, purposes: list, sensors: list):
+    """Say no, whatever was said before; no sensor named: to all. Who may call: the person of the handle."""
+    require_person(handle)
+    check_purposes(purposes)
+    check_sensors(sensors)
+    require(len(purposes) > 0, "CHOICE_MISSING", "A refusal names its purposes.")
+    if len(sensors) == 0:
+        sensors = [sensor for sensor in SENSORS]
+    row = state.get(b"of/" + handle, {})
+    for purpose in purposes:
+        for sensor in sensors:
+            say(row, purpose, sensor, [ctx.height + 1, REFUSED, ctx.time, 0, 0])
+    keep(handle, row)
+    emit("refused", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
+
+
+@export
+def withdraw(handle: bytes, purposes: list, sensors: list):
+    """Take back what was given; no purpose or sensor named: every one. Who may call: the person of the handle."""
+    require_person(handle)
+    check_purposes(purposes)
+    check_sensors(sensors)
+    row = state.get(b"of/" + handle, {})
+    count = 0
+    for purpose in row:
+        for sensor in row[purpose]:
+            named = (len(purposes) == 0 or purpose in purposes) and (len(sensors) == 0 or sensor in sensors)
+            if named and is_given(row[purpose][sensor]):
+                say(row, purpose, sensor, [ctx.height + 1, WITHDRAWN, ctx.time, 0, 0])
+                count += 1
+    require(count > 0, "CONSENT_MISSING", "Nothing of this was given.")
+    keep(handle, row)
+    emit("withdrawn", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
+
+
+@export
+def begin(handle: bytes, purposes: list):
+    """Write the first consents of who registers, to the depth camera alone. Who may call: the contract `identity`."""
+    require_identity()
+    row = {}
+    for purpose in purposes:
+        for sensor in FIRST_SENSORS:
+            say(row, purpose, sensor, [ctx.height + GIVING_AFTER_BLOCKS, GIVEN, ctx.time, 0, 0])
+    keep(handle, row)
+
+
+@export
+def end(handle: bytes):
+    """Forget the choices of who is no member any more. Who may call: the contract `identity`."""
+    require_identity()
+    state.delete(b"of/" + handle)
+    note_change()
+
+
+@view
+def choices(handle: bytes) -> dict:
+    """Return {purpose: {sensor: [step, ...]}} of a handle; empty if nothing was ever said."""
+    return state.get(b"of/" + handle, {})
+
+
+@view
+def allowed(handle: bytes, purpose: str, sensor: str) -> bool:
+    """Tell whether a consent holds in this block, and its period is open."""
+    now = holding(state.get(b"of/" + handle, {}).get(purpose, {}).get(sensor, []), ctx.height)
+    if now is None or now[1] != GIVEN:
+        return False
+    return now[3] <= ctx.time and (now[4] == 0 or ctx.time < now[4])

@@ -1,0 +1,96 @@
+"""A registry in a dict: the chain's identities and consents, with heights and times, which can be cut off."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from clients.robot.consents import STALE_AFTER_MS, Consents
+from clients.robot.registry import RegistryReader
+from clients.robot.rosters import RosterBook
+from clients.sdk.trust import ProvedState
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, row_key
+from consensus.records.roster import Roster
+
+ROBOT = PrivateKey(bytes([5] * 32))
+PERSON_KEY = bytes(range(32))
+
+
+class RegistryStandIn:
+    """Answers as `NetworkClient` would. Each word of a person is a block of its own, at the clock's time."""
+
+    def __init__(self, roster: Roster, now_ms: Callable[[], int]) -> None:
+        self.now_ms = now_ms
+        self.height = 10
+        self.time_ms = now_ms() - 1_000
+        self.failure = ""
+        self.asked: list[bytes] = []
+        self.caught_up = 0
+        self.idle = False
+        self.state: dict[bytes, Any] = {IDENTITY_CHANGES_KEY: 1, CHANGES_KEY: 1}
+        for number, row in enumerate(roster.rows):
+            member = b"M%32d" % number
+            self.state[b"identity\x00handle/" + row.handle] = member
+            self.state[b"identity\x00member/" + member] = {
+                "handle": row.handle,
+                "spend": row.spend,
+                "view": row.view,
+                "sealing": row.sealing,
+                "status": "active",
+            }
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        await asyncio.sleep(0.002)
+        if self.failure:
+            raise BlockRobotError(self.failure)
+        assert key is ROBOT
+        assert 1 <= len(keys) <= 128
+        self.asked.extend(keys)
+        if not self.idle:
+            self.block()
+        return ProvedState(self.height, self.time_ms, {flat: self.state.get(flat) for flat in keys})
+
+    async def catch_up(self, key: PrivateKey) -> None:
+        self.caught_up += 1
+
+    def block(self) -> None:
+        self.height += 1
+        self.time_ms = self.now_ms()
+
+    def say(
+        self,
+        handle: bytes,
+        status: str = "given",
+        *,
+        purpose: str = "demo",
+        sensor: str = "depth",
+        since_ms: int | None = None,
+        from_ms: int = 0,
+        until_ms: int = 0,
+        height: int | None = None,
+    ) -> None:
+        """Write what holds from the next block on, or from `height`."""
+        self.block()
+        row = self.state.setdefault(row_key(handle), {})
+        since = self.time_ms if since_ms is None else since_ms
+        step = [self.height + 1 if height is None else height, status, since, from_ms, until_ms]
+        steps = row.setdefault(purpose, {}).get(sensor, [])
+        row[purpose][sensor] = [*[one for one in steps if one[0] <= self.height][-1:], step]
+        self.state[CHANGES_KEY] += 1
+
+    def leave(self, handle: bytes) -> None:
+        member = self.state[b"identity\x00handle/" + handle]
+        self.state[b"identity\x00member/" + member] = {
+            "handle": handle, "spend": b"", "view": b"", "sealing": b"", "status": "left",
+        }  # fmt: skip
+        self.state[IDENTITY_CHANGES_KEY] += 1
+
+
+def consents_on(registry: RegistryStandIn, roster: Roster, stale_after_ms: int = STALE_AFTER_MS) -> Consents:
+    """The robot's view of that registry; nothing is read yet."""
+    book = RosterBook(roster)
+    reader = RegistryReader(registry, ROBOT, book.rows)
+    return Consents(reader, book, person_key=PERSON_KEY, stale_after_ms=stale_after_ms, now_ms=registry.now_ms)
