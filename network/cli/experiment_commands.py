@@ -2,19 +2,69 @@
 
 from __future__ import annotations
 
+import asyncio
+import sys
 from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+
+DEFAULT_EXPERIMENT_BASE_PORT = 7572
 
 
 @click.group()
 def experiment() -> None:
     """Run the paper's experiments, and make the same tables from anybody's event log.
 
-    Example: blockrobot experiment compare published.txt events.jsonl
+    Example: blockrobot experiment run 1 --out experiments
     """
+
+
+@experiment.command()
+@click.argument("number", type=click.Choice(["1", "2", "3", "4", "all"]))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where results go: a new folder, or one of earlier experiments.",
+)
+@click.option(
+    "--base-port", default=DEFAULT_EXPERIMENT_BASE_PORT, show_default=True, help="The first of ten ports a node."
+)
+@json_option
+@plain_errors
+def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
+    """Run experiment NUMBER, or all four, each on a network of its own; exits 0 only if every check held.
+
+    Example: blockrobot experiment run all --out experiments
+    """
+    from network.experiments.definitions import EXPERIMENTS  # noqa: PLC0415 - only when it is needed
+    from network.experiments.progress import Progress  # noqa: PLC0415 - only when it is needed
+    from network.experiments.run_all import RunOptions, run_experiments  # noqa: PLC0415 - only when it is needed
+
+    chosen = [(item, item.load_scenario()) for item in EXPERIMENTS if number in {"all", str(item.number)}]
+    progress = Progress(as_json=as_json)
+    place = out.resolve() if not out.is_symlink() else out.absolute()
+    options = RunOptions(
+        out=place,
+        cache=home_folder() / "recordings",
+        base_port=base_port,
+        tell=progress.tell,
+        show=progress.show,
+    )
+    try:
+        result, outcomes = asyncio.run(run_experiments(chosen, options))
+    except (KeyboardInterrupt, asyncio.CancelledError):
+        click.echo("Ended; everything that was started is stopped.", err=True)
+        sys.exit(EXIT_FAILED)
+    if as_json:
+        print_json(result)
+    else:
+        held = sum(outcome.ok for outcome in outcomes)
+        console.print(f"\n{held} of {len(outcomes)} experiments held. The report is {place / 'report.html'}.")
+    if not result["ok"]:
+        sys.exit(EXIT_FAILED)
 
 
 @experiment.command()

@@ -1,0 +1,74 @@
+"""The folder of a run of experiments. Must never delete anything that such a run did not put there.
+
+It bears a mark, which the running command keeps locked. A folder that is not empty is only taken if it bears the mark
+and holds nothing but what experiments write.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.experiments.definitions import EXPERIMENTS
+
+MARK = ".blockrobot-experiments"
+SUMMARY_FILE, REPORT_FILE = "summary.json", "report.html"
+_RESULTS = (
+    *("events.jsonl", "events.csv", "events.xes", "activities.csv", "pairs.csv"),
+    *("process-map.dot", "process-map.svg", "process-map.png", SUMMARY_FILE, REPORT_FILE),
+)
+_PARTS = frozenset({*_RESULTS, "network", "wallets", "robots", "pictures"})
+
+
+@contextlib.contextmanager
+def taken(out: Path) -> Iterator[None]:
+    """Hold the folder for one run. Raises FOLDER_NOT_EMPTY if it is somebody's, or if another run is at work in it."""
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is a link or a file.")
+    mark = out / MARK
+    if out.exists() and any(out.iterdir()):
+        _check(out)
+    out.mkdir(parents=True, exist_ok=True)
+    with mark.open("a") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise BlockRobotError("FOLDER_NOT_EMPTY", f"Another run is at work in {out}.") from None
+        yield
+
+
+def _check(out: Path) -> None:
+    """Raise FOLDER_NOT_EMPTY unless everything in the folder is what experiments write."""
+    if not (out / MARK).is_file() or (out / MARK).is_symlink():
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"{out} is not empty and not of earlier experiments.")
+    folders = {experiment.name for experiment in EXPERIMENTS}
+    foreign = [item for item in out.iterdir() if item.name not in {MARK, SUMMARY_FILE, REPORT_FILE, *folders}]
+    for name in folders:
+        folder = out / name
+        if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+            foreign.append(folder)
+        elif folder.exists():
+            foreign += [item for item in folder.iterdir() if item.name not in _PARTS or item.is_symlink()]
+    if foreign:
+        raise BlockRobotError("FOLDER_NOT_EMPTY", f"{foreign[0]} is not of an experiment: {out} is left as it is.")
+
+
+def make_experiment_folder(out: Path, name: str) -> Path:
+    """Return an experiment's empty folder, ending and removing what an earlier run of the same experiment left."""
+    folder = out / name
+    if folder.exists():
+        stop_network(folder / "network")
+        shutil.rmtree(folder)
+    folder.mkdir()
+    return folder
+
+
+def stop_network(network: Path) -> None:
+    """Stop the nodes of a network folder that still run, as those of a run that was killed do."""
+    if (network / "genesis.json").is_file():
+        Cluster(network).stop_all()

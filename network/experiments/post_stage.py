@@ -1,0 +1,177 @@
+"""The post-stage: what wallets get after a run, judged by the scene's truth. Must never judge by what the robot says.
+
+The paper's claims, each as a check: own data only, no frame of another, others hidden, corruption detected.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+from clients.robot.scenario import Scenario
+from network.demo.checks import CheckList
+from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
+from network.demo.tampering import flip_stored_byte
+from network.staging import Stage
+
+REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
+
+
+@dataclass(slots=True)
+class Belongings:
+    """What a person's wallet found: her records as listed, and the pictures that it wrote (for people, and of depth)."""
+
+    records: list[dict[str, Any]] = field(default_factory=list)
+    pictures: list[Path] = field(default_factory=list)
+    depths: list[Path] = field(default_factory=list)
+
+    @property
+    def record_ids(self) -> list[str]:
+        """The ids of her records, in hexadecimal."""
+        return [str(row["record_id"]) for row in self.records]
+
+
+class PostStage:
+    """Looks with every wallet, and with the eyes of everybody else."""
+
+    def __init__(
+        self, stage: Stage, scenario: Scenario, pictures: Path, checks: CheckList, tell: Callable[[str], None]
+    ) -> None:
+        self._stage = stage
+        self._scenario = scenario
+        self._pictures = pictures
+        self._checks = checks
+        self._tell = tell
+
+    async def look(self, people: Sequence[str], kept: int) -> dict[str, Belongings]:
+        """List, fetch, verify and open each person's records; let each try the others'. Returns what each has."""
+        found = {alias: await self._open(alias) for alias in people}
+        total = sum(len(belongings.depths) for belongings in found.values())
+        self._checks.add(
+            "the wallets together open every picture that the robot kept",
+            ok=total == kept,
+            detail=f"{total} opened, {kept} kept",
+        )
+        for owner, stranger in permutations(people, 2):
+            if found[owner].records:
+                await self._check_stranger(owner, stranger, found)
+        return found
+
+    async def _open(self, alias: str) -> Belongings:
+        self._tell(f"post-stage: {alias} looks at her records")
+        listed = await self._stage.wallet(alias, "records")
+        records = [row for visit in listed["visits"] for row in visit["records"]]
+        if not self._is_in_scene(alias):
+            self._checks.add(
+                f"{alias}, whom the robot never met, has nothing",
+                ok=not listed["visits"],
+                detail=f"{len(records)} records",
+            )
+            return Belongings()
+        missing = sum(visit["missing_records"] for visit in listed["visits"])
+        closed = all(visit["closed"] for visit in listed["visits"])
+        self._checks.add(
+            f"{alias} finds all her records",
+            ok=bool(records) and missing == 0 and closed,
+            detail=f"{len(records)} records, {missing} missing",
+        )
+        out = self._pictures / alias
+        seen = await self._stage.wallet(alias, "view", "--out", str(out))
+        statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
+        self._checks.add(
+            f"{alias} opens and verifies them",
+            ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
+            detail=f"{statuses.count('ok')} pictures, against a header proven final from the genesis file",
+        )
+        found = Belongings(records, sorted(out.glob("*/*[0-9].png")), sorted(out.glob("*/*.depth.png")))
+        await self._check_own(alias, found)
+        return found
+
+    def _is_in_scene(self, alias: str) -> bool:
+        return alias in self._scenario.tagged_aliases
+
+    async def _check_own(self, alias: str, found: Belongings) -> None:
+        """Check that each picture is of a moment around her tag's readings in which she was there, and shows her alone."""
+        person = next(person for person in self._scenario.people if person.alias == alias)
+        covered = covered_frames(self._scenario, alias)
+        sequences = {int(path.name.split(".")[0]) for path in found.depths}
+        absent = [number for number in sequences if person.place(number / self._scenario.frame_rate) is None]
+        self._checks.add(
+            f"{alias} has her own data only",
+            ok=sequences <= covered and not absent,
+            detail=f"{len(sequences - covered)} of {len(sequences)} pictures outside her tag's time, "
+            f"{len(absent)} of moments when she was not there",
+        )
+        worst, judged = await asyncio.to_thread(worst_foreign_share, self._scenario, found.depths, alias)
+        self._checks.add(
+            f"{alias}'s pictures show nobody else",
+            ok=worst <= FOREIGN_PIXELS_MAX_SHARE,
+            detail=f"{judged} judged with others in view; at most {100 * worst:.3f} % of their pixels in any",
+        )
+
+    async def _check_stranger(self, owner: str, stranger: str, found: dict[str, Belongings]) -> None:
+        first = found[owner].record_ids[0]
+        out = self._pictures / "none"
+        refused = await self._stage.refusal(stranger, "view", first, "--out", str(out))
+        probe = await self._stage.wallet(stranger, "probe", first)
+        codes = set(probe["refusals"].values())
+        shared = set(found[owner].record_ids) & set(found[stranger].record_ids)
+        self._checks.add(
+            f"{stranger} gets no frame of {owner}",
+            ok=not shared and refused == "NOT_FOUND" and bool(codes) and codes <= REFUSALS,
+            detail=f"her wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
+        )
+
+    async def corrupt_and_verify(self, found: dict[str, Belongings]) -> None:
+        """Flip one bit of one frame in every custodian's store; the wallet must name that frame, and no other."""
+        alias = next(alias for alias, belongings in found.items() if belongings.records)
+        record = max(found[alias].records, key=lambda row: int(row["frames"]))
+        record_id, index = str(record["record_id"]), int(record["frames"]) // 2
+        self._tell("post-stage: changing a stored byte")
+        cluster = self._stage.cluster
+        for node in cluster.genesis.custodians:
+            await asyncio.to_thread(flip_stored_byte, cluster.config(node.name), bytes.fromhex(record_id), index)
+        verdicts = await self._verify(alias)
+        bad = [place for place, status in verdicts.items() if status == "corrupted"]
+        self._checks.add(
+            "corruption off-chain is detected, and the frame named",
+            ok=bad == [(record_id, index)],
+            detail=f"frame {index} of record {record_id[:8]} was changed; corrupted by the wallet's verdict: "
+            + (", ".join(f"{name[:8]}/{place}" for name, place in bad) or "none"),
+        )
+        rest = {status for place, status in verdicts.items() if place != (record_id, index)}
+        self._checks.add(
+            "all other frames still open",
+            ok=rest <= {"ok", "notice"},
+            detail=f"{len(verdicts) - 1} frames: {', '.join(sorted(rest))}",
+        )
+        trail = await self._stage.wallet(alias, "audit")
+        told = [row for row in trail["entries"] if row["kind"] == "verdict" and row["record_id"] == record_id]
+        self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
+
+    async def verify_untouched(self, found: dict[str, Belongings]) -> None:
+        """Verify everybody's records where nothing was changed: a check that always cried would prove nothing."""
+        verdicts: dict[tuple[str, int], str] = {}
+        for alias, belongings in found.items():
+            if belongings.records:
+                verdicts |= await self._verify(alias)
+        statuses = sorted(set(verdicts.values()))
+        self._checks.add(
+            "nothing untouched is called corrupted",
+            ok=bool(verdicts) and set(statuses) <= {"ok", "notice"},
+            detail=f"{len(verdicts)} frames: {', '.join(statuses)}",
+        )
+
+    async def _verify(self, alias: str) -> dict[tuple[str, int], str]:
+        """Let the wallet verify all records against the chain; return the status of each (record, frame)."""
+        self._tell(f"post-stage: {alias} verifies her records")
+        answer = await self._stage.wallet(alias, "verify")
+        return {
+            (str(record["record_id"]), int(frame["index"])): str(frame["status"])
+            for record in answer["records"]
+            for frame in record["frames"]
+        }

@@ -1,0 +1,42 @@
+"""What a run of experiments says while it goes on: lines for people, JSON lines for programs. Must never be an answer.
+
+Everything goes to standard error, so that standard output holds the one answer.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+
+import click
+
+from network.demo.checks import Check
+from network.experiments.definitions import Experiment
+
+LINE_EVERY_S = 5.0
+
+
+class Progress:
+    """Tells a line at most every five seconds for as long as the stage is the same, and every check at once."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._as_json = as_json
+        self._told_at = 0.0
+        self._stage = ""
+
+    def tell(self, line: str) -> None:
+        """Say what is being done; `experiment-1: run: 30 frames seen` is of the stage `experiment-1: run`."""
+        stage, now = line.rpartition(": ")[0], time.monotonic()
+        if stage == self._stage and now - self._told_at < LINE_EVERY_S:
+            return
+        self._stage, self._told_at = stage, now
+        click.echo(json.dumps({"progress": line}) if self._as_json else f"  {line}", err=True)
+
+    def show(self, experiment: Experiment, check: Check) -> None:
+        """Say what was checked."""
+        if self._as_json:
+            told = {"check": check.name, "ok": check.ok, "detail": check.detail, "experiment": experiment.number}
+            click.echo(json.dumps(told), err=True)
+        else:
+            mark = click.style("✓", fg="green") if check.ok else click.style("✗", fg="red")
+            click.echo(f"{mark} {experiment.number}: {check.name}: {check.detail}", err=True)

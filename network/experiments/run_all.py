@@ -1,0 +1,111 @@
+"""Runs experiments, each on a network of its own, and writes what they leave. Must never hide a failure."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clients.robot.scenario import Scenario
+from consensus.errors import BlockRobotError
+from network.bench.conditions import build_result, measure_conditions
+from network.demo.checks import Check, CheckList
+from network.experiments.comparison import write_reading
+from network.experiments.definitions import Experiment
+from network.experiments.guard import Guard
+from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, taken
+from network.experiments.page import build_index, build_page
+from network.experiments.run_one import ExperimentRun, Outcome
+from network.staging import NODES_COUNT
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """Where results and recordings go, the first port, and who is told of progress and checks."""
+
+    out: Path
+    cache: Path
+    base_port: int
+    tell: Callable[[str], None]
+    show: Callable[[Experiment, Check], None]
+
+
+async def run_experiments(
+    chosen: Sequence[tuple[Experiment, Scenario]], options: RunOptions
+) -> tuple[dict[str, Any], list[Outcome]]:
+    """Run experiments and return the result (`name`, `ok`, `figures`, `conditions`) and what each came to.
+
+    Raises FOLDER_NOT_EMPTY. Ends everything that it started, also on Ctrl-C, SIGTERM and SIGHUP, and by the guard if it
+    is killed.
+    """
+    _cancel_on_signals()
+    conditions = measure_conditions(nodes=NODES_COUNT, scenarios={item.name: s.digest[:16] for item, s in chosen})
+    outcomes = []
+    with taken(options.out), Guard() as guard:
+        started = time.monotonic()
+        for experiment, scenario in chosen:
+            outcomes.append(await _run_one(experiment, scenario, options, guard))
+        figures: dict[str, Any] = {outcome.experiment.name: outcome.figures() for outcome in outcomes}
+        figures["seconds"] = round(time.monotonic() - started, 1)
+        conditions["drawn_by"] = _drawn_by(outcomes, options.out)
+        ok = bool(outcomes) and all(outcome.ok for outcome in outcomes)
+        result = build_result("experiments", ok=ok, figures=figures, conditions=conditions)
+        _write(options.out / SUMMARY_FILE, json.dumps(result, indent=2) + "\n")
+        _write(options.out / REPORT_FILE, build_index(outcomes, result))
+    return result, outcomes
+
+
+def _cancel_on_signals() -> None:
+    """Let the signals that end a command cancel it, so that what it started is stopped first."""
+    task, loop = asyncio.current_task(), asyncio.get_running_loop()
+    assert task is not None
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, task.cancel)
+
+
+async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptions, guard: Guard) -> Outcome:
+    folder = await asyncio.to_thread(make_experiment_folder, options.out, experiment.name)
+
+    def listen(check: Check) -> None:
+        options.show(experiment, check)
+
+    run = ExperimentRun(
+        experiment,
+        scenario,
+        folder,
+        cache=options.cache,
+        base_port=options.base_port,
+        checks=CheckList(listener=listen),
+        tell=lambda line: options.tell(f"{experiment.name}: {line}"),
+        guard=guard,
+    )
+    try:
+        outcome = await run.run()
+    finally:
+        await run.stop()
+    await asyncio.to_thread(_leave, outcome, folder)
+    return outcome
+
+
+def _leave(outcome: Outcome, folder: Path) -> None:
+    """Write an experiment's files beside its event log."""
+    refusal: BlockRobotError | None = None
+    if outcome.reading is not None:
+        refusal = write_reading(outcome.reading, folder)
+    _write(folder / SUMMARY_FILE, json.dumps(outcome.figures(), indent=2) + "\n")
+    _write(folder / REPORT_FILE, build_page(outcome, refusal))
+
+
+def _drawn_by(outcomes: Sequence[Outcome], out: Path) -> str:
+    """Say who drew the process maps: only Graphviz leaves a PNG."""
+    drawn = [(out / outcome.experiment.name / "process-map.png").is_file() for outcome in outcomes]
+    return "graphviz" if drawn and all(drawn) else "blockrobot"
+
+
+def _write(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8")

@@ -1,0 +1,216 @@
+"""What surrounds a run of experiments: its folder, its guard, its scenarios and its page."""
+
+from __future__ import annotations
+
+import fcntl
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from clients.robot.scenario import Scenario
+from consensus.errors import BlockRobotError
+from network.demo.checks import Check, CheckList
+from network.demo.scene_truth import covered_frames
+from network.experiments import guard as guard_module
+from network.experiments.comparison import work_out
+from network.experiments.definitions import EXPERIMENTS
+from network.experiments.event_table import EventTable, LoggedEvent
+from network.experiments.guard import stand_guard
+from network.experiments.out_folder import MARK, make_experiment_folder, taken
+from network.experiments.page import build_index, build_page
+from network.experiments.post_stage import Belongings
+from network.experiments.progress import Progress
+from network.experiments.run_figures import work_out_figures
+from network.experiments.run_one import Outcome
+from network.experiments.tables import figure_rows
+
+
+def refused(out: Path) -> str:
+    with pytest.raises(BlockRobotError) as caught, taken(out):
+        raise AssertionError("the folder was taken")
+    assert caught.value.code == "FOLDER_NOT_EMPTY"
+    return caught.value.detail
+
+
+def earlier(out: Path) -> Path:
+    """A folder as an earlier run left it."""
+    folder = out / "experiment-1"
+    folder.mkdir(parents=True)
+    (out / MARK).touch()
+    (out / "summary.json").touch()
+    (folder / "events.jsonl").touch()
+    (folder / "pictures").mkdir()
+    return folder
+
+
+def test_a_new_an_empty_and_an_earlier_folder_are_taken(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    earlier(tmp_path / "again")
+    for name in ("new", "empty", "again"):
+        with taken(tmp_path / name):
+            assert (tmp_path / name / MARK).is_file()
+
+
+def test_somebody_elses_folder_is_left_as_it_is(tmp_path: Path) -> None:
+    (tmp_path / "thesis.txt").write_text("years of work", encoding="utf-8")
+    assert "not of earlier experiments" in refused(tmp_path)
+    assert [item.name for item in tmp_path.iterdir()] == ["thesis.txt"]
+
+
+@pytest.mark.parametrize("place", ["notes.txt", "experiment-1/notes.txt", "experiment-5"])
+def test_a_foreign_file_among_results_is_left_as_it_is(tmp_path: Path, place: str) -> None:
+    earlier(tmp_path)
+    (tmp_path / place).write_text("mine", encoding="utf-8")
+    assert place.rsplit("/", maxsplit=1)[-1] in refused(tmp_path)
+    assert (tmp_path / place).read_text(encoding="utf-8") == "mine"
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    assert "link" in refused(tmp_path / "link")
+    folder = earlier(tmp_path / "out")
+    (folder / "wallets").symlink_to(tmp_path / "real")
+    assert "wallets" in refused(tmp_path / "out")
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
+    earlier(tmp_path)
+    with (tmp_path / MARK).open("a") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert "at work" in refused(tmp_path)
+
+
+def test_an_experiment_begins_with_an_empty_folder_and_leaves_the_others(tmp_path: Path) -> None:
+    earlier(tmp_path)
+    (tmp_path / "experiment-2").mkdir()
+    (tmp_path / "experiment-2" / "events.jsonl").touch()
+    assert list(make_experiment_folder(tmp_path, "experiment-1").iterdir()) == []
+    assert (tmp_path / "experiment-2" / "events.jsonl").exists()
+
+
+def sleeper(*words: str) -> subprocess.Popen[bytes]:
+    return subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)", *words])
+
+
+def test_the_guard_ends_what_a_killed_run_started_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped: list[Path] = []
+    monkeypatch.setattr(guard_module, "stop_network", stopped.append)
+    own, other = sleeper("network.cli.main"), sleeper("somebody-else")
+    try:
+        stand_guard([f"pid {own.pid}\n", f"pid {other.pid}\n", "network /a b/network\n"])
+        assert own.wait(10) == -9
+        assert other.poll() is None
+        assert stopped == [Path("/a b/network")]
+    finally:
+        own.kill()
+        other.kill()
+        own.wait()
+        other.wait()
+
+
+def test_the_guard_leaves_all_to_a_run_that_ends_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    stopped: list[Path] = []
+    monkeypatch.setattr(guard_module, "stop_network", stopped.append)
+    stand_guard(["network /somewhere\n", "end\n"])
+    assert stopped == []
+
+
+def scenario_of(number: int) -> Scenario:
+    return EXPERIMENTS[number - 1].load_scenario()
+
+
+def test_the_first_experiment_is_the_first_published_run() -> None:
+    """1,497 frames at 30 a second, four readings; ±5 s around them cover as many frames as the published log tells."""
+    scenario = scenario_of(1)
+    (person,) = scenario.people
+    assert (scenario.frame_count, scenario.frame_rate, len(person.readings_s)) == (1_497, 30, 4)
+    assert len(covered_frames(scenario, "patient-a")) == 486
+    assert scenario_of(2) == scenario
+
+
+def test_in_the_third_a_reading_of_b_reaches_into_a_time_when_a_alone_is_there() -> None:
+    scenario = scenario_of(3)
+    first, second = scenario.people
+    assert first.path[-1][0] < second.path[0][0]
+    both = covered_frames(scenario, "patient-a") & covered_frames(scenario, "patient-b")
+    alone = [number for number in both if first.place(number / 27) and not second.place(number / 27)]
+    assert len(alone) > 90
+
+
+def test_the_fourth_has_the_figures_of_the_second_published_run() -> None:
+    scenario = scenario_of(4)
+    assert (scenario.duration_s, scenario.frame_rate) == (60.8, 27)
+    assert sum(len(person.readings_s) for person in scenario.people) == 17
+    assert len(scenario.tagged_aliases) == 4
+    assert set(EXPERIMENTS[3].people) < set(scenario.tagged_aliases)
+    covered = [len(covered_frames(scenario, alias)) / 27 for alias in EXPERIMENTS[3].people]
+    assert covered == [pytest.approx(53.1, abs=0.1), pytest.approx(31.3, abs=0.1)]
+
+
+def test_published_figures_have_the_names_of_ours() -> None:
+    names = {name for name, _ in figure_rows(work_out_figures(small_table()))}
+    for experiment in EXPERIMENTS:
+        assert set(experiment.beside.figures) <= names
+
+
+def small_table() -> EventTable:
+    steps = [("IMAGE_RETRIEVE", 0), ("IMAGE_PAIRED", 6_010), ("DATABASE_PERSISTANCE", 6_400)]
+    events = [LoggedEvent(at, activity, "frame-1", "tag-x" if at else "") for activity, at in steps]
+    return EventTable.of("by hand", [*events, LoggedEvent(7_000, "BLOCKCHAIN_TRANSACTION", "frame-1", "tag-x")])
+
+
+def outcome(tmp_path: Path, *, ok: bool) -> Outcome:
+    checks = CheckList(listener=lambda check: None)
+    checks.add("own <data> only", ok=ok, detail="0 of 1 & none")
+    picture = tmp_path / "12.png"
+    picture.write_bytes(b"\x89PNG")
+    times = {"p50": 1_000.0, "p95": 2_000.0, "max": 3_000.0}
+    frames = {"published": 1, "covered": 1, "kept": 1, "withheld": 0, "withheld_reasons": {}, "lost": 0}
+    robot = {"frames": frames, "latency_ms": {"frame_to_final": times, "submit_to_final": times}, "records": 1}
+    belongings = {"patient-a": Belongings([], [picture], []), "patient-b": Belongings()}
+    made = Outcome(EXPERIMENTS[0], scenario_of(1), checks, robot, belongings=belongings)
+    return replace(made, reading=work_out("ours", small_table()))
+
+
+def test_the_page_is_one_file_that_says_what_was_paired_where_time_went_and_what_was_lost(tmp_path: Path) -> None:
+    page = build_page(outcome(tmp_path, ok=True), BlockRobotError("DRAWING_UNAVAILABLE"))
+    for heading in ("What share was paired", "Where the time goes", "What was lost", "Beside published run 1", "<svg "):
+        assert heading in page
+    assert "own &lt;data&gt; only" in page
+    assert "0 of 1 &amp; none" in page
+    assert "apt install graphviz" in page
+    assert page.count("data:image/png;base64,") == 1
+    assert not re.findall(r"(?:src|href)=['\"](?!data:)", page)
+    assert "Every check held." in page
+
+
+def test_a_failed_check_is_on_both_pages_and_in_the_figures(tmp_path: Path) -> None:
+    failed = outcome(tmp_path, ok=False)
+    assert not failed.ok
+    assert failed.figures()["checks_failed"] == ["own <data> only"]
+    assert "FAILED" in build_page(failed, None)
+    index = build_index([failed], {"figures": {"seconds": 5}, "conditions": {"nodes": 4}})
+    assert "FAILED" in index
+    assert "experiment-1/report.html" in index
+
+
+def test_an_experiment_that_never_recorded_has_a_page_and_did_not_hold(tmp_path: Path) -> None:
+    made = replace(outcome(tmp_path, ok=True), reading=None, robot={})
+    assert not made.ok
+    assert "What was checked" in build_page(made, None)
+
+
+def test_progress_is_on_standard_error_and_thinned_out(capsys: pytest.CaptureFixture[str]) -> None:
+    progress = Progress(as_json=True)
+    for number in range(50):
+        progress.tell(f"experiment-1: run: {number} frames seen")
+    progress.tell("experiment-1: post-stage: looking")
+    progress.show(EXPERIMENTS[0], Check("all is well", ok=True, detail="seen"))
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert [line.split('"')[1] for line in told.err.splitlines()] == ["progress", "progress", "check"]
