@@ -22,9 +22,12 @@ EMPTY_MAX_PX = 120  # half-resolution foreground pixels below which nobody is th
 PIECE_MIN_PX = 14
 DEPTH_EDGE_MM = 260
 PIECE_GAP_M, PIECE_DEPTH_M = 0.14, 0.45
+AID_AREA_MAX_M2, AID_TOP_SHARE, AID_GAP_M, AID_AHEAD_M = 0.17, 0.40, 0.12, 0.85
+ALONE_M = 1.2
 PERSON_AREA_MIN_M2, PERSON_HEIGHT_MIN_M = 0.12, 0.55
 TOUCH_HALF_PX = 4  # 8 px of the full frame
 TOUCH_MIN_PX = 4
+CRUMBS_MIN_PX = 60  # crumbs smaller than a piece, the spokes of a wheel, say, touch only if there are many
 BEHIND_MM = 350
 SINGLE_AREA_MAX_M2, SINGLE_CHEST_MAX_M, SINGLE_SPREAD_MAX_M = 1.05, 0.78, 0.75
 HEAD_BAND_M, HEAD_MIN_M = 0.16, 0.09
@@ -63,6 +66,8 @@ class _Piece:
     labels: list[int]
     left: float
     right: float
+    top: float  # metres below the camera
+    bottom: float
     z_m: float
     pixels: int
 
@@ -111,7 +116,7 @@ def _cut_at_edges(foreground: Bytes2D, half: Depth) -> None:
 
 def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, focal: float) -> list[_Piece]:
     """Group components that are one body in plan view: close in depth, touching or nearly so from side to side."""
-    middle = (half.shape[1] - 1) / 2
+    middle, horizon = (half.shape[1] - 1) / 2, (half.shape[0] - 1) / 2
     pieces: list[_Piece] = []
     order = sorted(range(1, count), key=lambda number: -int(stats[number][cv2.CC_STAT_AREA]))
     for number in order:
@@ -121,16 +126,50 @@ def _pieces(half: Depth, raw: Labels, stats: npt.NDArray[np.int32], count: int, 
         box = (slice(top, top + height), slice(left, left + width))
         z_m = float(np.median(half[box][raw[box] == number])) / 1000
         x0, x1 = (left - middle) * z_m / focal, (left + width - middle) * z_m / focal
+        y0, y1 = (top - horizon) * z_m / focal, (top + height - horizon) * z_m / focal
         for piece in pieces:
             apart = max(x0 - piece.right, piece.left - x1)
             if abs(z_m - piece.z_m) < PIECE_DEPTH_M and apart < PIECE_GAP_M:
                 piece.labels.append(number)
                 piece.left, piece.right = min(piece.left, x0), max(piece.right, x1)
+                piece.top, piece.bottom = min(piece.top, y0), max(piece.bottom, y1)
                 piece.pixels += area
                 break
         else:
-            pieces.append(_Piece([number], x0, x1, z_m, area))
-    return pieces
+            pieces.append(_Piece([number], x0, x1, y0, y1, z_m, area))
+    return _with_aids(pieces, focal)
+
+
+def _with_aids(pieces: list[_Piece], focal: float) -> list[_Piece]:
+    """Give low and small pieces just before a body that is alone there to that body: a walking frame, knees, a foot rest.
+
+    Not where two bodies are near: then the piece may be either's, and whoever it touches is withheld.
+    """
+    small = [_is_small(piece, focal) for piece in pieces]
+    kept = []
+    for piece, is_small in zip(pieces, small, strict=True):
+        bodies = [other for other, tiny in zip(pieces, small, strict=True) if not tiny and _is_near(piece, other)]
+        if is_small and len(bodies) == 1 and _is_before(piece, bodies[0]):
+            bodies[0].labels += piece.labels
+            bodies[0].pixels += piece.pixels
+        else:
+            kept.append(piece)
+    return kept
+
+
+def _is_small(piece: _Piece, focal: float) -> bool:
+    return piece.pixels * (piece.z_m / focal) ** 2 < AID_AREA_MAX_M2
+
+
+def _is_near(piece: _Piece, body: _Piece) -> bool:
+    apart = max(piece.left - body.right, body.left - piece.right)
+    return abs(piece.z_m - body.z_m) < ALONE_M and apart < ALONE_M
+
+
+def _is_before(piece: _Piece, body: _Piece) -> bool:
+    apart = max(piece.left - body.right, body.left - piece.right)
+    low = piece.top > body.top + AID_TOP_SHARE * (body.bottom - body.top)
+    return low and apart < AID_GAP_M and 0 < body.z_m - piece.z_m < AID_AHEAD_M
 
 
 def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouette | None:
@@ -189,6 +228,8 @@ def _touch(labels: Labels, half: Depth, mask: Bytes2D, number: int, median: int)
     if not others.any():
         return ""
     near = others & (np.asarray(cv2.dilate(np.ascontiguousarray(mask[box]), _TOUCH)) > 0)
+    if np.count_nonzero(near & (around < 0)) < CRUMBS_MIN_PX:
+        near &= around > 0
     if np.count_nonzero(near) < TOUCH_MIN_PX:
         return ""
     theirs = half[box][near].astype(np.int32)

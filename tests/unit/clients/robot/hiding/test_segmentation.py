@@ -11,6 +11,7 @@ from clients.robot.hiding.cut import cut
 from clients.robot.hiding.segmentation import segment
 from clients.robot.scenario import parse_scenario
 from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenes import Stratum, draw_scene
 from clients.sdk.picture import decode_depth_png
 from consensus.errors import BlockRobotError
 
@@ -64,6 +65,19 @@ def test_people_arm_in_arm_are_merged(small_text: str, background: Background, g
 
 def test_who_stands_behind_another_is_occluded_and_the_other_is_not(small_text: str, background: Background) -> None:
     assert troubles(scene(small_text, (0.0, 2.2), (0.35, 3.6)), background) == ["", "occluded"]
+
+
+@pytest.mark.parametrize("aid", ["wheelchair", "rollator", "stick"])
+def test_an_aid_touches_nobody_and_belongs_to_who_uses_it(aid: Stratum) -> None:
+    renderer = Renderer(draw_scene(3, aid))
+    background = learn_background([renderer.empty_frame(i) for i in range(4)])
+    truth = renderer.truth(30)
+    segmented = segment(truth.depth, background, FOCAL_PX)
+    assert segmented.labels is not None
+    own = truth.labels[::2, ::2] == 1
+    whose = max(segmented.silhouettes, key=lambda s: int(np.sum(own & (segmented.labels == s.label))))
+    assert whose.trouble == ""
+    assert np.mean(segmented.labels[own & (truth.depth[::2, ::2] > 0)] == whose.label) > 0.8
 
 
 def test_a_silhouettes_cut_stays_inside_its_own_pixels(small_text: str, background: Background) -> None:
