@@ -184,8 +184,12 @@ class Recording:
         """Add the types that the recording defines; its word goes before what is built in, for ROS 1 differs."""
         store = get_typestore(Stores.EMPTY)
         for name, definition in dict(definitions).items():
-            if definition.format is not MessageDefinitionFormat.NONE:
+            if definition.format is MessageDefinitionFormat.NONE:
+                continue
+            try:
                 store.register(_parse(name, definition))
+            except Exception:  # noqa: BLE001 - a spoilt definition; its topic is then one of an unknown type
+                self.broken = self.broken or f"Its definition of {name} is damaged."
         if any(figures.type not in store.fielddefs for figures in self.topics.values()):
             store.register({name: what for name, what in self._types.fielddefs.items() if name not in store.fielddefs})
         self._types = store

@@ -54,8 +54,9 @@ class BagSource:
         self._empty = empty or EmptyScene()
         self._recording = Recording(path, self._topics.definitions)
         self._check_topics()
+        self._wanted = self._topics.wanted
         self._tags = {tags.topic: tags for tags in self._topics.tags}
-        self._sequences: dict[str, int] = {}
+        self._sequences = dict.fromkeys(_NAMES, 0)
         figures = self._recording.topics
         self.frame_count = figures[self._topics.depth].count
         self.sighting_count = sum(figures[tags.topic].count for tags in self._topics.tags)
@@ -98,17 +99,20 @@ class BagSource:
 
     def events(self) -> Iterator[SourceEvent]:
         """Yield frames (numbered from 0), sightings and senses as recorded, and a `Refused` for each bad message."""
-        self._sequences = dict.fromkeys(("depth", "rgb", "labels", "audio"), 0)
-        wanted = self._topics.wanted
-        for message in self._recording.messages(wanted):
-            kind = wanted[message.topic]
-            try:
-                yield from self._read(kind, message)
-            except BlockRobotError as error:
-                if error.code != "FRAME_INVALID":
-                    raise
-                reason = str(error.context.get("reason", "size"))
-                yield Refused(message.at_ns // NS_PER_MS + self.shift_ms, _NAMES[kind], reason)
+        self._sequences = dict.fromkeys(_NAMES, 0)
+        for message in self._recording.messages(self._wanted):
+            yield from self.events_of(message)
+
+    def events_of(self, message: Message) -> list[SourceEvent]:
+        """Return what one message says: its events, or a `Refused`."""
+        kind = self._wanted[message.topic]
+        try:
+            return list(self._read(kind, message))
+        except BlockRobotError as error:
+            if error.code != "FRAME_INVALID":
+                raise
+            reason = str(error.context.get("reason", "size"))
+            return [Refused(message.at_ns // NS_PER_MS + self.shift_ms, _NAMES[kind], reason)]
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
         """Yield the same events, each no earlier than `clock` says it was recorded. Shift the timeline first."""

@@ -91,7 +91,7 @@ def _in_time_order(scan: Scan) -> Scan:
     found: list[Found] = []
     broken: BrokenOffError | None = None
     try:
-        for item in scan:
+        for item in _guarded(scan):
             if isinstance(item, Found):
                 found.append(item)
             else:

@@ -1,0 +1,154 @@
+"""Recordings of every format, whole, cut off, without an index, and damaged: all before the break, then a code."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clients.robot.sources.recording import Recording
+from consensus.errors import BlockRobotError
+from tests.unit.clients.robot.sources.recordings import FORMATS, START_MS, Topic, image, record, storage_file
+
+IMAGE = "sensor_msgs/msg/Image"
+STRING = "std_msgs/msg/String"
+COUNT = 90
+DEFINITION = {"my_msgs/msg/Tag": "string epc\nfloat32[] power\nuint8[] raw\nstring[] names"}
+
+
+@pytest.fixture(scope="module", params=FORMATS)
+def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Ninety images of 38 kB and as many texts: several chunks or many pages."""
+    rng = np.random.default_rng(3)
+    images = [
+        (i * 33, image(rng.integers(1, 9_000, (120, 160), np.uint16), at_ms=START_MS + i * 33)) for i in range(COUNT)
+    ]
+    texts = [(i * 33 + 1, {"data": f"tag {i}"}) for i in range(COUNT)]
+    topics = [Topic("/depth", IMAGE, images), Topic("/tags", STRING, texts)]
+    return record(tmp_path_factory.mktemp("whole") / "recording", request.param, topics)
+
+
+def copy_of(recording: Path, folder: Path) -> Path:
+    target = folder / recording.name
+    if recording.is_dir():
+        shutil.copytree(recording, target)
+    else:
+        shutil.copy(recording, target)
+    return target
+
+
+def read_all(
+    opened: Recording, topics: tuple[str, ...] = ("/depth", "/tags")
+) -> tuple[list[tuple[str, int, bytes]], str]:
+    """Return every message up to the end or the break, and the code at which it ended."""
+    found: list[tuple[str, int, bytes]] = []
+    try:
+        found.extend((message.topic, message.at_ns, message.data) for message in opened.messages(topics))
+    except BlockRobotError as error:
+        return found, error.code
+    return found, ""
+
+
+def test_topics_are_counted_and_read_in_order_of_time(recording: Path) -> None:
+    opened = Recording(recording)
+    assert {name: (topic.type, topic.count) for name, topic in opened.topics.items()} == {
+        "/depth": (IMAGE, COUNT),
+        "/tags": (STRING, COUNT),
+    }
+    assert opened.topics["/depth"].rate_hz == pytest.approx(30.6, abs=0.3)
+    found, code = read_all(opened)
+    assert code == ""
+    assert [at_ns for _, at_ns, _ in found] == sorted(at_ns for _, at_ns, _ in found)
+    assert len(found) == 2 * COUNT
+    assert [opened.decode(message).data for message in opened.messages(["/tags"])] == [f"tag {i}" for i in range(COUNT)]
+
+
+@pytest.mark.parametrize("share", [0.35, 0.6, 0.9])
+def test_a_recording_that_is_cut_off_gives_all_before_the_break_and_then_says_so(
+    recording: Path, tmp_path: Path, share: float
+) -> None:
+    whole, _ = read_all(Recording(recording))
+    copy = copy_of(recording, tmp_path)
+    file = storage_file(copy)
+    data = file.read_bytes()
+    file.write_bytes(data[: int(len(data) * share)])
+    opened = Recording(copy)
+    found, code = read_all(opened)
+    assert code == "BAG_DAMAGED"
+    assert opened.broken
+    assert found == whole[: len(found)]
+    # A chunk that is not whole is left out, so up to a chunk (28 frames here) may be missing at the break.
+    assert len(found) >= 2 * (COUNT * share - 32)
+    assert sum(topic.count for topic in opened.topics.values()) == len(found)
+
+
+def test_a_recording_without_its_description_is_read_by_its_file(recording: Path, tmp_path: Path) -> None:
+    """A recorder that was killed has written no metadata.yaml."""
+    whole, _ = read_all(Recording(recording))
+    copy = copy_of(recording, tmp_path)
+    if copy.is_dir():
+        (copy / "metadata.yaml").unlink()
+    assert read_all(Recording(copy)) == (whole, "")
+    assert read_all(Recording(storage_file(copy))) == (whole, "")
+
+
+@pytest.mark.parametrize("place", [0.3, 0.5, 0.8])
+def test_a_stretch_of_zeros_in_the_middle_ends_in_a_code_and_nothing_false_before_it(
+    recording: Path, tmp_path: Path, place: float
+) -> None:
+    whole, _ = read_all(Recording(recording))
+    copy = copy_of(recording, tmp_path)
+    file = storage_file(copy)
+    data = bytearray(file.read_bytes())
+    start = int(len(data) * place)
+    data[start : start + 60_000] = bytes(60_000)
+    file.write_bytes(bytes(data))
+    found, code = read_all(Recording(copy))
+    # Without checksums in the file, zeros inside an image are an image; what is not whole never comes.
+    assert code in ("", "BAG_DAMAGED")
+    assert len(found) >= 2
+    assert {(topic, at_ns) for topic, at_ns, _ in found} <= {(topic, at_ns) for topic, at_ns, _ in whole}
+    assert {len(data) for topic, _, data in found if topic == "/depth"} <= {len(whole[0][2])}
+
+
+@pytest.mark.parametrize(
+    "name", ["missing.mcap", "text.mcap", "text.bag", "text.db3", "text.txt", "folder", "empty.mcap"]
+)
+def test_what_is_no_recording_is_damaged(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    if name == "folder":
+        path.mkdir()
+    elif not name.startswith("missing"):
+        path.write_text("" if name.startswith("empty") else "this is not a recording")
+    with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
+        Recording(path)
+
+
+def test_types_that_the_recording_does_not_define_are_taken_from_the_user(tmp_path: Path) -> None:
+    messages = [(0, {"epc": "E1", "power": np.array([1.5], np.float32), "raw": np.array([7], np.uint8)})]
+    path = record(tmp_path / "bag", "sqlite3", [Topic("/tags", "my_msgs/msg/Tag", messages)], DEFINITION)
+    with sqlite3.connect(storage_file(path)) as base:
+        base.execute("DELETE FROM message_definitions")
+    base.close()
+    assert not Recording(path).knows("my_msgs/msg/Tag")
+    opened = Recording(path, DEFINITION)
+    (message,) = opened.messages(["/tags"])
+    assert opened.decode(message).epc == "E1"
+    assert (opened.is_list("my_msgs/msg/Tag", "power"), opened.is_list("my_msgs/msg/Tag", "raw")) == (True, False)
+
+
+def test_a_definition_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
+    path = record(tmp_path / "bag", "mcap", [Topic("/tags", STRING, [(0, {"data": "E1"})])])
+    with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
+        Recording(path, {"my_msgs/msg/Tag": "string"})
+
+
+def test_a_message_of_another_type_is_undecodable(recording: Path) -> None:
+    opened = Recording(recording)
+    message = next(opened.messages(["/tags"]))
+    with pytest.raises(BlockRobotError) as refused:
+        opened.decode(type(message)(message.topic, IMAGE, message.at_ns, message.data))
+    assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", "undecodable")

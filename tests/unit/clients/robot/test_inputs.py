@@ -1,0 +1,76 @@
+"""The gate before the pipeline: bad messages are counted by reason, a stream that breaks off or is useless ends well."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator, Sequence
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.inputs import REFUSED_IN_A_ROW_MAX_COUNT, Inputs
+from consensus.errors import BlockRobotError
+
+SHAPE = (4, 6)
+SIGHTING = Sighting(1, 2, "E1")
+
+
+def frame(sequence: int, shape: tuple[int, int] = SHAPE) -> Frame:
+    return Frame(sequence, sequence, np.ones(shape, np.uint16))
+
+
+async def stream(events: Sequence[SourceEvent], end: BlockRobotError | None = None) -> AsyncIterator[SourceEvent]:
+    for event in events:
+        yield event
+    if end is not None:
+        raise end
+
+
+async def drain(inputs: Inputs, events: Sequence[SourceEvent], end: BlockRobotError | None = None) -> list[SourceEvent]:
+    return [event async for event in inputs.usable(stream(events, end))]
+
+
+async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted() -> None:
+    noted: list[Refused] = []
+    inputs = Inputs(SHAPE, noted.append)
+    wrong = frame(1, (4, 5))
+    events = [frame(0), wrong, Refused(3, "frame", "step"), SIGHTING, Refused(4, "sighting", "tag"), frame(2)]
+    assert await drain(inputs, events) == [events[0], SIGHTING, events[5]]
+    assert inputs.summary() == {
+        "messages_refused": {"frame": {"size": 1, "step": 1}, "sighting": {"tag": 1}},
+        "fault": None,
+    }
+    assert [(refused.kind, refused.reason) for refused in noted] == [
+        ("frame", "size"),
+        ("frame", "step"),
+        ("sighting", "tag"),
+    ]
+
+
+async def test_too_many_bad_frames_in_a_row_end_the_stream_with_a_fault() -> None:
+    inputs = Inputs(SHAPE)
+    events = [frame(0), *[Refused(1, "frame", "encoding")] * REFUSED_IN_A_ROW_MAX_COUNT, frame(1)]
+    assert await drain(inputs, events) == events[:1]
+    assert inputs.fault is not None
+    assert inputs.fault.code == "FRAMES_UNUSABLE"
+    assert "encoding" in inputs.fault.detail
+
+
+async def test_a_good_frame_in_between_begins_the_count_anew_and_sightings_do_not() -> None:
+    inputs = Inputs(SHAPE)
+    bad: list[SourceEvent] = [Refused(1, "frame", "size")] * (REFUSED_IN_A_ROW_MAX_COUNT - 1)
+    assert len(await drain(inputs, [*bad, frame(0), *bad])) == 1
+    assert inputs.fault is None
+    assert len(await drain(Inputs(SHAPE), [*bad, SIGHTING, *bad])) == 1
+
+
+async def test_a_stream_that_breaks_off_gives_all_before_the_break_and_keeps_the_fault() -> None:
+    inputs = Inputs(SHAPE)
+    events = [frame(0), SIGHTING]
+    assert await drain(inputs, events, BlockRobotError("BAG_DAMAGED", "It breaks off.")) == events
+    assert inputs.summary()["fault"] == {"code": "BAG_DAMAGED", "detail": "It breaks off."}
+
+
+async def test_any_other_failure_is_not_taken_for_the_end_of_a_recording() -> None:
+    with pytest.raises(BlockRobotError, match="BAG_TOPIC_MISSING"):
+        await drain(Inputs(SHAPE), [frame(0)], BlockRobotError("BAG_TOPIC_MISSING"))
