@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Renderer:
         self.scenario = scenario
         self.camera = Camera(scenario)
         self._bare = empty_corridor(self.camera)
-        self._noise = CameraNoise(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
+        self._noise = _noise_of(self.camera.shape, scenario.focal_px, scenario.seed, scenario.surroundings.holes)
 
     def frame(self, index: int) -> Depth:
         """Return frame `index` as uint16 millimetres."""
@@ -86,6 +87,12 @@ class Renderer:
         depth = self._bare.copy()
         furnish(self.camera, depth, self.scenario.surroundings, at_s)
         return depth
+
+
+@lru_cache(maxsize=4)
+def _noise_of(shape: tuple[int, int], focal_px: float, seed: int, holes: float) -> CameraNoise:
+    """Return a camera's noise; a scene and its control, or scenes with one seed, share it."""
+    return CameraNoise(shape, focal_px, seed, holes)
 
 
 class Reading:

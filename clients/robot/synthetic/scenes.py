@@ -57,6 +57,7 @@ VIEW_SHARE = 0.42  # of the depth to either side that is surely in the picture
 STEP_S = 0.1
 THIRD_SHARE = 0.3
 TAGGED_SHARE = 0.5
+HOLES = (0.004, 0.012, 0.025)
 COMPANIONS: tuple[tuple[Manner, str, float], ...] = (
     ("arm-in-arm", "adult", 0.25),
     ("embrace", "adult", 0.2),
@@ -294,7 +295,7 @@ def _surroundings(rng: np.random.Generator, stratum: Stratum, duration_s: float)
         doors = (Door(side, float(rng.uniform(3.2, 5.5)), 0.9, opens, opens + float(rng.uniform(2.0, 6.0))),)
     beds = (Bed(float(rng.choice([-1.95, 1.95])), float(rng.uniform(4.5, 6.0)), 0.0),) if rng.random() < 0.2 else ()
     mirror = float(rng.uniform(0.1, 0.6)) if rng.random() < 0.35 else 0.0
-    holes = float(rng.uniform(0.002, 0.03)) if rng.random() < 0.7 else 0.0
+    holes = float(rng.choice(HOLES)) if rng.random() < 0.7 else 0.0
     path = _drive(rng, duration_s) if stratum == "moving-robot" else ()
     return Surroundings(mirror, holes, doors, beds, path)
 
