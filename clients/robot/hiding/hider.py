@@ -35,6 +35,8 @@ class Reason(StrEnum):
     NO_SILHOUETTE = "no-silhouette"
     NO_DISTANCE = "no-distance"
     DISORDERED = "disordered"
+    NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
+    NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be her
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +47,7 @@ class Kept:
     captured_at_ms: int
     alias: str
     cut: Cut
+    alone: bool = False  # whether nobody else is in the picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +114,13 @@ class Hider:
         return len(waiting | self._seen.keys())
 
     def push_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
-        """Take a sighting of the tag that this run calls `alias`; `known` says whether the roster holds it."""
+        """Take a sighting of the tag that this run calls `alias`; `known` says whether the roster holds it.
+
+        It is weighed with the next frame: however many come in between, they cost next to nothing here.
+        """
         outputs = self.cover(alias, sighting, known=known)
         self.matcher.add_sighting(alias, sighting)
-        self.matcher.evaluate(alias)
-        return [*outputs, *self._settle()]
+        return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
         """Take a sighting for pairing alone: one of too many for the matcher."""
@@ -153,17 +158,18 @@ class Hider:
                     seen.troubles[track.number] = silhouette.trouble
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
+            self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._take(decided)]
 
     def advance(self, now_ms: int) -> list[Output]:
         """Let time pass without an event, for a camera that has stopped."""
+        self.matcher.advance(now_ms - self.pairing.lateness_ms)
         return self._take(self.pairing.advance(now_ms))
 
     def flush(self) -> list[Output]:
         """Settle everything: nothing more will arrive."""
-        for alias in self._pending:
-            self.matcher.evaluate(alias)
+        self.matcher.finish()
         return [*self._take(self.pairing.flush()), *self._settle(final=True)]
 
     def _end_timeline(self, decided: list[Decision]) -> list[Output]:
@@ -203,7 +209,8 @@ class Hider:
         """Return the verdict for one owner of one frame, or None while more readings may still settle it."""
         number = self.matcher.bound_track(alias, seen.tracks)
         if number is not None and number in seen.cuts:
-            return Kept(seen.sequence, seen.captured_at_ms, alias, seen.cuts[number])
+            alone = len(seen.tracks) == 1 and not seen.merged
+            return Kept(seen.sequence, seen.captured_at_ms, alias, seen.cuts[number], alone)
         reason: Reason | None = None
         if seen.disordered:
             reason = Reason.DISORDERED

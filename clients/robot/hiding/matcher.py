@@ -1,34 +1,116 @@
 """Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
 
-A binding needs log-odds of 9.2 and ends below 0. Readings without distance bind nothing, since from them one person
-in the picture cannot be told from another, nor from someone outside it.
+A binding needs log-odds of 9.2 and ends below 0. It must never bind without distance: from such readings one person
+in the picture cannot be told from another, nor from someone outside it. Readings are weighed in the order in which
+they were taken, whatever the order in which they came.
 """
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, insort
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from clients.robot.events import Facing, Sighting
-from clients.robot.hiding.likelihood import RangeReading, log_absent, log_antenna, log_sum, log_visible
+from clients.robot.hiding.likelihood import ABSENT, VISIBLE, Belief, Step, log_antenna, log_evidence, log_sum, take
 from clients.robot.hiding.tracking import Track
 
 PRIOR_ABSENT = 0.3
 BIND_LOG_ODDS = 9.2
 UNBIND_LOG_ODDS = 0.0
+# Evidence older than this is let go, some seconds at a time, since what is left is then weighed anew.
 EVIDENCE_MS = 30_000
+LET_GO_MS = 15_000
 READINGS_MIN_COUNT = 4
-READINGS_MAX_COUNT = 128
+# Of all readings of one tag in a tenth of a second, one for each kind counts: a storm of readings weighs no more.
+SLOT_MS = 100
+TAGS_MAX_COUNT = 256
+READINGS_MAX_COUNT = 2_048
+AHEAD_MAX_MS = 60_000
+SIGMA_MIN_M = 0.05
+_CHECKPOINT_EVERY_COUNT = 16
+
+_Order = tuple[int, int, int, str, int, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Standing:
+    """How one tag stands with one track."""
+
+    visible: Belief = VISIBLE.start
+    absent: Belief = ABSENT.start
+    compared: int = 0
+    front: int = 0
+    back: int = 0
+    distance_ratio: float = 0.0
+    odds: float | None = None
+    bound: bool = False
+
+    def ratio(self) -> float:
+        """Return log(likelihood if this track wears the tag / if its bearer is absent)."""
+        return self.distance_ratio + log_antenna(self.front, self.back)
+
+
+_Standings = dict[int, _Standing]
 
 
 @dataclass(slots=True)
 class _Tag:
-    """What is known of one tag: readings in time order, and the tracks it is bound to with their log-odds."""
+    """What is known of one tag: its readings in time order, how many are weighed, and how it stands with each track."""
 
     readings: list[Sighting] = field(default_factory=list)
-    bound: dict[int, Track] = field(default_factory=dict)
-    odds: dict[int, float] = field(default_factory=dict)
+    slots: dict[tuple[int, Facing, bool], Sighting] = field(default_factory=dict)
+    weighed: int = 0
+    standings: _Standings = field(default_factory=dict)
+    checkpoints: list[tuple[int, _Standings]] = field(default_factory=lambda: [(0, {})])
+    # Up to here bindings stand as they were made, though the evidence is weighed anew.
+    decided_until_ms: int | None = None
+
+    def add(self, sighting: Sighting) -> bool:
+        """Take a reading unless one of its slot stands already; return whether it changes anything."""
+        at_ms = sighting.middle_ms
+        slot = (at_ms // SLOT_MS, sighting.facing, sighting.distance_m is not None)
+        present = self.slots.get(slot)
+        if present is not None:
+            if _order(present) <= _order(sighting):
+                return False
+            place = bisect_left(self.readings, _order(present), key=_order)
+            del self.readings[place]
+            self._rewind(place)
+        elif len(self.readings) >= READINGS_MAX_COUNT:
+            return False
+        self.slots[slot] = sighting
+        insort(self.readings, sighting, key=_order)
+        self._rewind(bisect_left(self.readings, _order(sighting), key=_order))
+        return True
+
+    def _rewind(self, place: int) -> None:
+        """Go back to before the reading at `place`, if it was weighed."""
+        if place >= self.weighed:
+            return
+        while len(self.checkpoints) > 1 and self.checkpoints[-1][0] > place:
+            self.checkpoints.pop()
+        self.weighed, standings = self.checkpoints[-1]
+        self.standings = dict(standings)
+
+    def let_go(self, first_ms: int) -> None:
+        """Drop readings before that time; what was bound stays bound until later readings speak against it."""
+        gone = bisect_left(self.readings, first_ms, key=lambda reading: reading.middle_ms)
+        if gone == 0 or self.weighed < gone:
+            return
+        self.decided_until_ms = self.readings[self.weighed - 1].middle_ms
+        del self.readings[:gone]
+        self.slots = {slot: reading for slot, reading in self.slots.items() if reading.middle_ms >= first_ms}
+        self.weighed = 0
+        self.standings = {number: _Standing(bound=True) for number, old in self.standings.items() if old.bound}
+        self.checkpoints = [(0, dict(self.standings))]
+
+    def forget_tracks(self, numbers: Sequence[int]) -> None:
+        """Drop tracks that are long over."""
+        for standings in (self.standings, *(kept for _, kept in self.checkpoints)):
+            for number in numbers:
+                standings.pop(number, None)
 
 
 class Matcher:
@@ -37,59 +119,58 @@ class Matcher:
     def __init__(self) -> None:
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
+        self._waiting: set[str] = set()
+        self._now_ms: int | None = None
 
     def add_track(self, track: Track) -> None:
         """Take notice of a track; asking again does nothing."""
         self._tracks[track.number] = track
 
     def add_sighting(self, alias: str, sighting: Sighting) -> None:
-        """Take a reading, which may be out of order; an exact duplicate counts once."""
-        tag = self._tags.setdefault(alias, _Tag())
-        if sighting in tag.readings:
-            return
-        tag.readings.append(sighting)
-        tag.readings.sort(key=lambda reading: reading.middle_ms)
-        del tag.readings[:-READINGS_MAX_COUNT]
+        """Take a reading, late or early; one that came before counts once. It is weighed by the next `advance`.
 
-    def evaluate(self, alias: str) -> None:
-        """Weigh one tag anew: bind at 9.2, unbind below 0."""
+        One that is older than all evidence, or a minute ahead of the camera, is let go.
+        """
+        now_ms = self._now_ms
+        if now_ms is not None and not _first_kept_ms(now_ms) <= sighting.middle_ms <= now_ms + AHEAD_MAX_MS:
+            return
         tag = self._tags.get(alias)
         if tag is None:
-            return
-        tracks = list(self._tracks.values())
-        ratios = {track.number: self._ratio(tag.readings, track) for track in tracks}
-        for track in tracks:
-            ratio = ratios[track.number]
-            if ratio is None:
-                continue
-            rivals = [o for o in tracks if o.number != track.number and o.overlaps(track)]
-            rival_ratios = [r for r in (ratios[rival.number] for rival in rivals) if r is not None]
-            odds = _log_odds(ratio, rival_ratios)
-            tag.odds[track.number] = odds
-            if odds >= BIND_LOG_ODDS:
-                tag.bound[track.number] = track
-            elif odds < UNBIND_LOG_ODDS:
-                tag.bound.pop(track.number, None)
+            tag = self._tags[alias] = _Tag()
+            self._make_room()
+        if tag.add(_without_nonsense(sighting)):
+            self._waiting.add(alias)
+
+    def advance(self, at_ms: int) -> None:
+        """Weigh the readings up to a time up to which the camera has spoken: bind at 9.2, unbind below 0."""
+        self._now_ms = at_ms = at_ms if self._now_ms is None else max(self._now_ms, at_ms)
+        for alias in sorted(self._waiting):
+            tag = self._tags[alias]
+            self._weigh_until(tag, at_ms)
+            tag.let_go(_first_kept_ms(at_ms))
+            self._weigh_until(tag, at_ms)
+            if tag.weighed == len(tag.readings):
+                self._waiting.discard(alias)
+
+    def finish(self) -> None:
+        """Weigh all that waits, since the camera will say nothing more."""
+        for alias in sorted(self._waiting):
+            tag = self._tags[alias]
+            self._weigh_until(tag, tag.readings[-1].middle_ms)
+        self._waiting.clear()
 
     def bound_track(self, alias: str, present: Sequence[int]) -> int | None:
         """Return the one track of `present` that the tag is bound to; None if none, several, or another tag's too."""
-        tag = self._tags.get(alias)
-        if tag is None:
-            return None
-        mine = [number for number in present if number in tag.bound]
+        mine = [number for number in present if self._is_bound(alias, number)]
         if len(mine) != 1:
             return None
-        shared = any(mine[0] in other.bound for name, other in self._tags.items() if name != alias)
+        shared = any(self._is_bound(other, mine[0]) for other in self._tags if other != alias)
         return None if shared else mine[0]
 
     def is_elsewhere(self, alias: str, at_ms: int) -> bool:
         """Whether the tag's bearer is known but not followed at that time, so that nobody then seen is the bearer."""
-        tag = self._tags.get(alias)
-        return (
-            tag is not None
-            and bool(tag.bound)
-            and not any(track.began_ms <= at_ms <= track.seen_ms for track in tag.bound.values())
-        )
+        mine = [track for number, track in self._tracks.items() if self._is_bound(alias, number)]
+        return bool(mine) and not any(track.began_ms <= at_ms <= track.seen_ms for track in mine)
 
     def has_distance(self, alias: str) -> bool:
         """Whether any reading of the tag came with a distance."""
@@ -99,42 +180,131 @@ class Matcher:
     def log_odds(self, alias: str) -> dict[int, float]:
         """Return the newest log-odds of each track for a tag, for explanation and tests."""
         tag = self._tags.get(alias)
-        return dict(tag.odds) if tag is not None else {}
+        standings = tag.standings.items() if tag is not None else ()
+        return {number: standing.odds for number, standing in standings if standing.odds is not None}
 
     def forget_before(self, at_ms: int) -> None:
-        """Drop ended tracks and readings that can no longer matter."""
+        """Drop ended tracks, and tags that were not heard, that can no longer matter."""
         horizon = at_ms - EVIDENCE_MS
         gone = [n for n, track in self._tracks.items() if track.seen_ms < horizon]
         for number in gone:
             del self._tracks[number]
         for alias, tag in list(self._tags.items()):
-            for number in gone:
-                tag.bound.pop(number, None)
-                tag.odds.pop(number, None)
-            tag.readings = [reading for reading in tag.readings if reading.middle_ms >= horizon]
-            if not tag.readings and not tag.bound:
-                del self._tags[alias]
+            tag.forget_tracks(gone)
+            if not tag.readings or tag.readings[-1].middle_ms < horizon:
+                self._drop(alias)
 
-    @staticmethod
-    def _ratio(sightings: Sequence[Sighting], track: Track) -> float | None:
-        """Return log(likelihood if this track wears the tag / if its bearer is absent); None with too few readings."""
-        compared: list[RangeReading] = []
-        front = back = 0
-        for sighting in sightings:
-            person_m = track.range_at(sighting.middle_ms)
+    def _is_bound(self, alias: str, number: int) -> bool:
+        tag = self._tags.get(alias)
+        standing = tag.standings.get(number) if tag is not None else None
+        return standing is not None and standing.bound
+
+    def _make_room(self) -> None:
+        """Drop the tag that was heard longest ago when there are too many; its bearer is withheld, never shown."""
+        if len(self._tags) > TAGS_MAX_COUNT:
+            heard = {alias: tag.readings[-1].middle_ms for alias, tag in self._tags.items() if tag.readings}
+            self._drop(min(heard, key=lambda alias: (heard[alias], alias)))
+
+    def _drop(self, alias: str) -> None:
+        del self._tags[alias]
+        self._waiting.discard(alias)
+
+    def _weigh_until(self, tag: _Tag, at_ms: int) -> None:
+        while tag.weighed < len(tag.readings) and tag.readings[tag.weighed].middle_ms <= at_ms:
+            self._weigh(tag, tag.readings[tag.weighed])
+            tag.weighed += 1
+            if tag.weighed - tag.checkpoints[-1][0] >= _CHECKPOINT_EVERY_COUNT:
+                tag.checkpoints.append((tag.weighed, dict(tag.standings)))
+
+    def _weigh(self, tag: _Tag, reading: Sighting) -> None:
+        """Take one reading into account for every track that was followed when it was taken."""
+        at_ms = reading.middle_ms
+        steps: dict[int, Step] = {}
+        absent: dict[int, Belief] = {}
+        for number, track in self._tracks.items():
+            person_m = track.range_at(at_ms)
             if person_m is None:
                 continue
-            front += sighting.facing is Facing.FRONT
-            back += sighting.facing is Facing.BACK
-            if sighting.distance_m is not None and sighting.sigma_m is not None:
-                compared.append(RangeReading(sighting.middle_ms, sighting.distance_m, sighting.sigma_m, person_m))
-        if len(compared) < READINGS_MIN_COUNT:
-            return None
-        return log_visible(compared) - log_absent(compared) + log_antenna(front, back)
+            old = tag.standings.get(number) or _Standing()
+            new = replace(
+                old, front=old.front + (reading.facing is Facing.FRONT), back=old.back + (reading.facing is Facing.BACK)
+            )
+            if reading.distance_m is not None and reading.sigma_m is not None:
+                new = _compare(new, at_ms, reading.distance_m, reading.sigma_m, person_m, steps, absent)
+            tag.standings[number] = new
+        self._decide(tag, at_ms)
+
+    def _decide(self, tag: _Tag, at_ms: int) -> None:
+        """Weigh the tracks in view against each other and absence, and bind or unbind."""
+        tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.standings]
+        ratios = {track.number: tag.standings[track.number].ratio() for track in tracks}
+        for track in tracks:
+            standing = tag.standings[track.number]
+            if standing.compared < READINGS_MIN_COUNT:
+                continue
+            rivals = [ratios[o.number] for o in tracks if o.number != track.number and o.overlaps(track)]
+            odds = _log_odds(ratios[track.number], rivals)
+            bound = standing.bound
+            if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
+                bound = odds >= BIND_LOG_ODDS or (bound and odds >= UNBIND_LOG_ODDS)
+            tag.standings[track.number] = replace(standing, odds=odds, bound=bound)
+
+
+def _compare(
+    standing: _Standing,
+    at_ms: int,
+    distance_m: float,
+    sigma_m: float,
+    person_m: float,
+    steps: dict[int, Step],
+    absent: dict[int, Belief],
+) -> _Standing:
+    """Take a distance. What does not depend on the person is worked out once for all tracks with the same past."""
+    spread = standing.visible.spread
+    step = steps.get(id(spread))
+    if step is None:
+        step = steps[id(spread)] = VISIBLE.step(spread, at_ms, sigma_m)
+    elsewhere = absent.get(id(standing.absent))
+    if elsewhere is None:
+        elsewhere = take(standing.absent, ABSENT.step(standing.absent.spread, at_ms, sigma_m), distance_m)
+        absent[id(standing.absent)] = elsewhere
+    visible = take(standing.visible, step, distance_m - person_m)
+    ratio = log_evidence(visible) - log_evidence(elsewhere)
+    return replace(standing, visible=visible, absent=elsewhere, compared=standing.compared + 1, distance_ratio=ratio)
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:
     """Return the posterior log-odds of one track against absence and all rivals."""
     share = math.log((1 - PRIOR_ABSENT) / (1 + len(rivals)))
-    against = [math.log(PRIOR_ABSENT), *(share + rival for rival in rivals)]
-    return share + ratio - log_sum(against)
+    return share + ratio - log_sum([math.log(PRIOR_ABSENT), *(share + rival for rival in rivals)])
+
+
+def _first_kept_ms(now_ms: int) -> int:
+    """Return the time from which readings count at that time; it moves on in steps."""
+    return (now_ms - EVIDENCE_MS) // LET_GO_MS * LET_GO_MS
+
+
+def _order(reading: Sighting) -> _Order:
+    """Return what readings of a tag are put in order by, the same whatever the order in which they came."""
+    distance_m, sigma_m = reading.distance_m or 0.0, reading.sigma_m or 0.0
+    facing, rssi = str(reading.facing), reading.rssi_dbm
+    return (
+        reading.middle_ms,
+        reading.first_seen_ms,
+        reading.antenna,
+        facing,
+        reading.read_count,
+        distance_m,
+        sigma_m,
+        rssi,
+    )
+
+
+def _without_nonsense(sighting: Sighting) -> Sighting:
+    """Return the reading with a sigma that no reader falls below, or without a distance that is none."""
+    distance_m, sigma_m = sighting.distance_m, sighting.sigma_m
+    if distance_m is None or sigma_m is None:
+        return sighting if distance_m is None and sigma_m is None else replace(sighting, distance_m=None, sigma_m=None)
+    if not (math.isfinite(distance_m) and math.isfinite(sigma_m) and distance_m > 0 and sigma_m > 0):
+        return replace(sighting, distance_m=None, sigma_m=None)
+    return sighting if sigma_m >= SIGMA_MIN_M else replace(sighting, sigma_m=SIGMA_MIN_M)

@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from clients.robot.events import Facing, Sighting
-from clients.robot.hiding.likelihood import RangeReading, log_absent, log_antenna, log_visible
 from clients.robot.hiding.matcher import Matcher
-from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.tracking import Track, Tracker
+from clients.robot.hiding.tracking import Track
 
 SIGMA_M = 0.3
 
@@ -38,7 +36,7 @@ def bind(tracks: list[Track], sightings: list[Sighting]) -> Matcher:
         matcher.add_track(track)
     for sighting in sightings:
         matcher.add_sighting("tag", sighting)
-        matcher.evaluate("tag")
+        matcher.advance(sighting.middle_ms)
     return matcher
 
 
@@ -80,7 +78,7 @@ def test_a_binding_ends_when_the_readings_turn_against_it() -> None:
     assert matcher.bound_track("tag", [1]) == 1
     for at in range(10_000, 20_000, 250):
         matcher.add_sighting("tag", reading(at, 6.0, Facing.BACK))
-        matcher.evaluate("tag")
+        matcher.advance(at)
     assert matcher.bound_track("tag", [1]) is None
 
 
@@ -90,50 +88,3 @@ def test_old_tracks_and_readings_are_forgotten() -> None:
     matcher.forget_before(track.seen_ms + 60_000)
     assert matcher.bound_track("tag", [1]) is None
     assert matcher.log_odds("tag") == {}
-
-
-def test_likelihoods_prefer_the_truth() -> None:
-    follow = [RangeReading(500 * i, 2.5 + 0.5 * math.sin(i), SIGMA_M, 2.5 + 0.5 * math.sin(i)) for i in range(20)]
-    contrary = [RangeReading(500 * i, 2.5 + 0.5 * math.sin(i), SIGMA_M, 2.5 - 0.5 * math.sin(i)) for i in range(20)]
-    assert log_visible(follow) > log_absent(follow)
-    assert log_visible(contrary) < log_absent(contrary)
-    assert log_antenna(10, 0) > 0 > log_antenna(0, 10)
-
-
-def seen(x_m: float, z_m: float, trouble: str = "") -> Silhouette:
-    return Silhouette(1, (0, 0, 1, 1), x_m, z_m, math.hypot(x_m, z_m), round(z_m * 1000), trouble)
-
-
-def test_tracks_keep_their_numbers_while_people_walk() -> None:
-    tracker = Tracker()
-    for step in range(60):
-        first, second = tracker.step((seen(-1 + step * 0.03, 2.5), seen(1 - step * 0.03, 4.5)), step * 33)
-        assert first is not None
-        assert second is not None
-        assert (first.number, second.number) == (1, 2)
-
-
-def test_a_merged_blob_is_nobody_and_ends_both_tracks() -> None:
-    tracker = Tracker()
-    tracker.step((seen(-0.3, 2.5), seen(0.3, 2.5)), 0)
-    assert tracker.step((seen(0.0, 2.5, "merged"),), 33) == [None]
-    after = tracker.step((seen(-0.3, 2.5), seen(0.3, 2.5)), 66)
-    assert {track.number for track in after if track is not None} == {3, 4}
-
-
-def test_when_one_vanishes_into_the_other_both_begin_anew() -> None:
-    tracker = Tracker()
-    tracker.step((seen(-0.2, 2.5), seen(0.2, 2.6)), 0)
-    (only,) = tracker.step((seen(0.0, 2.5),), 33)
-    assert only is not None
-    assert only.number == 3
-
-
-def test_someone_lost_for_a_second_comes_back_as_somebody_new() -> None:
-    tracker = Tracker()
-    tracker.step((seen(0.0, 2.5),), 0)
-    for step in range(1, 40):
-        tracker.step((), step * 33)
-    (back,) = tracker.step((seen(0.0, 2.5),), 1_400)
-    assert back is not None
-    assert back.number == 2

@@ -1,0 +1,151 @@
+"""Draws what the matcher has to judge: half a minute of people in view and one tag's readings, with the truth.
+
+The figures of a draw are fixed by its seed and number alone, so that any share of them can be drawn by any process.
+Must never use what the matcher assumes: people, errors and antennas are drawn here in their own right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.events import Facing, Sighting
+from clients.robot.hiding.tracking import Track
+
+TRACK_MS = 30_000
+FRAME_EVERY_MS = 100
+MISSED_SHARE = 0.3
+STANDING_SHARE = 0.4
+BIAS_SIGMA_M = 0.15
+NEAREST_M, FARTHEST_M = 0.8, 6.0
+DRIFT_S = 2.0
+# How many of the bearers who are not in view, and may be anywhere, are in front of the robot, beside the picture.
+ABSENT_IN_FRONT_SHARE = 0.01
+
+Bearer = Literal["present", "absent", "behind", "aside"]
+Array = npt.NDArray[np.float64]
+_TIMES_S = np.arange(0, TRACK_MS + FRAME_EVERY_MS, FRAME_EVERY_MS) / 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """What a draw is like: how often the tag is sought, how its distance errs, what the reader tells of it."""
+
+    rate_hz: int
+    sigma_m: float
+    people: int
+    bearer: Bearer
+    understated: bool = False
+    drifting: bool = False
+    facing: bool = True
+    distance: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """A draw: the tracks, the tag's readings in time order, the bearer's track (None if not in view), the gap.
+
+    `gap_m` is the mean difference of range between the bearer and the nearest other person; without a bearer in
+    view, between the bearer who is not and the nearest person.
+    """
+
+    setting: Setting
+    tracks: tuple[Track, ...]
+    readings: tuple[Sighting, ...]
+    bearer: int | None
+    gap_m: float
+
+
+def draw(setting: Setting, seed: int, number: int) -> Drawn:
+    """Return draw `number` of a setting."""
+    rng = np.random.default_rng([seed, number])
+    near = _walk(rng)
+    ranges = [near, *(_beside(rng, near) for _ in range(setting.people - 1))]
+    in_front = True
+    if setting.bearer == "present":
+        owner = int(rng.integers(setting.people))
+        worn, others = ranges[owner], [other for i, other in enumerate(ranges) if i != owner]
+    else:
+        owner = -1
+        in_front = setting.bearer == "aside" or (setting.bearer == "absent" and rng.random() < ABSENT_IN_FRONT_SHARE)
+        worn, others = _beside(rng, near) if in_front else _walk(rng), ranges
+    gaps = [float(np.abs(worn - other).mean()) for other in others]
+    tracks = tuple(_track(i + 1, values) for i, values in enumerate(ranges))
+    readings = _readings(rng, setting, worn, in_front=in_front)
+    return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
+
+
+def _walk(rng: np.random.Generator) -> Array:
+    """Return somebody's range: standing and swaying, or walking with pauses and turns."""
+    start = float(rng.uniform(1.2, 5.0))
+    sway = 0.03 * np.sin(_TIMES_S * rng.uniform(0.5, 1.5) + rng.uniform(0, 6))
+    if rng.random() < STANDING_SHARE:
+        return np.asarray(start + sway)
+    places = np.sort(rng.uniform(0, TRACK_MS / 1000, size=6))
+    speeds = np.where(rng.random(7) < 0.25, 0.0, rng.normal(0, 0.6, size=7))
+    steps = speeds[np.searchsorted(places, _TIMES_S)] * FRAME_EVERY_MS / 1000
+    return _reflect(start + np.cumsum(steps)) + sway
+
+
+def _beside(rng: np.random.Generator, other: Array) -> Array:
+    """Return another's range: of their own, or (as often) close to the other's all the time or at first."""
+    kind = rng.random()
+    if kind < 0.5:
+        return _walk(rng)
+    offset = float(rng.choice([-1, 1]) * rng.uniform(0.1, 1.5))
+    if kind < 0.8:
+        return _reflect(other + offset + 0.05 * np.sin(_TIMES_S * rng.uniform(0.5, 2)))
+    mine = _walk(rng)
+    return _reflect(mine - mine[0] + other[0] + offset)
+
+
+def _reflect(ranges: Array) -> Array:
+    """Keep people in the corridor: who comes to its end turns round."""
+    width = FARTHEST_M - NEAREST_M
+    return np.asarray(NEAREST_M + width - np.abs(np.mod(ranges - NEAREST_M, 2 * width) - width))
+
+
+def _track(number: int, ranges: Array) -> Track:
+    times = [round(1000 * at) for at in _TIMES_S]
+    track = Track(number, 0, TRACK_MS, 0.0, float(ranges[-1]))
+    track.times, track.ranges = times, ranges.tolist()
+    return track
+
+
+def _readings(rng: np.random.Generator, setting: Setting, worn: Array, *, in_front: bool) -> tuple[Sighting, ...]:
+    every_ms = 1000 / setting.rate_hz
+    asked = np.arange(rng.uniform(0, every_ms), TRACK_MS, every_ms)
+    times = np.floor(asked[rng.random(asked.size) >= MISSED_SHARE]).astype(np.int64)
+    true_sigma = setting.sigma_m * (2 if setting.understated else 1)
+    noise = _drifting(rng, times) if setting.drifting else rng.normal(size=times.size)
+    ranges = np.interp(times / 1000, _TIMES_S, worn)
+    distances = np.maximum(0.05, ranges + float(rng.normal(0, BIAS_SIGMA_M)) + true_sigma * noise)
+    front = rng.random(times.size) < _front_share(rng, setting, in_front=in_front)
+    made = []
+    for at, distance, ahead in zip(times.tolist(), distances.tolist(), front.tolist(), strict=True):
+        facing = (Facing.FRONT if ahead else Facing.BACK) if setting.facing else Facing.UNKNOWN
+        measured = (distance, setting.sigma_m) if setting.distance else (None, None)
+        made.append(Sighting(at, at, "", 1 if ahead else 2, facing, -50.0, *measured))
+    return tuple(made)
+
+
+def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64]) -> Array:
+    """Return errors of standard deviation 1 whose correlation falls to 1/e in `DRIFT_S`."""
+    fresh = rng.normal(size=times.size)
+    values = np.empty(times.size)
+    before, last = 0.0, None
+    for i, at in enumerate(times.tolist()):
+        kept = 0.0 if last is None else float(np.exp(-(at - last) / 1000 / DRIFT_S))
+        before = kept * before + float(np.sqrt(1 - kept * kept)) * float(fresh[i])
+        values[i], last = before, at
+    return values
+
+
+def _front_share(rng: np.random.Generator, setting: Setting, *, in_front: bool) -> float:
+    """Return how often the antenna that faces as the camera does hears this tag."""
+    if not in_front:
+        return float(rng.beta(2, 18))
+    return float(rng.uniform() if setting.bearer == "absent" else rng.beta(18, 2))
