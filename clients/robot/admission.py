@@ -54,6 +54,7 @@ class Admission:
     _strangers: _Second = field(default_factory=lambda: _Second(STRANGERS_MAX_PER_S))
     _forgot_ms: int = 0
     _told_ms: int | None = None
+    _told_turned_away: Counter[str] = field(default_factory=Counter)
 
     def weighs(self, sighting: Sighting, *, known: bool) -> bool:
         """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
@@ -64,23 +65,33 @@ class Admission:
         self.only_paired_count += not fits
         return fits
 
-    def tell(self, *, last: bool = False) -> list[tuple[str, dict[str, Any]]]:
-        """Return what the log should hold now: (`reader` or `camera`, its estimate) every ten seconds of the stream."""
+    def is_time_to_tell(self) -> bool:
+        """Whether ten seconds of the stream have passed since this last said so."""
         now = self.clocks.newest_ms
-        if now is None or (self._told_ms is not None and not last and abs(now - self._told_ms) < TELL_EVERY_MS):
-            return []
+        if now is None or (self._told_ms is not None and abs(now - self._told_ms) < TELL_EVERY_MS):
+            return False
         self._told_ms = now
-        return [(name, estimate.as_json()) for name, estimate in self.clocks.estimates().items()]
+        return True
+
+    def newly_turned_away(self, pairing: Pairing) -> list[tuple[str, int]]:
+        """Return (reason, count) of what was turned away since this was last asked, for the log."""
+        now = self._turned_away(pairing)
+        new = now - self._told_turned_away
+        self._told_turned_away = now
+        return sorted(new.items())
 
     def as_json(self, pairing: Pairing) -> dict[str, Any]:
-        """Return what was found of the clocks, and how many frames and sightings were refused, late or thinned."""
+        """Return what was found of the clocks, and how much was turned away, late or thinned, for a run's summary."""
         return {
             "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
-            "refused": dict(sorted((Counter(self.clocks.refused) + Counter(pairing.refused)).items())),
+            "turned_away": dict(sorted(self._turned_away(pairing).items())),
             "sightings_late": pairing.late_count,
             "sightings_only_paired": self.only_paired_count,
             "timelines": pairing.timeline_count,
         }
+
+    def _turned_away(self, pairing: Pairing) -> Counter[str]:
+        return Counter(self.clocks.refused) + Counter(pairing.refused)
 
     def _is_apart(self, sighting: Sighting) -> bool:
         """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""

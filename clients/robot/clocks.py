@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from clients.robot.events import Event, Frame, Sighting
 
@@ -44,7 +44,7 @@ class ClockEstimate:
     sample_count: int
     started_anew_count: int
 
-    def as_json(self) -> dict[str, float | int]:
+    def as_json(self) -> dict[str, Any]:
         """Return the estimate, rounded, for a log or a summary."""
         return {
             "offset_ms": round(self.offset_ms, 1),
@@ -249,6 +249,11 @@ class RunClocks:
         self.refused["sighting-time"] += len(self._held_sightings)
         self._held_frames.clear()
         self._held_sightings.clear()
+
+    @property
+    def camera_offset_ms(self) -> int:
+        """The host's clock minus the camera's as far as it is known now, 0 before that."""
+        return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
 
     def estimates(self) -> dict[str, ClockEstimate]:
         """Return the newest estimates by the names `reader` and `camera`; none for a stream that told no receipt."""

@@ -22,11 +22,12 @@ from clients.robot.event_log import (
     DATABASE_PERSISTANCE,
     IMAGE_PAIRED,
     IMAGE_RETRIEVE,
+    MESSAGE_REFUSED,
     RFID_RETRIEVE,
     AliasBook,
     EventLog,
 )
-from clients.robot.events import Event, Frame, Sighting
+from clients.robot.events import Event, Frame, Sense, Sighting
 from clients.robot.hiding.background import EmptyFrame
 from clients.robot.hiding.hider import Hider, Kept, Output
 from clients.robot.keeping import Keeper
@@ -34,6 +35,7 @@ from clients.robot.open_visits import OpenVisits
 from clients.robot.pairing import REFUSED_AND_COUNTED, Decision
 from clients.robot.rosters import RosterBook
 from clients.robot.sealing import ClipContent, seal_clip
+from clients.robot.senses import SenseDesk
 from clients.robot.spool import Spool, SpooledClip
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
@@ -97,9 +99,25 @@ class Pipeline:
             sensor=camera.sensor,
             now_ms=now_ms,
         )
+        self._senses = SenseDesk(
+            consents,
+            visits,
+            open_visits,
+            statistics=statistics,
+            log=log,
+            purpose=purpose,
+            clip_ms=clip_ms,
+            people=self._keeper.people,
+            now_ms=now_ms,
+        )
+        consents.on_change = self._drop_refused
         self.admission = Admission()
 
-    async def run(self, events: AsyncIterator[Event]) -> None:
+    def _drop_refused(self) -> None:
+        self._keeper.drop_refused()
+        self._senses.drop_refused()
+
+    async def run(self, events: AsyncIterator[Event | Sense]) -> None:
         """Work through a stream to its end and return when every record is final and every visit closed.
 
         That includes what a robot that was killed left behind: its clips are delivered, then its visits closed.
@@ -107,23 +125,28 @@ class Pipeline:
         for name in self._spool.names():
             self._delivery.start(name)
         async for arrived in events:
+            if not isinstance(arrived, Frame | Sighting):
+                self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
+                continue
             if isinstance(arrived, Frame):
                 self._statistics.frame_arrived(arrived.sequence, self._now_ms())
                 self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{arrived.sequence}")
             for event in self.admission.clocks.admit(arrived):
                 await self._work_on(event)
-            self._tell_clocks(last=False)
+            if self.admission.is_time_to_tell():
+                self._tell_intake()
         self.admission.clocks.flush()
-        self._tell_clocks(last=True)
+        self._tell_intake()
         self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
         self._seal(self._batcher.flush())
+        self._deliver(self._senses.settle(final=True))
         await self._delivery.drain()
         for owner, record_count in self._open_visits.counts.items():
             await self._delivery.close_visit(owner, record_count)
             self._open_visits.forget(owner)
 
     def intake_json(self) -> dict[str, Any]:
-        """Return what was found of the clocks, and how many frames and sightings were refused, late or thinned."""
+        """Return what was found of the clocks, and how much was turned away, late or thinned."""
         return self.admission.as_json(self._hider.pairing)
 
     async def _work_on(self, event: Event) -> None:
@@ -136,15 +159,21 @@ class Pipeline:
                 if error.code not in REFUSED_AND_COUNTED:
                     raise
                 return
+            self._senses.alone.see(event.sequence, event.captured_at_ms)
             ready = self._batcher.close_idle(self._now_ms())
         else:
             outputs = self._identify(event)
         self._seal([*self._sort(outputs), *ready])
+        self._deliver(self._senses.settle())
         await self._hold_back()
 
-    def _tell_clocks(self, *, last: bool) -> None:
-        for name, estimate in self.admission.tell(last=last):
-            self._log.write(self._now_ms(), CLOCK_ESTIMATED, f"clock-{name}", **estimate)
+    def _tell_intake(self) -> None:
+        """Log what is known of the clocks, and what was turned away since the last time."""
+        now = self._now_ms()
+        for name, estimate in self.admission.clocks.estimates().items():
+            self._log.write(now, CLOCK_ESTIMATED, f"clock-{name}", **estimate.as_json())
+        for reason, count in self.admission.newly_turned_away(self._hider.pairing):
+            self._log.write(now, MESSAGE_REFUSED, f"{reason}-turned-away", reason=reason, count=count)
 
     async def _hold_back(self) -> None:
         while len(self._spool.names()) > WAITING_CLIPS_MAX_COUNT:
@@ -157,6 +186,8 @@ class Pipeline:
         row = self._roster.find(sighting.uid)
         consents = row is not None and self._keeper.admits(row, sighting.last_seen_ms)
         weighed = self.admission.weighs(sighting, known=consents)
+        if not consents:
+            self._senses.alone.note_stranger(sighting.first_seen_ms, sighting.last_seen_ms)
         if not consents and (not weighed or self._aliases.is_full):
             return self._hider.cover("", sighting, known=False)
         alias = self._aliases.alias(sighting.uid.encode())
@@ -172,6 +203,7 @@ class Pipeline:
         now = self._now_ms()
         for output in outputs:
             case = f"frame-{output.sequence}"
+            self._senses.alone.note(output)
             if isinstance(output, Decision):
                 self._statistics.covered += len(output.owners)
                 if output.reason:
@@ -186,8 +218,11 @@ class Pipeline:
         for clip in clips:
             admitted = self._keeper.admit(clip)
             if admitted is not None:
-                name = self._spool.put(self._seal_one(admitted))
-                self._delivery.start(name)
+                self._deliver([self._seal_one(admitted)])
+
+    def _deliver(self, sealed: list[SpooledClip]) -> None:
+        for clip in sealed:
+            self._delivery.start(self._spool.put(clip))
 
     def _seal_one(self, clip: ReadyClip) -> SpooledClip:
         now = self._now_ms()

@@ -62,16 +62,22 @@ def test_what_is_remembered_of_readings_is_bounded_and_forgotten() -> None:
     assert not admission.weighs(reading(60_000), known=True), "older than what is remembered"
 
 
-def test_what_is_known_of_clocks_is_told_now_and_then_and_at_the_end() -> None:
+def test_there_is_something_to_tell_every_ten_seconds_of_the_stream() -> None:
     admission = Admission()
-    assert admission.tell(last=True) == []
-    told = []
+    assert not admission.is_time_to_tell()
+    told = 0
     for at in range(0, 3 * TELL_EVERY_MS, 500):
         admission.clocks.admit(reading(at))
-        told += admission.tell()
-    assert [name for name, _ in told] == ["reader"] * 3
-    assert [name for name, _ in admission.tell(last=True)] == ["reader"]
-    assert set(told[-1][1]) == {"offset_ms", "drift_ppm", "uncertainty_ms", "sample_count", "started_anew_count"}
+        told += admission.is_time_to_tell()
+    assert told == 3
+
+
+def test_what_was_turned_away_is_told_once() -> None:
+    admission, pairing = Admission(), Pairing()
+    assert admission.newly_turned_away(pairing) == []
+    admission.clocks.admit(Sighting(5, 1, "E2"))
+    assert admission.newly_turned_away(pairing) == [("sighting-time", 1)]
+    assert admission.newly_turned_away(pairing) == []
 
 
 def test_the_summary_counts_every_refusal_once() -> None:
@@ -82,7 +88,7 @@ def test_the_summary_counts_every_refusal_once() -> None:
     summary = admission.as_json(pairing)
     assert summary == {
         "clocks": {},
-        "refused": {"sighting-time": 2},
+        "turned_away": {"sighting-time": 2},
         "sightings_late": 0,
         "sightings_only_paired": 0,
         "timelines": 1,
