@@ -15,7 +15,7 @@ from typing import Any
 
 from consensus.errors import CATALOGUE, BlockRobotError
 
-COMMAND_TIMEOUT_S = 120.0
+COMMAND_TIMEOUT_S = 600.0
 
 
 def _command(arguments: list[str]) -> list[str]:

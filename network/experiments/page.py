@@ -52,7 +52,8 @@ def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, numbers_fr
 def build_page(outcome: Outcome, refusal: BlockRobotError | None) -> str:
     """Return an experiment's page. `refusal` says why Graphviz drew no map, if it did not."""
     experiment = outcome.experiment
-    parts = [f"<p>{html.escape(experiment.question)}</p>", _verdict(outcome), "<h2>What was checked</h2>"]
+    parts = [f"<p>{html.escape(experiment.question)}</p>", _verdict(outcome), _conditions(outcome.conditions)]
+    parts.append("<h2>What was checked</h2>")
     parts.append(_checks(outcome.checks.checks))
     if outcome.reading is not None:
         figures = outcome.reading.figures
@@ -90,6 +91,13 @@ def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
     return _html("The experiments", _table(headings, rows, numbers_from=2) + note)
 
 
+def _conditions(conditions: dict[str, Any]) -> str:
+    told = ", ".join(f"{key} {value}" for key, value in conditions.items() if value is not None)
+    return (
+        f"<p class=small>Measured with: {html.escape(told)}. A load above the cores means that others worked too.</p>"
+    )
+
+
 def _verdict(outcome: Outcome) -> str:
     if outcome.ok:
         return "<p class=held>Every check held.</p>"
@@ -109,12 +117,13 @@ def _percent(part: float, whole: float) -> str:
 def _paired(outcome: Outcome, figures: RunFigures) -> str:
     theirs = outcome.experiment.beside.figures
     frames = outcome.robot["frames"]
-    received, covered = theirs["frames received"], theirs["frames received within 5 s of a reading"]
+    received, covered = theirs["frames received"], theirs["frames received within 5 s of a reading, by arrival"]
     return (
         f"<p>{figures.frames_received:,} frames were received. {figures.frames_covered:,} of them "
-        f"({_percent(figures.frames_covered, figures.frames_received)}) were received within five seconds of a tag's "
-        f"reading, and {figures.frames_paired:,} were paired with a registered tag: {frames['covered']:,} frames and "
-        f"owners, since a frame belongs to everybody whose tag was near. Of these, {frames['kept']:,} "
+        f"({_percent(figures.frames_covered, figures.frames_received)}) arrived within five seconds of a tag's reading. "
+        f"Pairing goes by when a frame was taken, not by when it arrived: {figures.frames_paired:,} were paired with a "
+        f"registered tag, which makes {frames['covered']:,} frames and owners, since a frame belongs to everybody whose "
+        f"tag was near. Of these, {frames['kept']:,} "
         f"({_percent(frames['kept'], frames['covered'])}) are on the chain, and {frames['withheld']:,} were withheld.</p>"
         f"<p>The prototype received {received:,.0f} frames, {covered:,.0f} of them within five seconds of a reading, and "
         f"paired {theirs['frames paired']:,.0f} ({_percent(theirs['frames paired'], received)})."

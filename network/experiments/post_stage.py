@@ -154,11 +154,12 @@ class PostStage:
         self._checks.add("the verdict is on the chain", ok=len(told) == 1, detail=f"{len(told)} about this record")
 
     async def verify_untouched(self, found: dict[str, Belongings]) -> None:
-        """Verify everybody's records where nothing was changed: a check that always cried would prove nothing."""
+        """Verify some of everybody's records where nothing was changed: a check that always cried would prove nothing."""
         verdicts: dict[tuple[str, int], str] = {}
         for alias, belongings in found.items():
             if belongings.records:
-                verdicts |= await self._verify(alias)
+                ids = belongings.record_ids
+                verdicts |= await self._verify(alias, *dict.fromkeys((ids[0], ids[len(ids) // 2], ids[-1])))
         statuses = sorted(set(verdicts.values()))
         self._checks.add(
             "nothing untouched is called corrupted",
@@ -166,10 +167,10 @@ class PostStage:
             detail=f"{len(verdicts)} frames: {', '.join(statuses)}",
         )
 
-    async def _verify(self, alias: str) -> dict[tuple[str, int], str]:
-        """Let the wallet verify all records against the chain; return the status of each (record, frame)."""
+    async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
+        """Let the wallet verify records (all if none is named); return the status of each (record, frame)."""
         self._tell(f"post-stage: {alias} verifies her records")
-        answer = await self._stage.wallet(alias, "verify")
+        answer = await self._stage.wallet(alias, "verify", *record_ids)
         return {
             (str(record["record_id"]), int(frame["index"])): str(frame["status"])
             for record in answer["records"]

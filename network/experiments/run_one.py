@@ -18,6 +18,7 @@ from clients.robot.bag import make_bag
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
+from network.bench.conditions import measure_conditions
 from network.demo.checks import CheckList
 from network.demo.processes import LongCommand
 from network.demo.scene_truth import covered_frames
@@ -47,6 +48,7 @@ class Outcome:
     reading: Reading | None = None
     belongings: dict[str, Belongings] = field(default_factory=dict)
     stages_s: dict[str, float] = field(default_factory=dict)
+    conditions: dict[str, Any] = field(default_factory=dict)
 
     @property
     def ok(self) -> bool:
@@ -64,6 +66,7 @@ class Outcome:
             "records": self.robot.get("records", 0),
             "log": self.reading.figures.as_json() if self.reading else {},
             "stages_s": self.stages_s,
+            "conditions": self.conditions,
         }
 
 
@@ -158,6 +161,8 @@ class ExperimentRun:
         )
 
     async def _record(self) -> None:
+        self.outcome.conditions = measure_conditions(nodes=NODES_COUNT, seed=self.outcome.scenario.seed)
+
         def progress(figures: dict[str, Any]) -> None:
             self._tell(f"run: {figures['frames_read']} frames seen, {figures['frames_recorded']} recorded")
 

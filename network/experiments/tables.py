@@ -111,7 +111,7 @@ def figure_rows(figures: RunFigures) -> list[tuple[str, int | float]]:
         ("frames lost before they arrived (%)", round(100 * figures.lost_share, 1)),
         ("tag readings", figures.readings),
         ("tags", figures.tags),
-        ("frames received within 5 s of a reading", figures.frames_covered),
+        ("frames received within 5 s of a reading, by arrival", figures.frames_covered),
         ("frames paired", figures.frames_paired),
         ("frames withheld from all owners", figures.frames_withheld_only),
         ("frames on the chain", figures.frames_recorded),

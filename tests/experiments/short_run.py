@@ -1,0 +1,44 @@
+"""The second experiment on the first seconds of its scenario: in a test's own process, or as a program to be killed."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from clients.robot.scenario import Scenario
+from network.bench.fresh_network import find_base_port
+from network.demo.checks import Check
+from network.experiments.definitions import EXPERIMENTS, Experiment
+from network.experiments.run_all import RunOptions, run_experiments
+
+EXPERIMENT = EXPERIMENTS[1]
+
+
+def shortened(seconds: float) -> Scenario:
+    """The scenario's first seconds, with the readings that fall into them."""
+    whole = EXPERIMENT.load_scenario()
+    people = tuple(
+        replace(person, readings_s=tuple(at for at in person.readings_s if at < seconds)) for person in whole.people
+    )
+    return replace(whole, name="short", duration_s=seconds, people=people, digest=f"{round(seconds * 1000):064d}")
+
+
+async def run_short(folder: Path, seconds: float, show: Callable[[Experiment, Check], None]) -> dict[str, Any]:
+    """Run it in `folder/out`, with recordings in `folder/cache`; return the result."""
+    options = RunOptions(
+        out=folder / "out",
+        cache=folder / "cache",
+        base_port=find_base_port(4),
+        tell=lambda _: None,
+        show=show,
+    )
+    result, _ = await run_experiments([(EXPERIMENT, shortened(seconds))], options)
+    return result
+
+
+if __name__ == "__main__":
+    asyncio.run(run_short(Path(sys.argv[1]), float(sys.argv[2]), lambda *_: None))

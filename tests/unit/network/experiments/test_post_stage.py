@@ -1,0 +1,140 @@
+"""The post-stage says no when a wallet has what it should not have, or misses what was changed."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from network.demo.checks import CheckList
+from network.experiments import post_stage
+from network.experiments.definitions import EXPERIMENTS
+from network.experiments.post_stage import Belongings, PostStage
+from network.staging import Stage
+
+PEOPLE = ("patient-a", "patient-b")
+IN_A_TIME, IN_B_TIME, A_ALONE_IN_B_WINDOW = 200, 700, 400
+
+
+class House:
+    """Wallets as the post-stage meets them: what each lists, sees and is refused."""
+
+    def __init__(self) -> None:
+        self.pictures = {"patient-a": [IN_A_TIME], "patient-b": [IN_B_TIME]}
+        self.status: dict[str, str] = {}
+        self.refusals = {"custodian-1": "NOT_PERMITTED"}
+        self.view_refusal = "NOT_FOUND"
+        self.changed: list[tuple[str, int]] = []
+        nodes = [SimpleNamespace(name="node-1"), SimpleNamespace(name="node-2")]
+        self.cluster = SimpleNamespace(genesis=SimpleNamespace(custodians=nodes), config=lambda name: name)
+
+    async def wallet(self, alias: str, *arguments: str) -> dict[str, Any]:
+        record = {"record_id": alias.encode().hex(), "frames": len(self.pictures[alias])}
+        frames = [
+            {"index": index, "status": self.status.get(f"{alias}/{index}", "ok")}
+            for index in range(len(self.pictures[alias]))
+        ]
+        if arguments[0] == "records":
+            visit = {"records": [record], "missing_records": 0, "closed": True}
+            return {"visits": [visit] if self.pictures[alias] else []}
+        if arguments[0] == "view":
+            folder = Path(arguments[2]) / "record"
+            folder.mkdir(parents=True)
+            for number in self.pictures[alias]:
+                (folder / f"{number}.depth.png").touch()
+                (folder / f"{number}.png").touch()
+        if arguments[0] == "probe":
+            return {"refusals": self.refusals}
+        if arguments[0] == "audit":
+            return {"entries": [{"kind": "verdict", "record_id": record["record_id"]}]}
+        return {"records": [{"record_id": record["record_id"], "frames": frames}]}
+
+    async def refusal(self, alias: str, *arguments: str) -> str:
+        return self.view_refusal
+
+
+@pytest.fixture
+def house(monkeypatch: pytest.MonkeyPatch) -> House:
+    made = House()
+    monkeypatch.setattr(post_stage, "worst_foreign_share", lambda *_: (0.0, 1))
+    monkeypatch.setattr(
+        post_stage, "flip_stored_byte", lambda config, record_id, index: made.changed.append((config, index))
+    )
+    return made
+
+
+def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False) -> list[str]:
+    """Go through the post-stage of the third experiment; return the names of the checks that failed."""
+    checks = CheckList(listener=lambda check: None)
+    scenario = EXPERIMENTS[2].load_scenario()
+    stage = PostStage(cast(Stage, house), scenario, folder, checks, lambda line: None)
+
+    async def go() -> None:
+        found: dict[str, Belongings] = await stage.look(PEOPLE, kept)
+        await (stage.corrupt_and_verify(found) if corrupt else stage.verify_untouched(found))
+
+    asyncio.run(go())
+    assert len(checks.checks) >= 11
+    return [check.name for check in checks.checks if not check.ok]
+
+
+def test_when_each_has_her_own_every_check_holds(house: House, tmp_path: Path) -> None:
+    assert look(house, tmp_path) == []
+
+
+def test_a_frame_in_which_she_was_not_there_is_not_her_own_though_her_tags_time_covers_it(
+    house: House, tmp_path: Path
+) -> None:
+    house.pictures["patient-b"].append(A_ALONE_IN_B_WINDOW)
+    assert look(house, tmp_path, kept=3) == ["patient-b has her own data only"]
+
+
+def test_a_frame_outside_her_tags_time_is_not_her_own(house: House, tmp_path: Path) -> None:
+    house.pictures["patient-a"].append(IN_B_TIME)
+    assert look(house, tmp_path, kept=3) == ["patient-a has her own data only"]
+
+
+def test_a_picture_that_shows_another_is_told(house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(post_stage, "worst_foreign_share", lambda scenario, depths, alias: (0.01, 1))
+    assert look(house, tmp_path) == ["patient-a's pictures show nobody else", "patient-b's pictures show nobody else"]
+
+
+def test_a_picture_that_nobody_can_open_is_told(house: House, tmp_path: Path) -> None:
+    assert look(house, tmp_path, kept=3) == ["the wallets together open every picture that the robot kept"]
+
+
+def test_a_stranger_who_is_served_is_told(house: House, tmp_path: Path) -> None:
+    house.refusals = {"custodian-1": "NOT_PERMITTED", "custodian-2": "OK"}
+    assert look(house, tmp_path) == ["patient-b gets no frame of patient-a", "patient-a gets no frame of patient-b"]
+    house.refusals, house.view_refusal = {"custodian-1": "NOT_PERMITTED"}, ""
+    assert len(look(house, tmp_path / "again")) == 2
+
+
+def test_whoever_was_not_in_the_scene_must_have_nothing(house: House, tmp_path: Path) -> None:
+    house.pictures["patient-z"] = []
+    checks = CheckList(listener=lambda check: None)
+    stage = PostStage(cast(Stage, house), EXPERIMENTS[2].load_scenario(), tmp_path, checks, lambda line: None)
+    asyncio.run(stage.look(("patient-z",), 0))
+    assert checks.ok
+    house.pictures["patient-z"] = [1]
+    asyncio.run(stage.look(("patient-z",), 0))
+    assert [check.name for check in checks.checks if not check.ok] == [
+        "patient-z, whom the robot never met, has nothing"
+    ]
+
+
+def test_a_change_in_every_custodians_store_must_be_found_and_named(house: House, tmp_path: Path) -> None:
+    assert look(house, tmp_path, corrupt=True) == ["corruption off-chain is detected, and the frame named"]
+    assert house.changed == [("node-1", 0), ("node-2", 0)]
+    house.status["patient-a/0"] = "corrupted"
+    house.pictures["patient-a"] = [IN_A_TIME]
+    failed = look(house, tmp_path / "again", corrupt=True)
+    assert failed == ["patient-a opens and verifies them"]  # here it was corrupt from the beginning
+
+
+def test_an_alarm_about_what_nobody_touched_is_told(house: House, tmp_path: Path) -> None:
+    house.status["patient-b/0"] = "corrupted"
+    assert look(house, tmp_path) == ["patient-b opens and verifies them", "nothing untouched is called corrupted"]
