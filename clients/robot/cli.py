@@ -11,6 +11,7 @@ from typing import Any
 
 import click
 
+from clients.robot.background_cli import background
 from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
@@ -117,6 +118,7 @@ def _common(command: Any) -> Any:
         click.option(
             "--now", "at_once", is_flag=True, help="Submit without random delay. This links owners of a scene."
         ),
+        click.option("--viewpoint", default="", metavar="NAME", help="Use this viewpoint's approved empty frames."),
         click.option("--fast", is_flag=True, help="Read as fast as possible instead of in real time."),
     ):
         command = option(command)
@@ -132,6 +134,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         events=options["events"] or folder / "events.jsonl",
         at_once=options["at_once"],
         real_time=not options["fast"],
+        viewpoint=options["viewpoint"],
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
@@ -164,6 +167,7 @@ def _error_json(fault: dict[str, str] | None) -> dict[str, Any]:
 
 
 robot.add_command(topics)
+robot.add_command(background)
 
 
 @robot.command()

@@ -16,6 +16,7 @@ import cv2
 
 from clients.robot.consents import Consents, compute_stale_after_ms
 from clients.robot.delivery import Delivery
+from clients.robot.empty_scenes import approved_frames
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
@@ -44,7 +45,10 @@ _PROGRESS_EVERY_S = 0.25
 
 @dataclass(frozen=True, slots=True)
 class ReplayOptions:
-    """How to replay: where the roster is, for what purpose, how long a clip is, where events go."""
+    """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
+
+    With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's.
+    """
 
     roster: Path
     purpose: str
@@ -52,6 +56,7 @@ class ReplayOptions:
     events: Path
     at_once: bool
     real_time: bool
+    viewpoint: str = ""
 
 
 class ProgressListener(Protocol):
@@ -99,7 +104,8 @@ class _Run:
     async def work(self, source: Source) -> RunStatistics:
         """Work through a source and return the figures once all its records are final."""
         await self._consents.refresh()
-        empty = source.empty_frames()
+        viewpoint, now_ms = self._options.viewpoint, self._network.now_ms()
+        empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
         hider = Hider(learn_background(empty))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)

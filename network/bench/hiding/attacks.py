@@ -1,4 +1,4 @@
-"""Attacks on one scene: every attacker on every way of hiding, on frames that the robot released. Must skip no edge."""
+"""Attacks on one scene: every attacker on every way of hiding, on frames that the robot released. Must never skip an edge."""
 
 from __future__ import annotations
 

@@ -1,0 +1,126 @@
+"""`blockrobot robot background`: record, list and approve empty frames. Must never approve what nobody looked at."""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.robot.empty_scenes import (
+    VALID_DEFAULT_DAYS,
+    VALID_MAX_DAYS,
+    EmptyScene,
+    approve_scene,
+    find_scene,
+    list_scenes,
+    record_scene,
+)
+from clients.robot.identity import load_identity
+from clients.robot.source_options import open_recording, source_options
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+
+
+@click.group()
+def background() -> None:
+    """Keep frames of the empty scene for each viewpoint, approved by a person for some time.
+
+    Example: blockrobot robot background record empty.mcap --viewpoint ward-3
+    """
+
+
+@background.command("record")
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option("--viewpoint", required=True, metavar="NAME", help="Where the robot stands and looks.")
+@source_options
+@json_option
+@click.pass_context
+@plain_errors
+def record_command(ctx: click.Context, /, recording: Path, viewpoint: str, as_json: bool, **options: Any) -> None:
+    """Take a viewpoint's empty frames from a recording, in place of older ones. They need an approval before use.
+
+    Example: blockrobot robot background record empty.mcap --viewpoint ward-3 --empty-seconds 0..5
+    """
+    folder, _ = ctx.obj
+    load_identity(folder)
+    scene = record_scene(folder, viewpoint, open_recording(recording, options).empty_frames(), _now_ms())
+    if as_json:
+        print_json({"ok": True, **_row(scene)})
+    else:
+        console.print(
+            f"{scene.frame_count} frames. Look at {scene.preview}: is nobody in it?\n"
+            f"Next: blockrobot robot background approve {viewpoint} --by YOUR-NAME."
+        )
+
+
+@background.command("list")
+@json_option
+@click.pass_context
+@plain_errors
+def list_command(ctx: click.Context, as_json: bool) -> None:
+    """List the viewpoints of a robot with who approved their empty frames, and until when.
+
+    Example: blockrobot robot background list --json
+    """
+    folder, _ = ctx.obj
+    rows = [_row(scene) for scene in list_scenes(folder)]
+    if as_json:
+        print_json({"ok": True, "viewpoints": rows})
+        return
+    for row in rows:
+        until = f", approved by {row['approved_by']} until {row['expires']}" if row["approved_by"] else ""
+        console.print(f"{row['viewpoint']}: {row['frames']} frames, {row['state']}{until}")
+    if not rows:
+        console.print("There are none. Next: blockrobot robot background record RECORDING --viewpoint NAME.")
+
+
+@background.command("approve")
+@click.argument("viewpoint")
+@click.option("--by", required=True, metavar="PERSON", help="Who looked at the frames.")
+@click.option(
+    "--days",
+    default=VALID_DEFAULT_DAYS,
+    show_default=True,
+    type=click.IntRange(1, VALID_MAX_DAYS),
+    help="For how long.",
+)
+@click.option("--yes", is_flag=True, help="Do not ask whether nobody is in the picture.")
+@json_option
+@click.pass_context
+@plain_errors
+def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes: bool, as_json: bool) -> None:
+    """Say that you have looked at a viewpoint's empty frames, and that nobody is in them.
+
+    Example: blockrobot robot background approve ward-3 --by "A. Nurse" --days 30
+    """
+    folder, _ = ctx.obj
+    scene = find_scene(folder, viewpoint)
+    if not yes:
+        click.confirm(f"Have you looked at {scene.preview}, and is nobody in it?", abort=True, err=True)
+    approved = approve_scene(folder, viewpoint, by=by, days=days, now_ms=_now_ms())
+    if as_json:
+        print_json({"ok": True, **_row(approved)})
+    else:
+        console.print(f"{viewpoint} is approved until {_row(approved)['expires']}.")
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
+def _row(scene: EmptyScene) -> dict[str, Any]:
+    return {
+        "viewpoint": scene.viewpoint,
+        "state": scene.state(_now_ms()),
+        "frames": scene.frame_count,
+        "approved_by": scene.approved_by,
+        "expires": _day(scene.expires_at_ms),
+        "preview": str(scene.preview),
+        "digest": scene.digest,
+    }
+
+
+def _day(at_ms: int) -> str:
+    return datetime.fromtimestamp(at_ms / 1000, UTC).isoformat(timespec="seconds") if at_ms else ""

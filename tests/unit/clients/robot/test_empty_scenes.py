@@ -1,0 +1,97 @@
+"""A nurse records an empty ward, looks, approves; what was not looked at, was changed or has expired is not used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from clients.robot.empty_scenes import (
+    DAY_MS,
+    approve_scene,
+    approved_frames,
+    find_scene,
+    list_scenes,
+    moved_px,
+    record_scene,
+)
+from clients.robot.events import Depth
+from consensus.errors import BlockRobotError
+
+NOW_MS = 1_700_000_000_000
+
+
+def empty_frames(count: int = 12) -> list[Depth]:
+    rng = np.random.default_rng(5)
+    return [np.rint(rng.normal(4000, 20, (120, 160))).astype(np.uint16) for _ in range(count)]
+
+
+def with_someone_leaving() -> list[Depth]:
+    frames = empty_frames()
+    for frame in frames[:4]:
+        frame[20:110, 50:90] = 2000
+    return frames
+
+
+def code_of(call: object, *arguments: object, **named: object) -> str:
+    assert callable(call)
+    with pytest.raises(BlockRobotError) as refused:
+        call(*arguments, **named)
+    return refused.value.code
+
+
+def test_a_bank_is_used_once_a_person_has_approved_it(tmp_path: Path) -> None:
+    frames = empty_frames()
+    scene = record_scene(tmp_path, "ward-3", frames, NOW_MS)
+    assert (scene.state(NOW_MS), scene.frame_count) == ("recorded", 12)
+    assert scene.preview.stat().st_size > 0
+    assert code_of(approved_frames, tmp_path, "ward-3", NOW_MS) == "BACKGROUND_NOT_APPROVED"
+    approve_scene(tmp_path, "ward-3", by="A. Nurse", days=30, now_ms=NOW_MS)
+    assert all((a == b).all() for a, b in zip(approved_frames(tmp_path, "ward-3", NOW_MS), frames, strict=True))
+
+
+def test_an_approval_expires(tmp_path: Path) -> None:
+    record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
+    approve_scene(tmp_path, "ward-3", by="A. Nurse", days=1, now_ms=NOW_MS)
+    assert approved_frames(tmp_path, "ward-3", NOW_MS + DAY_MS - 1)
+    assert code_of(approved_frames, tmp_path, "ward-3", NOW_MS + DAY_MS) == "BACKGROUND_EXPIRED"
+
+
+def test_a_frame_that_was_changed_after_the_approval_is_not_used(tmp_path: Path) -> None:
+    scene = record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
+    approve_scene(tmp_path, "ward-3", by="A. Nurse", days=1, now_ms=NOW_MS)
+    (scene.folder / "003.png").write_bytes((scene.folder / "004.png").read_bytes())
+    assert find_scene(tmp_path, "ward-3").state(NOW_MS) == "changed"
+    assert code_of(approved_frames, tmp_path, "ward-3", NOW_MS) == "BACKGROUND_NOT_APPROVED"
+
+
+def test_recording_again_needs_a_new_approval(tmp_path: Path) -> None:
+    record_scene(tmp_path, "ward-3", empty_frames(20), NOW_MS)
+    approve_scene(tmp_path, "ward-3", by="A. Nurse", days=1, now_ms=NOW_MS)
+    again = record_scene(tmp_path, "ward-3", empty_frames(9), NOW_MS + 1)
+    assert (again.state(NOW_MS + 1), again.frame_count) == ("recorded", 9)
+    assert sorted(path.name for path in again.folder.glob("0*.png"))[-1] == "008.png"
+
+
+def test_someone_who_walks_out_of_the_empty_scene_is_noticed(tmp_path: Path) -> None:
+    assert moved_px(empty_frames()) < 20
+    assert moved_px(with_someone_leaving()) > 800
+    assert code_of(record_scene, tmp_path, "ward-3", with_someone_leaving(), NOW_MS) == "BACKGROUND_INVALID"
+    assert list_scenes(tmp_path) == []
+
+
+@pytest.mark.parametrize("name", ["", "../ward", "ward 3", "a" * 41, "wärd"])
+def test_a_viewpoint_cannot_be_named_out_of_its_folder(tmp_path: Path, name: str) -> None:
+    assert code_of(record_scene, tmp_path, name, empty_frames(), NOW_MS) == "BACKGROUND_INVALID"
+
+
+def test_what_is_missing_is_said(tmp_path: Path) -> None:
+    assert code_of(approved_frames, tmp_path, "ward-3", NOW_MS) == "BACKGROUND_NOT_FOUND"
+    assert code_of(record_scene, tmp_path, "ward-3", empty_frames(3), NOW_MS) == "BACKGROUND_INVALID"
+    scene = record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
+    assert code_of(approve_scene, tmp_path, "ward-3", by=" ", days=1, now_ms=NOW_MS) == "BACKGROUND_INVALID"
+    (scene.folder / "003.png").unlink()
+    assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
+    (scene.folder / "scene.json").write_bytes(b"{")
+    assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
