@@ -1,26 +1,24 @@
 """`blockrobot wallet`: the wallet on the command line, in plain words. Must never print a key or take one as an argument.
 
-The passphrase is asked for at a terminal, or read from BLOCKROBOT_PASSPHRASE_FILE; it is never an argument, which other
-users of the machine could read.
+How a wallet is opened: `clients.wallet.opening`; the commands about consent: `clients.wallet.consent_commands`.
 """
 
 from __future__ import annotations
 
-import asyncio
-import datetime
 import os
 import sys
-from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, home_folder, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
 from clients.wallet.auditing import audit_all
+from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.opening import read_passphrase, run_opened, show_moment
 from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -28,9 +26,6 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
 
-T = TypeVar("T")
-
-_PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 ERASE_WAIT_S = 60.0
 
 
@@ -56,33 +51,6 @@ def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: P
         (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
         genesis or home_folder() / "network" / "genesis.json",
     )
-
-
-def read_passphrase(*, confirm: bool = False) -> str:
-    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`)."""
-    path = os.environ.get(_PASSPHRASE_FILE)
-    if path:
-        return Path(path).read_text(encoding="utf-8").rstrip("\n")
-    if not sys.stdin.isatty():
-        raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
-    text: str = click.prompt("Passphrase", hide_input=True, confirmation_prompt=confirm)
-    return text
-
-
-def _run(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    path, genesis_path = ctx.obj
-    genesis = load_genesis(genesis_path)
-    store = Keystore.open(path, read_passphrase())
-
-    async def main() -> T:
-        async with Wallet(store, genesis) as opened:
-            return await action(opened)
-
-    return asyncio.run(main())
-
-
-def _moment(time_ms: int) -> str:
-    return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone().strftime("%Y-%m-%d %H:%M:%S")
 
 
 @wallet.command()
@@ -112,6 +80,9 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
         print_json({"ok": True, "wallet": str(path), "member": member})
     else:
         console.print(f"\nYour wallet is {path}. Next: blockrobot wallet register CODE (the code on your card).")
+
+
+wallet.add_command(consent)
 
 
 def _cost(fast: bool) -> PassphraseCost | None:
@@ -159,15 +130,18 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
 @click.pass_context
 @plain_errors
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
-    """Register with the CODE on your card, and consent to the purposes named.
+    """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 
     Example: blockrobot wallet register BR1-... --purpose demo
     """
-    done = _run(ctx, lambda opened: opened.register(code, list(purposes)))
+    done = run_opened(ctx, lambda opened: opened.register(code, list(purposes)))
     if as_json:
         print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)})
     else:
-        console.print(f"You are registered, and consent to: {', '.join(purposes)}.")
+        console.print(
+            f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
+            "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
+        )
 
 
 def _picture_count(entry: RecordEntry) -> int:
@@ -213,7 +187,7 @@ def records(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot wallet records --json
     """
-    reports = _run(ctx, lambda opened: opened.records())
+    reports = run_opened(ctx, lambda opened: opened.records())
     if as_json:
         print_json({"ok": True, "visits": [_report_json(report) for report in reports]})
         return
@@ -225,7 +199,7 @@ def records(ctx: click.Context, as_json: bool) -> None:
         console.print(f"Visit {number} at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
         for entry in report.records:
             meta = entry.metadata
-            span = f"{_moment(meta.started_at_ms)}, {_picture_count(entry)} pictures ({meta.sensor})"
+            span = f"{show_moment(meta.started_at_ms)}, {_picture_count(entry)} pictures ({meta.sensor})"
             withheld = sum(count for _, count in meta.withheld)
             span += f", {withheld} withheld before" if withheld else ""
             erased = f", {len(entry.state['erased_frames'])} of them erased" if entry.state["erased_frames"] else ""
@@ -312,7 +286,7 @@ def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: st
         entries = await _chosen(opened, record_ids)
         return await _view_all(opened, entries, purpose, verdict=False, out=out)
 
-    _print_views(_run(ctx, action), as_json=as_json, out=out)
+    _print_views(run_opened(ctx, action), as_json=as_json, out=out)
 
 
 @wallet.command()
@@ -330,7 +304,7 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
     async def action(opened: Wallet) -> list[RecordView]:
         return await _view_all(opened, await _chosen(opened, record_ids), purpose, verdict=True, out=None)
 
-    _print_views(_run(ctx, action), as_json=as_json, out=None)
+    _print_views(run_opened(ctx, action), as_json=as_json, out=None)
 
 
 @wallet.command()
@@ -342,7 +316,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot wallet audit
     """
-    entries = _run(ctx, audit_all)
+    entries = run_opened(ctx, audit_all)
     if as_json:
         rows = [
             {
@@ -361,7 +335,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
         console.print("Nothing has happened yet.")
     for entry in entries:
         subject = f"record {entry.record_id.hex()}" if entry.record_id else f"visit {entry.owner.hex()[:12]}"
-        console.print(f"{_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}")
+        console.print(f"{show_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}")
 
 
 @wallet.command()
@@ -407,7 +381,7 @@ def erase(
                 reports.extend([await erasing.report(part[0].visit, erasure_id) for erasure_id in ids])
         return reports
 
-    reports = _run(ctx, action)
+    reports = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -452,7 +426,7 @@ def probe(ctx: click.Context, record_id: str, as_json: bool) -> None:
                     refusals[f"{custodian.name} as {name}"] = "RELEASED"
         return refusals
 
-    refusals = _run(ctx, action)
+    refusals = run_opened(ctx, action)
     if as_json:
         print_json({"ok": True, "refusals": refusals})
     else:

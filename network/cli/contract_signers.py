@@ -17,9 +17,9 @@ import click
 from clients.sdk.http import NetworkClient
 from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.terminal import home_folder, load_genesis
-from clients.wallet.cli import read_passphrase
 from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
+from clients.wallet.opening import read_passphrase
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.keys import PrivateKey

@@ -1,0 +1,192 @@
+"""`blockrobot wallet consent`: a person's say in what is recorded of her. Must never make a no harder than a yes."""
+
+from __future__ import annotations
+
+import datetime
+import re
+import time
+from collections.abc import Callable
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.opening import run_opened, show_moment
+from consensus.records.consents import GIVEN
+from consensus.records.purposes import PURPOSES
+from consensus.records.sensors import SENSORS
+
+_SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
+_SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
+_NO_BOUND = 0
+
+
+def read_time(text: str | None, now_ms: int) -> int:
+    """Return a time in ms: `+30d`, `+12h`, `+45m`, a date or a date with a time of this machine's zone; 0 for none."""
+    if text is None:
+        return _NO_BOUND
+    span = _SPAN.fullmatch(text.strip())
+    if span:
+        return now_ms + int(span[1]) * _SPAN_MS[span[2]]
+    try:
+        return round(datetime.datetime.fromisoformat(text.strip()).astimezone().timestamp() * 1000)
+    except (ValueError, OverflowError, OSError):
+        raise click.UsageError(f"{text!r} is no time: write +30d, +12h, 2027-01-31 or 2027-01-31T18:00.") from None
+
+
+def _codes(command: Any) -> Any:
+    for option in (
+        click.option("--purpose", "purposes", multiple=True, help="A purpose's code; may be repeated."),
+        click.option("--sensor", "sensors", multiple=True, help="A sensor's code; may be repeated."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.group()
+def consent() -> None:
+    """Give, refuse and withdraw consent to being recorded; see what you said.
+
+    Example: blockrobot wallet consent withdraw
+    """
+
+
+def _tell(word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
+    if as_json:
+        place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height}
+        print_json({"ok": True, **place, **more})
+    else:
+        console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
+
+
+def _named(codes: tuple[str, ...], sentences: dict[str, str], none: str) -> str:
+    """Return codes with what they mean: `care (Care and treatment of the person herself.)`."""
+    return ", ".join(f"{code} ({sentences[code]})" if code in sentences else code for code in codes) or none
+
+
+@consent.command()
+@_codes
+@click.option("--from", "begins", help="Not before: +12h, 2027-01-31 or 2027-01-31T18:00.")
+@click.option("--until", "ends", help="Until when, written as for --from; until you take it back otherwise.")
+@click.option("--height", type=click.IntRange(min=0), default=0, help="From this block on (default: the next one).")
+@json_option
+@click.pass_context
+@plain_errors
+def give(
+    ctx: click.Context,
+    purposes: tuple[str, ...],
+    sensors: tuple[str, ...],
+    begins: str | None,
+    ends: str | None,
+    height: int,
+    as_json: bool,
+) -> None:
+    """Consent to purposes, by the depth camera unless you name other sensors.
+
+    Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
+    """
+    if not purposes:
+        raise click.UsageError(f"Say what you consent to: --purpose CODE, one of {', '.join(PURPOSES)}.")
+    chosen = sensors or ("depth",)
+    now_ms = round(time.time() * 1000)
+    from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
+    if ends is not None and until_ms <= max(from_ms, now_ms):
+        raise click.UsageError("The time that --until names is over already, or before --from.")
+    word = run_opened(
+        ctx,
+        lambda opened: Consenting(opened).give(
+            list(purposes), list(chosen), from_ms=from_ms, until_ms=until_ms, height=height
+        ),
+    )
+    period = f" from {show_moment(from_ms)}" if from_ms else ""
+    period += f" until {show_moment(until_ms)}" if until_ms else ", until you take it back"
+    line = f"You consent to: {_named(purposes, PURPOSES, '')} By: {_named(chosen, SENSORS, '')}{period}"
+    more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
+    more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
+    _tell(word, line, "To take it back: blockrobot wallet consent withdraw.", as_json=as_json, more=more)
+
+
+def _say_no(
+    ctx: click.Context,
+    act: Callable[[Consenting], Callable[[list[str], list[str]], Any]],
+    status: str,
+    line: str,
+    purposes: tuple[str, ...],
+    sensors: tuple[str, ...],
+    *,
+    as_json: bool,
+) -> None:
+    word = run_opened(ctx, lambda opened: act(Consenting(opened))(list(purposes), list(sensors)))
+    more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
+    codes = _named(purposes, PURPOSES, "everything that you had given.")
+    what = f"{line}: {codes} By: {_named(sensors, SENSORS, 'every sensor.')}"
+    next_step = (
+        "Robots see it within seconds and record nothing more of you for that; what waits in them is destroyed. "
+        "What was recorded before stays until you erase it: blockrobot wallet records, then blockrobot wallet erase."
+    )
+    _tell(word, what, next_step, as_json=as_json, more=more)
+
+
+@consent.command()
+@_codes
+@json_option
+@click.pass_context
+@plain_errors
+def refuse(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+    """Say no to purposes, by every sensor unless you name some, whatever you said before.
+
+    Example: blockrobot wallet consent refuse --purpose research
+    """
+    if not purposes:
+        raise click.UsageError(f"Say what you refuse: --purpose CODE, one of {', '.join(PURPOSES)}.")
+    _say_no(ctx, lambda say: say.refuse, "refused", "You refuse", purposes, sensors, as_json=as_json)
+
+
+@consent.command()
+@_codes
+@json_option
+@click.pass_context
+@plain_errors
+def withdraw(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+    """Take back what you gave: everything, unless you name purposes or sensors.
+
+    Example: blockrobot wallet consent withdraw
+    """
+    _say_no(ctx, lambda say: say.withdraw, "withdrawn", "You took back", purposes, sensors, as_json=as_json)
+
+
+@consent.command("list")
+@_codes
+@json_option
+@click.pass_context
+@plain_errors
+def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
+    """Show what you said about being recorded, proven against the chain.
+
+    Example: blockrobot wallet consent list --json
+    """
+    found: Choices = run_opened(ctx, lambda opened: Consenting(opened).choices())
+    rows = [
+        row
+        for row in found.rows
+        if (not purposes or row.purpose in purposes) and (not sensors or row.sensor in sensors)
+    ]
+    if as_json:
+        print_json({"ok": True, "height": found.height, "choices": [choice_json(row) for row in rows]})
+        return
+    if not rows:
+        console.print("You consented to nothing of this. Next: blockrobot wallet consent give --purpose CODE.")
+    for row in rows:
+        console.print(_line(row, found.height))
+
+
+def _line(row: Choice, height: int) -> str:
+    last = row.last
+    mark = "[green]yes[/green]" if row.holds else "no"
+    text = f"{mark:<4} {row.purpose} by {row.sensor}: {last.status} ({show_moment(last.since_ms)})"
+    if last.height > height:
+        text += f", from block {last.height} on"
+    if last.from_ms:
+        text += f", from {show_moment(last.from_ms)}"
+    return text + (f", until {show_moment(last.until_ms)}" if last.until_ms else "")

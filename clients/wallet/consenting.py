@@ -1,0 +1,124 @@
+"""A person's say in what is recorded of her: give, refuse, withdraw, and read it back. Must never show what is not proven.
+
+Whoever can give can take back, with fewer words. A word is signed with the member key, since it is about the person and
+no visit; the chain keeps it under her handle.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.limits import TIME_BUCKET_MS
+from consensus.records.consents import Step, find_consent, read_choices, row_key
+from consensus.records.sensors import require_sensor
+
+
+@dataclass(frozen=True, slots=True)
+class Word:
+    """What was said, final: its transaction, the block that holds it, and the height from which it holds."""
+
+    txid: bytes
+    height: int
+    from_height: int
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """One purpose and sensor: the last word, and whether a consent holds at this moment."""
+
+    purpose: str
+    sensor: str
+    holds: bool
+    last: Step
+
+
+@dataclass(frozen=True, slots=True)
+class Choices:
+    """All choices of a person, proven as of one block."""
+
+    height: int
+    time_ms: int
+    rows: tuple[Choice, ...]
+
+
+def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:
+    """Return a period on full five minutes, never longer than asked for: exact times would be a mark on the chain."""
+    return -(-from_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS, until_ms - until_ms % TIME_BUCKET_MS
+
+
+class Consenting:
+    """The consents of one wallet's person."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def give(
+        self, purposes: list[str], sensors: list[str], *, from_ms: int = 0, until_ms: int = 0, height: int = 0
+    ) -> Word:
+        """Consent, in a period (0: no bound), from a height on (0: the block after the one that holds it).
+
+        Raises VALUE_INVALID for unknown codes, NOT_REGISTERED, CALL_REFUSED with the contract's code.
+        """
+        period = round_period(from_ms, until_ms)
+        return await self._say("give", "given", purposes, sensors, *period, height)
+
+    async def refuse(self, purposes: list[str], sensors: list[str]) -> Word:
+        """Say no to purposes, by these sensors or (none named) by all. Raises as `give`."""
+        return await self._say("refuse", "refused", purposes, sensors)
+
+    async def withdraw(self, purposes: list[str], sensors: list[str]) -> Word:
+        """Take back what was given for these purposes and sensors; none named: every one. Raises as `give`."""
+        return await self._say("withdraw", "withdrawn", purposes, sensors)
+
+    async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
+        self._check(purposes, sensors)
+        await self._wallet.require_registered()
+        handle = self._wallet.store.content.handle
+        receipt = await self._wallet.network.call(
+            self._wallet.keys.identity, "consent", entry, [handle, purposes, sensors, *more]
+        )
+        (data,) = receipt.event_data("consent", event)
+        return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"])
+
+    def _check(self, purposes: list[str], sensors: list[str]) -> None:
+        known = self._wallet.genesis.purposes
+        for code in purposes:
+            if code not in known:
+                raise BlockRobotError("VALUE_INVALID", f"{code!r} is no purpose of this network: {', '.join(known)}.")
+        for code in sensors:
+            require_sensor(code)
+
+    async def choices(self) -> Choices:
+        """Return all choices, proven. Raises NOT_REGISTERED, PROOF_*."""
+        await self._wallet.require_registered()
+        place = row_key(self._wallet.store.content.handle)
+        state = await self._wallet.network.state_values([place], self._wallet.keys.identity)
+        rows = [
+            _choice(purpose, sensor, steps, state.height, state.timestamp_ms)
+            for (purpose, sensor), steps in sorted(read_choices(state.values[place]).items())
+        ]
+        return Choices(height=state.height, time_ms=state.timestamp_ms, rows=tuple(rows))
+
+
+def _choice(purpose: str, sensor: str, steps: tuple[Step, ...], height: int, time_ms: int) -> Choice:
+    consent = find_consent(steps, height)
+    holds = consent is not None and consent.from_ms <= time_ms and not 0 < consent.until_ms <= time_ms
+    return Choice(purpose, sensor, holds, steps[-1])
+
+
+def choice_json(choice: Choice) -> dict[str, Any]:
+    """Return a choice by names, for a program."""
+    last = choice.last
+    return {
+        "purpose": choice.purpose,
+        "sensor": choice.sensor,
+        "holds_now": choice.holds,
+        "status": last.status,
+        "from_height": last.height,
+        "since_ms": last.since_ms,
+        "period_from_ms": last.from_ms or None,
+        "period_until_ms": last.until_ms or None,
+    }

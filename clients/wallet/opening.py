@@ -1,0 +1,53 @@
+"""How every command opens a wallet: passphrase, genesis file, one run. Must never take a passphrase as an argument.
+
+The passphrase is asked for at a terminal, or read from the file that BLOCKROBOT_PASSPHRASE_FILE names.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import TypeVar
+
+import click
+
+from clients.sdk.terminal import load_genesis
+from clients.wallet.keystore import Keystore
+from clients.wallet.wallet import Wallet
+
+T = TypeVar("T")
+
+_PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
+
+
+def read_passphrase(*, confirm: bool = False) -> str:
+    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`)."""
+    path = os.environ.get(_PASSPHRASE_FILE)
+    if path:
+        return Path(path).read_text(encoding="utf-8").rstrip("\n")
+    if not sys.stdin.isatty():
+        raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
+    text: str = click.prompt("Passphrase", hide_input=True, confirmation_prompt=confirm)
+    return text
+
+
+def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    """Open the wallet that the group's options name and do something with it. Raises what that raises."""
+    path, genesis_path = ctx.obj
+    genesis = load_genesis(genesis_path)
+    store = Keystore.open(path, read_passphrase())
+
+    async def main() -> T:
+        async with Wallet(store, genesis) as opened:
+            return await action(opened)
+
+    return asyncio.run(main())
+
+
+def show_moment(time_ms: int) -> str:
+    """Return a time for people, in their own time zone."""
+    return datetime.datetime.fromtimestamp(time_ms / 1000).astimezone().strftime("%Y-%m-%d %H:%M:%S")

@@ -1,0 +1,377 @@
+"""The robot's view of the registry: what counts as a yes, from when, for how long, and that doubt is a no."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from clients.robot.consents import (
+    CLOCK_AHEAD_MAX_MS,
+    READ_WHOLE_EVERY_MS,
+    REFRESH_EVERY_MS,
+    STALE_AFTER_MS,
+    Consents,
+    Refusal,
+    compute_stale_after_ms,
+)
+from clients.robot.spool import SpooledClip
+from consensus.errors import BlockRobotError
+from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, row_key
+from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
+from tests.unit.clients.robot.registry_stand_in import PERSON_KEY, ROBOT, RegistryStandIn, consents_on
+from tests.unit.clients.robot.test_spool import clip
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+ANN, BEN = b"a" * 32, b"b" * 32
+DAY_MS = 24 * 3600 * 1000
+STEP_MS = 300_000
+COUNTS = [IDENTITY_CHANGES_KEY, CHANGES_KEY]
+
+
+def row(handle: bytes) -> RosterRow:
+    return RosterRow(tag=handle, handle=handle, spend=b"S" * 33, view=b"V" * 33, sealing=b"X" * 32, proof=b"")
+
+
+def roster(*handles: bytes) -> Roster:
+    return Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1, tuple(map(row, handles or (ANN, BEN))))
+
+
+class Ward:
+    """A registry of ann and ben, the robot's view of it, and a clock that is the robot's."""
+
+    def __init__(self, *handles: bytes) -> None:
+        self.off_ms = 0
+        self.known = roster(*handles)
+        self.registry = RegistryStandIn(self.known, virtual_now_ms)
+        self.consents = consents_on(self.registry, self.known)
+        self.consents._now_ms = lambda: virtual_now_ms() + self.off_ms
+
+    def refusal(
+        self, handle: bytes = ANN, purpose: str = "demo", sensor: str = "depth", taken_at_ms: int | None = None
+    ) -> Refusal | None:
+        at_ms = virtual_now_ms() if taken_at_ms is None else taken_at_ms
+        return self.consents.find_refusal(handle, purpose, sensor, at_ms)
+
+    def clip(self, handle: bytes = ANN, from_ms: int | None = None, until_ms: int | None = None) -> SpooledClip:
+        now = virtual_now_ms()
+        return msgspec.structs.replace(
+            clip(),
+            person=self.consents.person_tag(handle),
+            captured_from_ms=now if from_ms is None else from_ms,
+            captured_until_ms=now if until_ms is None else until_ms,
+            decided_at_ms=now,
+        )
+
+
+def story(*handles: bytes) -> Callable[[Callable[[Ward], Any]], Callable[[], None]]:
+    """Run a story in virtual time, on a ward of its own."""
+
+    def wrap(tell: Callable[[Ward], Any]) -> Callable[[], None]:
+        def test() -> None:
+            async def main() -> None:
+                await tell(Ward(*handles))
+
+            run_virtual(main())
+
+        test.__name__, test.__doc__ = tell.__name__, tell.__doc__
+        return test
+
+    return wrap
+
+
+@story()
+async def test_before_the_first_reading_everything_is_refused(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    assert ward.refusal() is Refusal.STALE
+
+
+@story()
+async def test_only_a_consent_to_this_purpose_and_this_sensor_is_one(ward: Ward) -> None:
+    ward.registry.say(ANN, purpose="demo", sensor="depth")
+    await ward.consents.refresh()
+    assert ward.refusal() is None
+    for other in ({"purpose": "care"}, {"sensor": "rgb"}, {"handle": BEN}, {"handle": b"?" * 32}):
+        assert ward.refusal(**other) is Refusal.NO_CONSENT  # type: ignore[arg-type]
+
+
+@story()
+async def test_a_person_of_whom_the_chain_says_otherwise_than_the_roster_is_not_confirmed(ward: Ward) -> None:
+    for handle in (ANN, BEN):
+        ward.registry.say(handle)
+    member = ward.registry.state[b"identity\x00handle/" + ANN]
+    ward.registry.state[b"identity\x00member/" + member]["sealing"] = b"?" * 32
+    await ward.consents.refresh()
+    assert (len(ward.consents), ward.refusal(ANN), ward.refusal(BEN)) == (1, Refusal.NO_CONSENT, None)
+
+
+@story()
+async def test_who_left_or_never_registered_is_refused_whatever_stands_in_her_row(ward: Ward) -> None:
+    for handle in (ANN, BEN):
+        ward.registry.say(handle)
+    ward.registry.leave(ANN)
+    del ward.registry.state[b"identity\x00handle/" + BEN]
+    await ward.consents.refresh()
+    assert (ward.refusal(ANN), ward.refusal(BEN)) == (Refusal.NO_CONSENT, Refusal.NO_CONSENT)
+
+
+@pytest.mark.parametrize("no", ["withdrawn", "refused"])
+def test_a_no_counts_from_the_reading_that_sees_it_for_every_picture_that_waits(no: str) -> None:
+    async def main() -> None:
+        ward = Ward()
+        ward.registry.say(ANN)
+        await ward.consents.refresh()
+        await asyncio.sleep(5)
+        taken_ms = virtual_now_ms()
+        ward.registry.say(ANN, no)
+        assert ward.refusal(taken_at_ms=taken_ms) is None, "the robot cannot know yet"
+        ward.registry.idle = True
+        await ward.consents.refresh()
+        assert ward.refusal(taken_at_ms=taken_ms) is Refusal.NO_CONSENT, "though it holds by the next block only"
+        assert ward.refusal(taken_at_ms=taken_ms + 60_000) is Refusal.NO_CONSENT
+
+    run_virtual(main())
+
+
+@story()
+async def test_a_break_between_two_readings_is_not_slept_through(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await asyncio.sleep(10)
+    await ward.consents.refresh()
+    taken_ms = virtual_now_ms()
+    await asyncio.sleep(2)
+    ward.registry.say(ANN, "withdrawn")
+    ward.registry.say(ANN)
+    again_ms = virtual_now_ms()
+    await ward.consents.refresh()
+    assert ward.refusal(taken_at_ms=taken_ms) is Refusal.OUTSIDE
+    assert ward.refusal(taken_at_ms=again_ms) is None
+
+
+@story()
+async def test_a_consent_begins_with_the_first_block_of_its_height_that_the_robot_sees(ward: Ward) -> None:
+    ward.registry.say(ANN, height=ward.registry.height + 40)
+    said_ms = virtual_now_ms()
+    await ward.consents.refresh()
+    assert ward.refusal() is Refusal.NO_CONSENT
+    await asyncio.sleep(7)
+    ward.registry.height += 50
+    await ward.consents.refresh()
+    assert ward.refusal(taken_at_ms=said_ms + 3_000) is Refusal.OUTSIDE
+    assert ward.refusal() is None
+
+
+@story()
+async def test_a_picture_from_before_the_consent_is_refused(ward: Ward) -> None:
+    before_ms = virtual_now_ms()
+    await asyncio.sleep(1)
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    assert ward.refusal(taken_at_ms=before_ms) is Refusal.OUTSIDE
+
+
+@story()
+async def test_a_period_counts_by_when_a_picture_was_taken(ward: Ward) -> None:
+    begin = virtual_now_ms() - virtual_now_ms() % STEP_MS + STEP_MS
+    ward.registry.say(ANN, from_ms=begin, until_ms=begin + STEP_MS)
+    await ward.consents.refresh()
+    assert ward.refusal(taken_at_ms=begin - 1) is Refusal.OUTSIDE
+    assert ward.refusal(taken_at_ms=begin) is None
+    assert ward.refusal(taken_at_ms=begin + STEP_MS - 1) is None
+    assert ward.refusal(taken_at_ms=begin + STEP_MS) is Refusal.OUTSIDE
+
+
+@story()
+async def test_a_view_that_no_block_renews_goes_stale_and_comes_back(ward: Ward) -> None:
+    """Nodes that are cut off from the others go on to answer, with ever older headers."""
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    ward.registry.idle = True
+    await asyncio.sleep(STALE_AFTER_MS / 1000 - 1)
+    await ward.consents.refresh()
+    assert ward.refusal() is None
+    await asyncio.sleep(2)
+    await ward.consents.refresh()
+    assert ward.refusal() is Refusal.STALE
+    assert ward.registry.caught_up >= 1, "other nodes were asked for a newer header"
+    ward.registry.idle = False
+    await ward.consents.refresh()
+    assert ward.refusal() is None
+
+
+@story()
+async def test_a_registry_that_cannot_be_reached_closes_and_opens_again(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    watch = asyncio.create_task(ward.consents.watch())
+    ward.registry.failure = "NODE_UNREACHABLE"
+    await asyncio.sleep(STALE_AFTER_MS / 1000 - 10)
+    assert ward.refusal() is None
+    await asyncio.sleep(70)
+    assert ward.refusal() is Refusal.STALE
+    ward.registry.failure = ""
+    await asyncio.sleep(2)
+    assert ward.refusal() is None
+    watch.cancel()
+    told = ward.consents.summary()
+    assert told["stale_times"] == 1
+    assert 55_000 <= told["stale_ms"] <= 65_000
+    assert told["failed_readings"] >= 100
+
+
+@pytest.mark.parametrize(
+    ("off_ms", "expected"),
+    [
+        (3_600_000, Refusal.STALE),
+        (-3_600_000, Refusal.STALE),
+        (-CLOCK_AHEAD_MAX_MS - 500, Refusal.STALE),
+        (STALE_AFTER_MS + 1, Refusal.STALE),
+        (-CLOCK_AHEAD_MAX_MS + 100, None),
+    ],
+)
+def test_a_robot_whose_clock_is_wrong_keeps_nothing(off_ms: int, expected: Refusal | None) -> None:
+    async def main() -> None:
+        ward = Ward()
+        ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
+        await ward.consents.refresh()
+        ward.off_ms = off_ms
+        assert ward.refusal() is expected
+
+    run_virtual(main())
+
+
+def test_an_idle_chain_with_slow_heartbeats_is_not_taken_for_a_dead_one() -> None:
+    assert compute_stale_after_ms(30_000) == STALE_AFTER_MS
+    assert compute_stale_after_ms(600_000) == 1_200_000
+
+
+@story()
+async def test_the_registry_is_asked_for_whole_and_only_when_it_changed(ward: Ward) -> None:
+    """What is asked for never depends on who stands before the robot."""
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    members = [ward.registry.state[b"identity\x00handle/" + handle] for handle in (ANN, BEN)]
+    whole = [
+        *COUNTS,
+        *(b"identity\x00handle/" + handle for handle in (ANN, BEN)),
+        *(b"identity\x00member/" + member for member in members),
+        *(row_key(handle) for handle in (ANN, BEN)),
+    ]
+    assert ward.registry.asked == whole
+    ward.registry.asked.clear()
+    await ward.consents.refresh()
+    assert ward.registry.asked == COUNTS
+    ward.registry.asked.clear()
+    ward.registry.say(BEN, "refused")
+    await ward.consents.refresh()
+    assert ward.registry.asked == whole
+
+
+@story()
+async def test_now_and_then_everything_is_read_though_no_number_says_so(ward: Ward) -> None:
+    """The numbers are kept by a contract that may one day have a fault."""
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    ward.registry.state[row_key(ANN)]["demo"]["depth"][-1][1] = "withdrawn"
+    await ward.consents.refresh()
+    assert ward.refusal() is None
+    await asyncio.sleep(READ_WHOLE_EVERY_MS / 1000)
+    await ward.consents.refresh()
+    assert ward.refusal() is Refusal.NO_CONSENT
+
+
+@story(*(bytes([number]) * 32 for number in range(200)))
+async def test_a_large_roster_is_read_in_parts(ward: Ward) -> None:
+    for number in range(200):
+        ward.registry.say(bytes([number]) * 32)
+    await ward.consents.refresh()
+    assert len(ward.consents) == 200
+    assert not any(ward.refusal(bytes([number]) * 32) for number in range(200))
+
+
+@story()
+async def test_a_clip_waits_for_a_look_at_the_registry_after_its_last_picture(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await asyncio.sleep(5)
+    await ward.consents.refresh()
+    await asyncio.sleep(0.5)
+    sealed = ward.clip()
+    ward.registry.say(ANN, "withdrawn")
+    asked = asyncio.create_task(ward.consents.may_record(sealed))
+    await asyncio.sleep(0.1)
+    assert not asked.done(), "the view is older than the picture"
+    watch = asyncio.create_task(ward.consents.watch())
+    assert await asked is False
+    watch.cancel()
+
+
+@story()
+async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward: Ward) -> None:
+    for handle in (ANN, BEN):
+        ward.registry.say(handle, since_ms=virtual_now_ms() - DAY_MS)
+    await ward.consents.refresh()
+    ward.registry.failure = "NODE_UNREACHABLE"
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(0.5)
+    asked = [asyncio.create_task(ward.consents.may_record(ward.clip(handle))) for handle in (ANN, BEN)]
+    await asyncio.sleep(600)
+    assert not any(task.done() for task in asked)
+    ward.registry.failure = ""
+    ward.registry.say(BEN, "withdrawn")
+    assert await asyncio.gather(*asked) == [True, False]
+    watch.cancel()
+
+
+@story()
+async def test_a_clip_of_nobody_on_the_roster_is_not_recorded(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    assert await ward.consents.may_record(ward.clip(b"?" * 32, until_ms=virtual_now_ms() - 100)) is False
+
+
+@story()
+async def test_a_clip_that_reaches_out_of_the_consent_at_either_end_is_not_recorded(ward: Ward) -> None:
+    await asyncio.sleep(10)
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    now = virtual_now_ms()
+    assert await ward.consents.may_record(ward.clip(from_ms=now - 5_000, until_ms=now - 100)) is False
+
+
+@story()
+async def test_a_recording_that_is_played_faster_than_time_is_judged_when_it_is_sealed(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await asyncio.sleep(1)
+    await ward.consents.refresh()
+    later = virtual_now_ms() + 60_000
+    sealed = ward.clip(from_ms=later, until_ms=later)
+    watch = asyncio.create_task(ward.consents.watch())
+    started = virtual_now_ms()
+    assert await ward.consents.may_record(sealed) is True
+    assert virtual_now_ms() - started <= 2 * REFRESH_EVERY_MS
+    watch.cancel()
+
+
+@story()
+async def test_a_robot_that_was_revoked_stops_rather_than_wait_for_ever(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    watch = asyncio.create_task(ward.consents.watch())
+    ward.registry.failure = "SESSION_REFUSED"
+    await asyncio.sleep(0.1)
+    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+        await ward.consents.may_record(ward.clip())
+    assert ward.refusal() is Refusal.STALE
+    watch.cancel()
+
+
+def test_what_stands_for_a_person_in_the_spool_is_no_handle() -> None:
+    async def main() -> tuple[bytes, bytes]:
+        consents: Consents = Ward().consents
+        return consents.person_tag(ANN), consents.person_tag(BEN)
+
+    ann, ben = run_virtual(main())
+    assert len({ann, ben, ANN, BEN, PERSON_KEY}) == 5

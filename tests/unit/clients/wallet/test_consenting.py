@@ -1,0 +1,245 @@
+"""A wallet's say, against the contract itself: what is signed, what is read back, and that no is as easy as yes."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from clients.sdk.receipts import FinalReceipt, final_receipt
+from clients.sdk.trust import ProvedState
+from clients.wallet import consent_commands
+from clients.wallet.consent_commands import consent, read_time
+from clients.wallet.consenting import Consenting, round_period
+from clients.wallet.keystore import Keystore
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.limits import TIME_BUCKET_MS
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+from consensus.records.sensors import SENSORS, require_sensor
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.contracts.privacy.hospital import Hospital, Person
+
+WORDS = " ".join(["abandon"] * 23 + ["art"])
+
+
+class HospitalNetwork:
+    """The hospital's chain, as a wallet's network."""
+
+    pinned = b""
+
+    def __init__(self, hospital: Hospital) -> None:
+        self.hospital = hospital
+
+    async def close(self) -> None:
+        """Nothing is open."""
+
+    async def call(
+        self, key: PrivateKey, contract: str, entry: str, arguments: list[Any], *, timeout_ms: int = 0
+    ) -> FinalReceipt:
+        receipt = self.hospital.send(key, contract, entry, *arguments)
+        return final_receipt(
+            receipt, height=self.hospital.height, index=0, block_id=bytes(32), timestamp_ms=self.hospital.time_ms
+        ).require_ok()
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        found = {flat: self.hospital.state.get(flat) for flat in keys}
+        values = {flat: None if data is None else decode_value(data) for flat, data in found.items()}
+        return ProvedState(self.hospital.height, self.hospital.time_ms, values)
+
+    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+        flat = contract.encode() + b"\x00" + state_key
+        return (await self.state_values([flat], key)).values[flat]
+
+
+class WalletOf(Person):
+    """A person whose keys are a wallet's."""
+
+    wallet: Wallet
+
+    @property
+    def identity(self) -> PrivateKey:
+        return self.wallet.keys.identity
+
+    @property
+    def spend(self) -> PrivateKey:
+        return self.wallet.keys.spend
+
+    @property
+    def view(self) -> PrivateKey:
+        return self.wallet.keys.view
+
+    @property
+    def sealing(self) -> bytes:
+        return self.wallet.keys.sealing_public
+
+
+class House:
+    """A hospital's chain and one wallet on it, registered without consenting to anything."""
+
+    def __init__(self, folder: Path) -> None:
+        self.hospital = Hospital()
+        store = Keystore.create(folder / "ann.wallet", WORDS, "tea", CHEAP)
+        self.wallet = Wallet(store, self.hospital.genesis)
+        self.wallet.network = HospitalNetwork(self.hospital)  # type: ignore[assignment]
+        person, card = WalletOf("ann"), self.hospital.card("ann")
+        person.wallet = self.wallet
+        arguments = self.hospital.register_arguments(person, card, purposes=[])
+        self.hospital.must(person.identity, "identity", "register", *arguments)
+
+    @property
+    def consenting(self) -> Consenting:
+        return Consenting(self.wallet)
+
+    async def rows(self) -> dict[tuple[str, str], tuple[bool, str]]:
+        return {
+            (row.purpose, row.sensor): (row.holds, row.last.status) for row in (await self.consenting.choices()).rows
+        }
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> House:
+    return House(tmp_path)
+
+
+@pytest.fixture
+def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
+    """Run `wallet consent ...` on that wallet."""
+
+    def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+        coroutine = action(house.wallet)
+        assert inspect.iscoroutine(coroutine)
+        try:
+            coroutine.send(None)
+        except StopIteration as done:
+            return done.value
+        raise AssertionError("the hospital's chain never makes anybody wait")
+
+    monkeypatch.setattr(consent_commands, "run_opened", run_opened)
+    monkeypatch.setattr(consent_commands.time, "time", lambda: house.hospital.time_ms / 1000)
+    return lambda *arguments: CliRunner().invoke(consent, list(arguments), obj=(Path(), Path()))
+
+
+async def test_what_is_given_holds_from_the_height_that_the_wallet_names(house: House) -> None:
+    word = await house.consenting.give(["care"], ["depth", "rgb"])
+    assert (word.height, word.from_height) == (house.hospital.height, house.hospital.height + 1)
+    assert await house.rows() == {("care", "depth"): (False, "given"), ("care", "rgb"): (False, "given")}
+    house.hospital.block([])
+    assert await house.rows() == {("care", "depth"): (True, "given"), ("care", "rgb"): (True, "given")}
+
+
+async def test_taking_back_needs_no_word_of_what_was_given(house: House) -> None:
+    await house.consenting.give(["care", "research"], ["depth", "audio"], until_ms=house.hospital.time_ms + 10**9)
+    await house.consenting.withdraw([], [])
+    assert set((await house.rows()).values()) == {(False, "withdrawn")}
+
+
+async def test_a_wallet_that_was_restored_can_take_back_too(house: House) -> None:
+    await house.consenting.give(["care"], ["depth"])
+    house.wallet.store.content.handle = b""
+    await house.consenting.withdraw([], [])
+    assert await house.rows() == {("care", "depth"): (False, "withdrawn")}
+
+
+async def test_a_wrong_code_is_refused_before_anything_is_signed(house: House) -> None:
+    height = house.hospital.height
+    for purposes, sensors in ((["world-domination"], ["depth"]), (["care"], ["x-ray"])):
+        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+            await house.consenting.give(purposes, sensors)
+        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+            await house.consenting.refuse(purposes, sensors)
+    assert house.hospital.height == height
+
+
+def test_a_period_is_rounded_so_that_it_is_never_longer_than_asked_for() -> None:
+    assert round_period(1, 2 * TIME_BUCKET_MS - 1) == (TIME_BUCKET_MS, TIME_BUCKET_MS)
+    assert round_period(0, 0) == (0, 0)
+    assert round_period(TIME_BUCKET_MS, TIME_BUCKET_MS) == (TIME_BUCKET_MS, TIME_BUCKET_MS)
+
+
+def test_a_time_is_a_span_or_a_date() -> None:
+    assert read_time(None, 5) == 0
+    assert read_time("+2h", 5) == 5 + 7_200_000
+    assert read_time(" +1d ", 5) == 5 + 86_400_000
+    assert read_time("2027-01-31T18:00+00:00", 5) == 1_801_418_400_000
+    for text in ("soon", "+5", "2027-13-01", ""):
+        with pytest.raises(click.UsageError):
+            read_time(text, 5)
+
+
+def test_every_sensor_has_a_sentence() -> None:
+    assert all(require_sensor(code).endswith(".") for code in SENSORS)
+
+
+def test_the_commands_tell_a_story_in_plain_words(house: House, run: Callable[..., Any]) -> None:
+    given = run("give", "--purpose", "care", "--until", "+30d")
+    assert given.exit_code == 0
+    assert "Care and treatment of the person herself" in given.output
+    assert f"from block {house.hospital.height + 1} on" in given.output
+    assert "blockrobot wallet consent withdraw" in given.output
+    house.hospital.block([])
+    listed = run("list")
+    assert "yes" in listed.output
+    assert "care by depth: given" in listed.output
+    taken = run("withdraw")
+    assert taken.exit_code == 0
+    assert "You took back: everything that you had given." in taken.output
+    assert "blockrobot wallet erase" in taken.output
+    assert "care by depth: withdrawn" in run("list").output
+    assert "You refuse: research" in run("refuse", "--purpose", "research").output
+    assert "You consented to nothing of this." in run("list", "--purpose", "teaching").output
+
+
+def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[..., Any]) -> None:
+    given = json.loads(run("give", "--purpose", "care", "--sensor", "rgb", "--height", "500", "--json").output)
+    assert (given["ok"], given["from_height"], given["sensors"], given["status"]) == (True, 500, ["rgb"], "given")
+    listed = json.loads(run("list", "--json").output)
+    assert listed["choices"] == [
+        {
+            "purpose": "care",
+            "sensor": "rgb",
+            "holds_now": False,
+            "status": "given",
+            "from_height": 500,
+            "since_ms": house.hospital.time_ms,
+            "period_from_ms": None,
+            "period_until_ms": None,
+        }
+    ]
+    assert json.loads(run("withdraw", "--json").output)["status"] == "withdrawn"
+    again = run("withdraw", "--json")
+    assert (again.exit_code, json.loads(again.output)["error"]["code"]) == (1, "CALL_REFUSED")
+    assert "CONSENT_MISSING" in again.output
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["give"],
+        ["refuse"],
+        ["give", "--purpose", "care", "--until", "yesterday"],
+        ["give", "--purpose", "care", "--until", "2001-01-01"],
+        ["give", "--purpose", "care", "--from", "+2d", "--until", "+1d"],
+        ["give", "--purpose", "care", "--height", "-1"],
+    ],
+)
+def test_wrong_usage_is_told_and_nothing_is_signed(house: House, run: Callable[..., Any], arguments: list[str]) -> None:
+    height = house.hospital.height
+    assert run(*arguments).exit_code == 2
+    assert house.hospital.height == height
+
+
+def test_withdrawing_is_as_easy_as_giving() -> None:
+    """No more options are needed, and there is no question in between that giving does not ask."""
+    giving, withdrawing = (consent.commands[name] for name in ("give", "withdraw"))
+    names = [{option.name for option in command.params} for command in (giving, withdrawing)]
+    assert names[1] < names[0]
+    assert not any(option.required for option in withdrawing.params)
+    assert not any(getattr(option, "prompt", None) for option in withdrawing.params)
