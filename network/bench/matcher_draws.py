@@ -27,7 +27,8 @@ ABSENT_IN_FRONT_SHARE = 0.01
 
 Bearer = Literal["present", "absent", "behind", "aside"]
 Array = npt.NDArray[np.float64]
-_TIMES_S = np.arange(0, TRACK_MS + FRAME_EVERY_MS, FRAME_EVERY_MS) / 1000
+_TIMES_MS = list(range(0, TRACK_MS + 1, FRAME_EVERY_MS))
+_TIMES_S = np.array(_TIMES_MS) / 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,9 +110,8 @@ def _reflect(ranges: Array) -> Array:
 
 
 def _track(number: int, ranges: Array) -> Track:
-    times = [round(1000 * at) for at in _TIMES_S]
     track = Track(number, 0, TRACK_MS, 0.0, float(ranges[-1]))
-    track.times, track.ranges = times, ranges.tolist()
+    track.times, track.ranges = list(_TIMES_MS), ranges.tolist()
     return track
 
 

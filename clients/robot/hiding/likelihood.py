@@ -11,8 +11,8 @@ person in view the position is the constant bias of the range; for an absent bea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,75 +32,76 @@ ABSENT_MOTIONS = ((0.0, 0.0, 0.4), (0.7, 0.02, 0.3), (0.7, 0.3, 0.3))
 VISIBLE_FRONT = ((18.0, 2.0, 1.0),)
 ABSENT_FRONT = ((2.0, 18.0, 0.9995), (1.0, 1.0, 0.0005))
 _LOG_2PI = math.log(2 * math.pi)
+# What is less likely than this beside the likeliest counts as this likely, so that no logarithm is infinite.
+_TINY = 1e-300
 _TRANSITIONS_KEPT_COUNT = 1024
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Spread:
-    """How sure a mixture is: when it was last asked, and the covariance of each component, (components, 3, 3)."""
+class Spread(NamedTuple):
+    """How sure the filters are: when they were last asked, and the covariance of each component, (components, 3, 3)."""
 
     at_ms: int | None
     covariance: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Step:
+class Step(NamedTuple):
     """What one reading does to every belief of the same spread, whatever was measured."""
 
     after: Spread
     motion: Array
-    seen_as: Array
+    drifting: Array
     gain: Array
     precision: Array
     constant: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Belief:
-    """A mixture after some readings: (components, 3) means, log density of the readings by component, its spread."""
+class Belief(NamedTuple):
+    """The filters after some readings: means (components, 3), log density of the readings by component, the spread."""
 
     mean: Array
     log_density: Array
     spread: Spread
 
 
-class Mixture:
-    """Filters of one hypothesis, side by side in arrays; holds no readings itself."""
+class Filters:
+    """The filters of both hypotheses, side by side in arrays: first those of a person in view. Holds no readings."""
 
-    def __init__(self, mean_m: float, motions: tuple[tuple[float, float, float, float], ...]) -> None:
-        """`motions` are (sigma of the position, sigma of the speed, acceleration, weight)."""
+    def __init__(self) -> None:
+        in_view = [(0.0, BIAS_SIGMA_M, 0.0, 0.0, 1.0)]
+        absent = [(ABSENT_MEAN_M, ABSENT_SIGMA_M, *motion) for motion in ABSENT_MOTIONS]
         rows = [
-            (place, speed, acceleration, scale, drift_s, share, math.log(weight * scale_weight * drift_weight))
-            for place, speed, acceleration, weight in motions
+            (mean, place, speed, acceleration, scale, drift_s, share, math.log(weight * scale_weight * drift_weight))
+            for mean, place, speed, acceleration, weight in in_view + absent
             for scale, scale_weight in SIGMA_SCALES
             for drift_s, share, drift_weight in ERROR_DRIFTS
         ]
-        place, speed, acceleration, scale, drift_s, share, log_weight = np.array(rows).T
+        mean, place, speed, acceleration, scale, drift_s, share, log_weight = np.array(rows).T
         self._count = len(rows)
+        self.visible_count = len(SIGMA_SCALES) * len(ERROR_DRIFTS)
+        self.in_view = np.arange(self._count) < self.visible_count
         self._acceleration = acceleration
         self._drift_s = drift_s
         self._white = (1 - share) * scale**2
         self._drifting = np.sqrt(share) * scale
         covariance = np.zeros((self._count, 3, 3))
         covariance[:, 0, 0], covariance[:, 1, 1], covariance[:, 2, 2] = place**2, speed**2, 1.0
-        mean = np.zeros((self._count, 3))
-        mean[:, 0] = mean_m
-        self.start = Belief(mean, log_weight, Spread(None, covariance))
+        means = np.zeros((self._count, 3))
+        means[:, 0] = mean
+        self.start = Belief(means, log_weight, Spread(None, covariance))
         self._transition = lru_cache(_TRANSITIONS_KEPT_COUNT)(self._make_transition)
 
     def step(self, spread: Spread, at_ms: int, sigma_m: float) -> Step:
         """Return what a reading at that time with that sigma does; time never goes back here."""
         motion, noise = self._transition(max(0, at_ms - (at_ms if spread.at_ms is None else spread.at_ms)))
         covariance = motion @ spread.covariance @ motion.transpose(0, 2, 1) + noise
-        seen_as = np.zeros((self._count, 3))
-        seen_as[:, 0] = 1.0
-        seen_as[:, 2] = self._drifting * sigma_m
-        across = (covariance @ seen_as[:, :, None])[:, :, 0]
-        variance = (across * seen_as).sum(1) + self._white * (sigma_m * sigma_m)
+        # What is measured is the position plus the drifting error: (1, 0, drifting) of the state, and fresh noise.
+        drifting = self._drifting * sigma_m
+        across = covariance[:, :, 0] + covariance[:, :, 2] * drifting[:, None]
+        variance = across[:, 0] + across[:, 2] * drifting + self._white * (sigma_m * sigma_m)
         gain = across / variance[:, None]
         after = covariance - gain[:, :, None] * across[:, None, :]
         constant = -0.5 * (_LOG_2PI + np.log(variance))
-        return Step(Spread(at_ms, after), motion, seen_as, gain, 1 / variance, constant)
+        return Step(Spread(at_ms, after), motion, drifting, gain, 1 / variance, constant)
 
     def _make_transition(self, elapsed_ms: int) -> tuple[Array, Array]:
         """Return how the state moves in that time, and the noise that this adds; both (components, 3, 3)."""
@@ -117,22 +118,24 @@ class Mixture:
         return motion, noise
 
 
-VISIBLE = Mixture(0.0, ((BIAS_SIGMA_M, 0.0, 0.0, 1.0),))
-ABSENT = Mixture(ABSENT_MEAN_M, tuple((ABSENT_SIGMA_M, *motion) for motion in ABSENT_MOTIONS))
+FILTERS = Filters()
 
 
-def take(belief: Belief, step: Step, observed_m: float) -> Belief:
-    """Return the belief after a reading: the range itself for an absent bearer, its error for a person in view."""
+def take(belief: Belief, step: Step, distance_m: float, person_m: float) -> Belief:
+    """Return the belief about one person after a reading, taken when this person's range was `person_m`."""
     predicted = (step.motion @ belief.mean[:, :, None])[:, :, 0]
-    error = observed_m - (step.seen_as * predicted).sum(1)
+    error = distance_m - person_m * FILTERS.in_view - predicted[:, 0] - step.drifting * predicted[:, 2]
     log_density = belief.log_density + step.constant - 0.5 * error * error * step.precision
     return Belief(predicted + step.gain * error[:, None], log_density, step.after)
 
 
-def log_evidence(belief: Belief) -> float:
-    """Return the log density of all readings taken so far, over all components."""
-    top = float(belief.log_density.max())
-    return top + math.log(float(np.exp(belief.log_density - top).sum()))
+def log_evidence(belief: Belief) -> tuple[float, float]:
+    """Return the log densities of all readings so far: if this person wears the tag, and if its bearer is absent."""
+    top = belief.log_density.max()
+    shares = np.exp(belief.log_density - top)
+    visible = float(shares[: FILTERS.visible_count].sum())
+    absent = float(shares[FILTERS.visible_count :].sum())
+    return float(top) + math.log(max(visible, _TINY)), float(top) + math.log(max(absent, _TINY))
 
 
 def log_sum(values: list[float]) -> float:

@@ -8,12 +8,13 @@ they were taken, whatever the order in which they came.
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, insort
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from clients.robot.events import Facing, Sighting
-from clients.robot.hiding.likelihood import ABSENT, VISIBLE, Belief, Step, log_antenna, log_evidence, log_sum, take
+from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
 from clients.robot.hiding.tracking import Track
 
 PRIOR_ABSENT = 0.3
@@ -34,12 +35,10 @@ _CHECKPOINT_EVERY_COUNT = 16
 _Order = tuple[int, int, int, str, int, float, float, float]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Standing:
+class _Standing(NamedTuple):
     """How one tag stands with one track."""
 
-    visible: Belief = VISIBLE.start
-    absent: Belief = ABSENT.start
+    belief: Belief = FILTERS.start
     compared: int = 0
     front: int = 0
     back: int = 0
@@ -81,8 +80,12 @@ class _Tag:
         elif len(self.readings) >= READINGS_MAX_COUNT:
             return False
         self.slots[slot] = sighting
-        insort(self.readings, sighting, key=_order)
-        self._rewind(bisect_left(self.readings, _order(sighting), key=_order))
+        if not self.readings or at_ms > self.readings[-1].middle_ms:
+            self.readings.append(sighting)
+            return True
+        place = bisect_left(self.readings, _order(sighting), key=_order)
+        self.readings.insert(place, sighting)
+        self._rewind(place)
         return True
 
     def _rewind(self, place: int) -> None:
@@ -220,18 +223,15 @@ class Matcher:
         """Take one reading into account for every track that was followed when it was taken."""
         at_ms = reading.middle_ms
         steps: dict[int, Step] = {}
-        absent: dict[int, Belief] = {}
         for number, track in self._tracks.items():
             person_m = track.range_at(at_ms)
             if person_m is None:
                 continue
             old = tag.standings.get(number) or _Standing()
-            new = replace(
-                old, front=old.front + (reading.facing is Facing.FRONT), back=old.back + (reading.facing is Facing.BACK)
-            )
             if reading.distance_m is not None and reading.sigma_m is not None:
-                new = _compare(new, at_ms, reading.distance_m, reading.sigma_m, person_m, steps, absent)
-            tag.standings[number] = new
+                old = _compare(old, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
+            front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
+            tag.standings[number] = old._replace(front=old.front + front, back=old.back + back)
         self._decide(tag, at_ms)
 
     def _decide(self, tag: _Tag, at_ms: int) -> None:
@@ -247,30 +247,20 @@ class Matcher:
             bound = standing.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
                 bound = odds >= BIND_LOG_ODDS or (bound and odds >= UNBIND_LOG_ODDS)
-            tag.standings[track.number] = replace(standing, odds=odds, bound=bound)
+            tag.standings[track.number] = standing._replace(odds=odds, bound=bound)
 
 
 def _compare(
-    standing: _Standing,
-    at_ms: int,
-    distance_m: float,
-    sigma_m: float,
-    person_m: float,
-    steps: dict[int, Step],
-    absent: dict[int, Belief],
+    standing: _Standing, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, Step]
 ) -> _Standing:
     """Take a distance. What does not depend on the person is worked out once for all tracks with the same past."""
-    spread = standing.visible.spread
+    spread = standing.belief.spread
     step = steps.get(id(spread))
     if step is None:
-        step = steps[id(spread)] = VISIBLE.step(spread, at_ms, sigma_m)
-    elsewhere = absent.get(id(standing.absent))
-    if elsewhere is None:
-        elsewhere = take(standing.absent, ABSENT.step(standing.absent.spread, at_ms, sigma_m), distance_m)
-        absent[id(standing.absent)] = elsewhere
-    visible = take(standing.visible, step, distance_m - person_m)
-    ratio = log_evidence(visible) - log_evidence(elsewhere)
-    return replace(standing, visible=visible, absent=elsewhere, compared=standing.compared + 1, distance_ratio=ratio)
+        step = steps[id(spread)] = FILTERS.step(spread, at_ms, sigma_m)
+    belief = take(standing.belief, step, distance_m, person_m)
+    visible, absent = log_evidence(belief)
+    return standing._replace(belief=belief, compared=standing.compared + 1, distance_ratio=visible - absent)
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:
