@@ -27,6 +27,7 @@ BLOCKCHAIN_TRANSACTION = "BLOCKCHAIN_TRANSACTION"
 DATABASE_PERSISTANCE = "DATABASE_PERSISTANCE"
 CLOCK_ESTIMATED = "CLOCK_ESTIMATED"
 MESSAGE_REFUSED = "MESSAGE_REFUSED"
+SENSE_WITHHELD = "SENSE_WITHHELD"
 
 ACTIVITIES = (
     IMAGE_RETRIEVE,
@@ -39,8 +40,12 @@ ACTIVITIES = (
     DATABASE_PERSISTANCE,
     CLOCK_ESTIMATED,
     MESSAGE_REFUSED,
+    SENSE_WITHHELD,
 )
 ALIASES_MAX_COUNT = 65_536
+
+
+_XES_EXTENSIONS = (("Concept", "concept"), ("Time", "time"), ("Organizational", "org"))
 
 
 def _draw() -> str:
@@ -131,6 +136,9 @@ def write_xes(events: Iterable[dict[str, Any]], path: Path) -> None:
         file.write(
             '<?xml version="1.0" encoding="UTF-8"?>\n<log xes.version="1.0" xmlns="http://www.xes-standard.org/">\n'
         )
+        for name, prefix in _XES_EXTENSIONS:
+            uri = f"http://www.xes-standard.org/{prefix}.xesext"
+            file.write(f' <extension name="{name}" prefix="{prefix}" uri="{uri}"/>\n')
         for case, rows in traces.items():
             file.write(f' <trace>\n  <string key="concept:name" value={quoteattr(case)}/>\n')
             for row in rows:

@@ -59,6 +59,8 @@ def _event(time_ms: object, activity: object, case: object, alias: object, numbe
     for name, value in (("activity", activity), ("case", case), ("alias", alias)):
         if not isinstance(value, str) or len(value) > FIELD_MAX_CHARS or not (value or name == "alias"):
             raise invalid_line(number, f"the {name} is not a text of 1 to {FIELD_MAX_CHARS} characters")
+        if not value.isprintable():  # neither a terminal nor XML takes such characters
+            raise invalid_line(number, f"the {name} holds a control character")
     return LoggedEvent(time_ms, str(activity), str(case), str(alias))
 
 
