@@ -27,20 +27,50 @@ TELL_EVERY_MS = 10_000
 
 
 @dataclass(slots=True)
-class _Second:
-    """How many readings of one kind passed in the stream's present second."""
+class _Gate:
+    """Lets at most `limit` readings a second through, and of one tag and antenna none that are near one another."""
 
     limit: int
-    second: int = 0
-    passed: int = 0
+    _second: int = 0
+    _passed: int = 0
+    _readings: dict[tuple[str, int], list[int]] = field(default_factory=dict)
+    _forgot_ms: int = 0
 
-    def takes(self, at_ms: int) -> bool:
-        """Count one more reading; return whether there was room."""
+    def takes(self, sighting: Sighting) -> bool:
+        """Return whether a reading may pass; remembers it if so."""
+        at_ms = sighting.last_seen_ms if sighting.received_at_ms is None else sighting.received_at_ms
         second = at_ms // 1000
-        if second > self.second or second < self.second - MEMORY_MS // 1000:  # older by less: out of order
-            self.second, self.passed = second, 0
-        self.passed += 1
-        return self.passed <= self.limit
+        if second > self._second or second < self._second - MEMORY_MS // 1000:  # older by less: out of order
+            self._second, self._passed = second, 0
+        if self._passed >= self.limit or not self._is_apart(sighting):
+            return False
+        self._passed += 1
+        return True
+
+    def _is_apart(self, sighting: Sighting) -> bool:
+        """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""
+        at, key = sighting.middle_ms, (sighting.uid, sighting.antenna)
+        if abs(at - self._forgot_ms) > FORGET_EVERY_MS:
+            self._forget(at)
+        times = self._readings.get(key)
+        if times is None:
+            if len(self._readings) >= TAGS_MAX_COUNT:
+                return False
+            self._readings[key] = [at]
+            return True
+        place = bisect_left(times, at - APART_MS + 1)
+        if place < len(times) and times[place] < at + APART_MS:
+            return False
+        if len(times) >= READINGS_MAX_COUNT:
+            if at < times[0]:
+                return False
+            del times[0]
+        insort(times, at)
+        return True
+
+    def _forget(self, at_ms: int) -> None:
+        self._forgot_ms = at_ms
+        self._readings = {key: times for key, times in self._readings.items() if abs(at_ms - times[-1]) <= MEMORY_MS}
 
 
 @dataclass(slots=True)
@@ -49,21 +79,16 @@ class Admission:
 
     clocks: RunClocks = field(default_factory=RunClocks)
     only_paired_count: int = 0
-    _readings: dict[tuple[str, int], list[int]] = field(default_factory=dict)
-    _known: _Second = field(default_factory=lambda: _Second(KNOWN_MAX_PER_S))
-    _strangers: _Second = field(default_factory=lambda: _Second(STRANGERS_MAX_PER_S))
-    _forgot_ms: int = 0
+    _known: _Gate = field(default_factory=lambda: _Gate(KNOWN_MAX_PER_S))
+    _strangers: _Gate = field(default_factory=lambda: _Gate(STRANGERS_MAX_PER_S))
     _told_ms: int | None = None
     _told_turned_away: Counter[str] = field(default_factory=Counter)
 
     def weighs(self, sighting: Sighting, *, known: bool) -> bool:
         """Say whether an admitted sighting goes to matching and the log too, and not to pairing alone."""
-        fits = self._is_apart(sighting)
-        if fits:
-            at_ms = sighting.last_seen_ms if sighting.received_at_ms is None else sighting.received_at_ms
-            fits = (self._known if known else self._strangers).takes(at_ms)
-        self.only_paired_count += not fits
-        return fits
+        passes = (self._known if known else self._strangers).takes(sighting)
+        self.only_paired_count += not passes
+        return passes
 
     def is_time_to_tell(self) -> bool:
         """Whether ten seconds of the stream have passed since this last said so."""
@@ -92,28 +117,3 @@ class Admission:
 
     def _turned_away(self, pairing: Pairing) -> Counter[str]:
         return Counter(self.clocks.refused) + Counter(pairing.refused)
-
-    def _is_apart(self, sighting: Sighting) -> bool:
-        """Whether no remembered reading of that tag by that antenna is near; remembers this one if so."""
-        at, key = sighting.middle_ms, (sighting.uid, sighting.antenna)
-        if abs(at - self._forgot_ms) > FORGET_EVERY_MS:
-            self._forget(at)
-        times = self._readings.get(key)
-        if times is None:
-            if len(self._readings) >= TAGS_MAX_COUNT:
-                return False
-            self._readings[key] = [at]
-            return True
-        place = bisect_left(times, at - APART_MS + 1)
-        if place < len(times) and times[place] < at + APART_MS:
-            return False
-        if len(times) >= READINGS_MAX_COUNT:
-            if at < times[0]:
-                return False
-            del times[0]
-        insort(times, at)
-        return True
-
-    def _forget(self, at_ms: int) -> None:
-        self._forgot_ms = at_ms
-        self._readings = {key: times for key, times in self._readings.items() if abs(at_ms - times[-1]) <= MEMORY_MS}

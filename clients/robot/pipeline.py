@@ -163,6 +163,8 @@ class Pipeline:
             ready = self._batcher.close_idle(self._now_ms())
         else:
             outputs = self._identify(event)
+            if not outputs:  # most of a storm of readings ends here
+                return
         self._seal([*self._sort(outputs), *ready])
         self._deliver(self._senses.settle())
         await self._hold_back()

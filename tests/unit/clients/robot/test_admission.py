@@ -53,13 +53,13 @@ def test_strangers_cannot_crowd_out_whom_the_robot_is_for() -> None:
 
 def test_what_is_remembered_of_readings_is_bounded_and_forgotten() -> None:
     admission = Admission()
-    for number in range(TAGS_MAX_COUNT + 100):
-        admission.weighs(reading(0, f"stranger-{number}"), known=False)
-    assert len(admission._readings) == TAGS_MAX_COUNT
+    for number in range(2 * TAGS_MAX_COUNT):
+        admission.weighs(reading(number * 5, f"known-{number}"), known=True)
+    assert 2_000 < len(admission._known._readings) <= TAGS_MAX_COUNT
     for number in range(2 * READINGS_MAX_COUNT):
-        admission.weighs(reading(60_000 + number * APART_MS), known=True)
-    assert [len(times) for times in admission._readings.values()] == [READINGS_MAX_COUNT]
-    assert not admission.weighs(reading(60_000), known=True), "older than what is remembered"
+        admission.weighs(reading(120_000 + number * APART_MS), known=True)
+    assert [len(times) for times in admission._known._readings.values()] == [READINGS_MAX_COUNT]
+    assert not admission.weighs(reading(120_000), known=True), "older than what is remembered"
 
 
 def test_there_is_something_to_tell_every_ten_seconds_of_the_stream() -> None:
