@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import AsyncIterator, Callable
 from typing import Any
 
-from clients.robot.events import AudioClip, ColourFrame, Event, Frame, Label, Refused, Sighting, SourceEvent
+from clients.robot.events import AudioClip, ColourFrame, Event, Frame, Label, Refused, Sense, Sighting, SourceEvent
 from consensus.errors import BlockRobotError
 
 REFUSED_IN_A_ROW_MAX_COUNT = 300
@@ -27,8 +27,8 @@ class Inputs:
         self._note = note
         self._in_a_row: dict[str, int] = {}
 
-    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event]:
-        """Yield frames and sightings that can be used, until the stream ends, breaks off or becomes useless."""
+    async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | Sense]:
+        """Yield the events that can be used, until the stream ends, breaks off or becomes useless."""
         try:
             async for event in events:
                 refused = self._check(event)
@@ -36,7 +36,7 @@ class Inputs:
                     self._refuse(refused)
                 else:
                     self._in_a_row[_KINDS[type(event)]] = 0
-                if isinstance(event, Frame | Sighting) and refused is None:
+                if not isinstance(event, Refused) and refused is None:
                     yield event
                 if self.fault is not None:
                     return

@@ -50,6 +50,7 @@ class RunStatistics:
     arrival_to_final_ms: list[float] = field(default_factory=list)
     submit_to_final_ms: list[float] = field(default_factory=list)
     final_times_ms: list[int] = field(default_factory=list)
+    senses: dict[str, RunStatistics] = field(default_factory=dict)
 
     def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
         """Note when a frame came in."""
@@ -62,6 +63,8 @@ class RunStatistics:
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
         """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
+        for sense in self.senses.values():
+            sense.clip_dropped(record_id, reason)
         sealed = self.sealed.pop(record_id, SealedFrames())
         self.add_withheld(reason, len(sealed.frames))
         return sealed
@@ -73,6 +76,9 @@ class RunStatistics:
 
     def delivered(self, done: Delivered) -> SealedFrames:
         """Note that a record is final: only now its frames count as kept. Returns them; none if an earlier run's."""
+        for sense in self.senses.values():
+            if done.clip.upload.record_id in sense.sealed:
+                sense.delivered(done)
         sealed = self.sealed.pop(done.clip.upload.record_id, SealedFrames())
         frames = sealed.frames
         self.records_final += 1
@@ -100,6 +106,10 @@ class RunStatistics:
             "withheld_reasons": dict(sorted(self.withheld.items())),
             "lost": self.covered - self.kept_final - self.withheld_count,
         }
+
+    def senses_json(self) -> dict[str, Any]:
+        """Return the same counts of each other sense of which anything came."""
+        return {sensor: sense.frames_json() for sensor, sense in self.senses.items() if sense.published}
 
     def latency_json(self) -> dict[str, Any]:
         """Return the distributions of the three latencies."""

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import struct
 import zlib
+from dataclasses import dataclass
+from io import BytesIO
+from typing import Any
 
 import cv2
 import numpy as np
 import numpy.typing as npt
+from PIL import Image
 
 from consensus.errors import BlockRobotError
 
@@ -45,14 +49,51 @@ def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_pn
 
 def decode_depth_png(png: bytes) -> Depth:
     """Return the uint16 image of a 16-bit grey PNG; raises RENDITION_CORRUPTED for anything else."""
-    width, height = _check_png(png)
+    size = _check_png(png, _GREY)
+    return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
+
+
+def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels_png: bytes) -> bytes:
+    """Return a colour PNG of a whole frame, grey but for the owner's colour pixels in their `box` (x, y, width, height).
+
+    Raises RENDITION_CORRUPTED when the PNG is damaged, has no transparency, or does not fit the box or the frame.
+    """
+    x, y, box_width, box_height = box
+    if _check_png(pixels_png, _RGBA) != (box_width, box_height):
+        raise _corrupted("The owner's pixels do not have the size of their box.")
+    if x < 0 or y < 0 or x + box_width > width or y + box_height > height or max(width, height) > PICTURE_SIDE_MAX_PX:
+        raise _corrupted("The owner's box does not lie inside the frame.")
+    own = _decode(pixels_png, (box_height, box_width, 4), np.uint8)
+    whole = np.full((height, width, 3), UNMEASURED_GREY, dtype=np.uint8)
+    np.copyto(whole[y : y + box_height, x : x + box_width], own[..., :3], where=own[..., 3:] > 0)
+    return _encode(whole)
+
+
+def check_jpeg(data: bytes, width: int, height: int) -> bytes:
+    """Return a JPEG if it is a whole colour picture of that size. Raises RENDITION_CORRUPTED."""
+    if len(data) > PNG_MAX_BYTES or not data.startswith(b"\xff\xd8") or not data.endswith(b"\xff\xd9"):
+        raise _corrupted("The picture is no JPEG, or not whole.")
+    if max(width, height) > PICTURE_SIDE_MAX_PX:
+        raise _corrupted("The picture is too large.")
     try:
-        image = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
+        with Image.open(BytesIO(data), formats=("JPEG",)) as opened:
+            if opened.size != (width, height):
+                raise _corrupted("The picture does not have the size of its frame.")
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError) as error:
+        raise _corrupted("The picture cannot be decoded.") from error
+    _decode(data, (height, width, 3), np.uint8)
+    return data
+
+
+def _decode(data: bytes, shape: tuple[int, ...], kind: type[np.generic]) -> npt.NDArray[Any]:
+    """Return the pixels of a picture whose size was checked before. Raises RENDITION_CORRUPTED."""
+    try:
+        image = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error as error:
         raise _corrupted("The picture cannot be decoded.") from error
-    if image is None or image.shape != (height, width) or image.dtype != np.uint16:
+    if image is None or image.shape != shape or image.dtype != kind:
         raise _corrupted("The picture cannot be decoded.")
-    return np.array(image, dtype=np.uint16)
+    return np.asarray(image)
 
 
 def encode_depth_png(depth: Depth) -> bytes:
@@ -97,8 +138,22 @@ def _encode(image: npt.NDArray[np.uint8] | Depth) -> bytes:
     return data.tobytes()
 
 
-def _check_png(png: bytes) -> tuple[int, int]:
-    """Return (width, height) of a whole 16-bit grey PNG: every chunk's checksum and the pixels' length are checked."""
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    """A kind of PNG: its bits a sample, the header's colour type, the bytes of a pixel, and what to call it."""
+
+    bits: int
+    colour: int
+    pixel_bytes: int
+    name: str
+
+
+_GREY = _Kind(16, 0, 2, "of 16-bit grey")
+_RGBA = _Kind(8, 6, 4, "of 8-bit colour with transparency")
+
+
+def _check_png(png: bytes, kind: _Kind) -> tuple[int, int]:
+    """Return (width, height) of a whole PNG of a kind: every chunk's checksum and the pixels' length are checked."""
     if len(png) > PNG_MAX_BYTES or not png.startswith(PNG_SIGNATURE):
         raise _corrupted("The picture is no PNG, or too large.")
     width = height = 0
@@ -108,30 +163,30 @@ def _check_png(png: bytes) -> tuple[int, int]:
         if ended or place + 12 > len(png):
             raise _corrupted("The picture ends in the wrong place.")
         (length,) = struct.unpack_from(">I", png, place)
-        kind, end = png[place + 4 : place + 8], place + 8 + length
+        chunk, end = png[place + 4 : place + 8], place + 8 + length
         body = png[place + 8 : end]
-        if end + 4 > len(png) or zlib.crc32(kind + body) != struct.unpack_from(">I", png, end)[0]:
+        if end + 4 > len(png) or zlib.crc32(chunk + body) != struct.unpack_from(">I", png, end)[0]:
             raise _corrupted("A part of the picture is damaged or missing.")
-        if kind == b"IHDR":
-            width, height = _check_header(body, first=place == len(PNG_SIGNATURE))
-        elif kind == b"IDAT":
+        if chunk == b"IHDR":
+            width, height = _check_header(body, kind, first=place == len(PNG_SIGNATURE))
+        elif chunk == b"IDAT":
             packed.append(body)
-        ended = kind == b"IEND"
+        ended = chunk == b"IEND"
         place = end + 4
     if not ended or not width:
         raise _corrupted("The picture lacks its beginning or its end.")
-    _check_length(b"".join(packed), height * (1 + 2 * width))
+    _check_length(b"".join(packed), height * (1 + kind.pixel_bytes * width))
     return width, height
 
 
-def _check_header(body: bytes, *, first: bool) -> tuple[int, int]:
+def _check_header(body: bytes, kind: _Kind, *, first: bool) -> tuple[int, int]:
     if not first or len(body) != 13:
         raise _corrupted("The picture's header is damaged.")
     width, height, bits, colour, compression, filtering, interlace = struct.unpack(">IIBBBBB", body)
     if not (0 < width <= PICTURE_SIDE_MAX_PX and 0 < height <= PICTURE_SIDE_MAX_PX):
         raise _corrupted("The picture is empty or too large.")
-    if (bits, colour, compression, filtering, interlace) != (16, 0, 0, 0, 0):
-        raise _corrupted("The picture is not of 16-bit grey.")
+    if (bits, colour, compression, filtering, interlace) != (kind.bits, kind.colour, 0, 0, 0):
+        raise _corrupted(f"The picture is not {kind.name}.")
     return width, height
 
 

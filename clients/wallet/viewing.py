@@ -126,7 +126,7 @@ class Viewing:
             rendition = decode_rendition(plaintext)
         except BlockRobotError:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
-        status = STATUS_OK if rendition.box_width else STATUS_NOTICE
+        status = STATUS_OK if rendition.pixels else STATUS_NOTICE
         return FrameView(index=index, status=status, rendition=rendition)
 
     async def put_verdict(self, view: RecordView) -> bytes:

@@ -11,6 +11,12 @@ from consensus.primitives.encoding import Wire, decode, encode
 
 RENDITION_VERSION = 1
 ENCODING_PNG16 = "png16"
+ENCODING_PNG_RGBA = "png-rgba"
+ENCODING_JPEG = "jpeg"
+ENCODING_LABEL = "label"
+ENCODING_WAV = "wav"
+PICTURES = (ENCODING_PNG16, ENCODING_PNG_RGBA, ENCODING_JPEG)
+BOXLESS = (ENCODING_LABEL, ENCODING_WAV)
 PICTURE_SIDE_MAX_PIXELS = 8192
 
 
@@ -20,6 +26,11 @@ class Rendition(Wire, frozen=True):
     `pixels` is a PNG of 16 bits (millimetres) of the box at (x, y) with box_width x box_height pixels, 0 where a pixel
     is not the owner's. `width` x `height` is the whole frame. A box of no pixels: withheld, nothing to show.
     `background_id` is the SHA-256 of the empty frame's PNG bytes. Times are the robot's wall clock.
+
+    Other senses have no background (32 zero bytes) and other encodings: `png-rgba`, the owner's colour pixels of the
+    box, transparent where they are not hers; `jpeg`, a whole colour image on which only she is; `label`, an object of
+    JSON with `label` and perhaps `confidence`; `wav`, a sound file. The last two have a frame of 1 x 1 and no box.
+    Without any bytes in `pixels`, whatever the encoding, there is nothing to show.
     """
 
     version: int
@@ -57,6 +68,7 @@ def decode_rendition(plaintext: bytes) -> Rendition:
         and rendition.x + rendition.box_width <= rendition.width
         and rendition.y + rendition.box_height <= rendition.height
     )
-    if not inside or rendition.version != RENDITION_VERSION or rendition.encoding != ENCODING_PNG16:
+    known = rendition.encoding in PICTURES or (rendition.encoding in BOXLESS and not rendition.box_width)
+    if not inside or rendition.version != RENDITION_VERSION or not known:
         raise BlockRobotError("RENDITION_CORRUPTED", "The rendition's box or version is not one this wallet knows.")
     return rendition

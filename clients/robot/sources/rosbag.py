@@ -26,6 +26,8 @@ from consensus.errors import BlockRobotError
 EMPTY_FRAMES_MAX_COUNT = 300
 LABEL_MAX_CHARS = 256
 AUDIO_MAX_MS = 10_000
+AUDIO_MAX_BYTES = 900_000
+FOCAL_MIN_PX, FOCAL_MAX_PX = 20.0, 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,18 @@ class BagSource:
             if not isinstance(event, Refused):
                 return happened_ms(event)
         raise BlockRobotError("BAG_DAMAGED", "The recording holds no frame that can be used.")
+
+    @property
+    def focal_px(self) -> float | None:
+        """The focal length that the user names, or the one of the CameraInfo beside the depth topic."""
+        if self._topics.focal_px is not None:
+            return self._topics.focal_px
+        beside = self._topics.depth.rpartition("/")[0] + "/camera_info"
+        if beside not in self._recording.topics:
+            return None
+        matrix = getattr(self._recording.first(beside), "k", getattr(self._recording.first(beside), "K", (0.0,)))
+        told = float(matrix[0])
+        return told if FOCAL_MIN_PX <= told <= FOCAL_MAX_PX else None
 
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first usable event happens at `start_ms`."""
@@ -238,8 +252,8 @@ def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_
     if not data or len(data) % (2 * channels) or rate <= 0:
         raise refuse("size", "The sound is empty, or not of whole samples.")
     clip = AudioClip(at_ms, sequence, data, rate, channels, received_ms)
-    if clip.ends_ms - clip.at_ms > AUDIO_MAX_MS:
-        raise refuse("size", "A stretch of sound is longer than ten seconds.")
+    if clip.ends_ms - clip.at_ms > AUDIO_MAX_MS or len(data) > AUDIO_MAX_BYTES:
+        raise refuse("size", "A stretch of sound is longer than ten seconds, or larger than 900 kB.")
     return clip
 
 

@@ -48,6 +48,10 @@ class Source(Protocol):
     def start_ms(self) -> int:
         """When the first event happened, shifts included."""
 
+    @property
+    def focal_px(self) -> float | None:
+        """The depth camera's focal length in pixels, None if the source does not know it."""
+
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first event happens at `start_ms`; a live source takes no notice."""
 

@@ -67,10 +67,13 @@ class AudioTopic:
 class Topics:
     """What to read. `clock` says whether frames and readings bear their message's stamp or the recording's time.
 
+    `focal_px` is the depth camera's focal length in pixels; None: the recording says it, or nobody does.
+
     `definitions` holds the text of message types that the recording does not define itself.
     """
 
     depth: str = DEPTH_TOPIC
+    focal_px: float | None = None
     empty: str = EMPTY_TOPIC
     tags: tuple[TagTopic, ...] = (TagTopic(SIGHTING_TOPIC, DETECTION_MAP, SIGHTING_TYPE),)
     rgb: str = ""
@@ -114,15 +117,21 @@ def parse_topics(text: str) -> Topics:
     except tomllib.TOMLDecodeError as error:
         raise _wrong(f"The topics file is not valid TOML: {error}.") from error
     clock = table.word("clock", "stamp", get_args(ClockName))
-    depth, empty = table.table("depth"), table.table("empty")
+    depth, empty, rgb = table.table("depth"), table.table("empty"), table.table("rgb")
+    labels, audio = table.table("labels"), table.table("audio")
     topics = Topics(
-        depth=depth.text("topic") if depth else DEPTH_TOPIC,
+        depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
+        focal_px=(depth.number("focal_px") or None) if depth else None,
         empty=empty.text("topic") if empty else EMPTY_TOPIC,
         tags=tuple(_tag_topic(row) for row in table.tables("tags")) or Topics().tags,
+        rgb=rgb.text("topic") if rgb else "",
+        rgb_registered=rgb.flag("registered") if rgb else False,
+        labels=_labels(labels) if labels else None,
+        audio=_audio(audio) if audio else None,
         clock=cast(ClockName, clock),
         definitions=table.texts("definitions"),
     )
-    for part in (depth, empty):
+    for part in (depth, empty, rgb):
         if part:
             part.close()
     table.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import secrets
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -13,14 +14,16 @@ from nacl.public import PrivateKey as SealingPrivateKey
 from clients.robot.consents import Consents
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import EventLog, read_events
-from clients.robot.events import Event, Frame, Sighting
+from clients.robot.events import Frame, Sighting, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import Hider
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
+from clients.robot.inputs import Inputs
 from clients.robot.keeping import note_dropped
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.rosters import RosterBook
 from clients.robot.sources.rosbag import BagSource
+from clients.robot.sources.topics import Topics
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
@@ -58,14 +61,26 @@ class Robot:
     """One run over a recording."""
 
     def __init__(
-        self, folder: Path, recording: Path, known: Roster, clip_ms: int = 200, purposes: tuple[str, ...] = ("demo",)
+        self,
+        folder: Path,
+        recording: Path,
+        known: Roster,
+        clip_ms: int = 200,
+        purposes: tuple[str, ...] = ("demo",),
+        *,
+        sensors: tuple[str, ...] = ("depth",),
+        topics: Topics | None = None,
+        chain: bytes = CHAIN,
     ) -> None:
+        self.chain = chain
         self.network = FakeNetwork()
         self.statistics = RunStatistics(window_ms=5_000)
         self.log_path = folder / "events.jsonl"
         self.spool = Spool(folder / "spool", KEY)
         self.open_visits = OpenVisits(folder / "open-visits", KEY)
-        self.source = BagSource(recording)
+        self.source = BagSource(recording, topics=topics)
+        self.sensors = sensors
+        self.inputs: Inputs
         self.known = known
         self.clip_ms = clip_ms
         self.delivered: list[Delivered] = []
@@ -78,8 +93,8 @@ class Robot:
         height, width = empty[0].shape
         self.registry = RegistryStandIn(self.known, virtual_now_ms)
         for row in self.known.rows:
-            for purpose in self.purposes:
-                self.registry.say(row.handle, purpose=purpose, since_ms=virtual_now_ms() - DAY_MS)
+            for purpose, sensor in itertools.product(self.purposes, self.sensors):
+                self.registry.say(row.handle, purpose=purpose, sensor=sensor, since_ms=virtual_now_ms() - DAY_MS)
         self.consents = consents_on(self.registry, self.known)
         await self.consents.refresh()
         with EventLog(self.log_path) as log:
@@ -100,10 +115,10 @@ class Robot:
             )
             pipeline = Pipeline(
                 camera=Camera("depth", width, height, tuple(empty_bank(empty))),
-                hider=Hider(learn_background(empty)),
+                hider=Hider(learn_background(empty), focal_px=self.source.focal_px or FOCAL_DEFAULT_PX),
                 roster=RosterBook(self.known),
                 consents=self.consents,
-                visits=VisitBook(CHAIN, ROBOT.public_key, "demo"),
+                visits=VisitBook(self.chain, ROBOT.public_key, "demo"),
                 open_visits=self.open_visits,
                 spool=self.spool,
                 delivery=delivery,
@@ -116,12 +131,13 @@ class Robot:
             self.source.shift_to(virtual_now_ms())
             watch = asyncio.create_task(self.consents.watch())
             try:
-                await pipeline.run(self.events())
+                self.inputs = Inputs((height, width))
+                await pipeline.run(self.inputs.usable(self.events()))
             finally:
                 watch.cancel()
                 await delivery.stop()
 
-    async def events(self) -> AsyncIterator[Event]:
+    async def events(self) -> AsyncIterator[SourceEvent]:
         for event in self.source.events():
             await asyncio.sleep(0)
             yield event

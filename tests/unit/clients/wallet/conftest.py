@@ -169,9 +169,21 @@ class World:
         """Record a clip: its state on the chain, its bytes at both custodians."""
         content = ClipContent(tuple(rendition(number) for number in range(frames)), (), "depth", NOW_MS)
         clip = seal_clip(content, visit, now_ms=NOW_MS)
+        self.hold(clip)
+        return clip
+
+    def hold(self, clip: SpooledClip, robot: bytes = ROBOT) -> None:
+        """Put a clip's state on the chain and its bytes at both custodians, and announce its visit if need be."""
         upload = clip.upload
+        if clip.owner not in self.network.trails:
+            number = len(self.network.announced)
+            self.network.announced.append(
+                Announcement(number, clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, robot)
+            )
+            self.network.state[b"records\x00visit/" + clip.owner] = {"status": "open", "record_count": 0}
+            self.network.trails[clip.owner] = []
         self.network.state[b"records\x00record/" + upload.record_id] = {
-            "owner": visit.owner,
+            "owner": clip.owner,
             "status": "active",
             "sealed_metadata": clip.sealed_metadata,
             "commitment_root": clip.commitment_root,
@@ -179,7 +191,7 @@ class World:
             "expires_at_ms": clip.expires_at_ms,
             "erased_frames": [],
         }
-        self.append_audit(visit.owner, "recorded", upload.record_id)
+        self.append_audit(clip.owner, "recorded", upload.record_id)
         pairs = zip(upload.ciphertexts, upload.sealed_keys, strict=True)
         download = ClipDownload(
             record_id=upload.record_id,
@@ -190,7 +202,6 @@ class World:
         )
         for clips in self.network.custody.clips.values():
             clips[upload.record_id] = download
-        return clip
 
     def change_frame(self, custodian: str, record_id: bytes, index: int, **changes: Any) -> None:
         """Change one frame at one custodian."""

@@ -59,7 +59,7 @@ def test_an_empty_file_names_the_robots_own_topics() -> None:
     ("text", "named"),
     [
         ("depth =", "TOML"),
-        ("[depth]", "depth.topic"),
+        ("[rgb]", "rgb.topic"),
         ("[depth]\ntopic = 3", "depth.topic"),
         ("[dephts]\ntopic = '/a'", "dephts"),
         ("depth = 3", "depth"),
