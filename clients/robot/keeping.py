@@ -7,6 +7,7 @@ before it is recorded; whatever waits in between is dropped as soon as a no is s
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 
 from clients.robot.batching import Batcher, ReadyClip
@@ -44,6 +45,7 @@ class Keeper:
         self._now_ms = now_ms
         self.sensor = sensor
         self.people: dict[str, RosterRow] = {}
+        self._kept: set[str] = set()
         consents.on_change = self.drop_refused
 
     def admits(self, row: RosterRow, read_at_ms: int) -> bool:
@@ -62,6 +64,7 @@ class Keeper:
         """Take one verdict of the hider; return the clips that it fills."""
         refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms)
         if isinstance(output, Kept) and refusal is None:
+            self._kept.add(output.alias)
             return self._batcher.add_kept(output, self._now_ms())
         may_tell = refusal is None or refusal is Refusal.STALE
         reason = str(output.reason) if isinstance(output, Withheld) and may_tell else str(refusal)
@@ -84,7 +87,7 @@ class Keeper:
             else:
                 self._note_withheld(frame.sequence, clip.alias, str(refusal))
                 stale_count += refusal is Refusal.STALE
-        withheld = dict(clip.withheld) | ({str(Refusal.STALE): stale_count} if stale_count else {})
+        withheld = Counter(dict(clip.withheld)) + Counter({str(Refusal.STALE): stale_count})
         now_refusal = self._find_refusal(row, self._now_ms())
         if kept or (withheld and now_refusal is None):
             return ReadyClip(alias=clip.alias, frames=tuple(kept), withheld=tuple(sorted(withheld.items())))
@@ -94,12 +97,14 @@ class Keeper:
         return None
 
     def drop_refused(self) -> None:
-        """Forget what waits for a clip of whoever does not consent any more, and end her visit here."""
+        """Forget what waits for a clip of whoever does not consent any more, and end the visit that it belongs to."""
         for alias, row in self.people.items():
             if self._find_refusal(row, self._now_ms()) is Refusal.NO_CONSENT:
                 for frame in self._batcher.drop(alias):
                     self._note_withheld(frame.sequence, alias, str(Refusal.NO_CONSENT))
-                self._visits.forget(alias)
+                if alias in self._kept:
+                    self._kept.discard(alias)
+                    self._visits.forget(alias)
 
     def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
         return self._consents.find_refusal(row.handle, self._purpose, self.sensor, taken_at_ms)

@@ -359,3 +359,74 @@ def test_a_fresh_clip_that_the_chain_calls_too_old_or_ahead_is_kept(tmp_path: Pa
     run.network.verdict = "BUCKET_WRONG"
     assert refused(run.deliver_all()).code == "NOT_PERMITTED"
     assert run.spool.names() == run.names
+
+
+def test_a_clip_whose_person_said_no_is_destroyed_before_anything_is_announced(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    run.refused = {run.spool.get(run.names[0]).upload.record_id}
+    run_virtual(run.deliver_all())
+    assert (run.network.calls, run.network.uploads, run.done) == ([], {}, [])
+    assert len(run.dropped) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_no_that_comes_while_the_network_is_away_stops_what_waits(tmp_path: Path) -> None:
+    """Sealed and spooled, tried again and again: once the network is back nothing of it is recorded."""
+    run = Run(tmp_path, clips=3)
+
+    async def main() -> None:
+        run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+        delivery = run.delivery()
+        for name in run.names:
+            delivery.start(name)
+        await asyncio.sleep(30)
+        run.refused = {run.spool.get(name).upload.record_id for name in run.names}
+        run.network.refusals = []
+        await delivery.drain()
+        await delivery.stop()
+
+    run_virtual(main())
+    assert (run.network.visits, run.network.records, run.network.uploads) == ({}, {}, {})
+    assert (len(run.dropped), run.spool.names()) == (3, [])
+
+
+def test_a_no_after_the_visit_was_announced_stops_the_records(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def main() -> None:
+        delivery = run.delivery()
+        await delivery.announce(run.spool.get(run.names[0]))
+        run.refused = {run.spool.get(run.names[1]).upload.record_id}
+        for name in run.names:
+            delivery.start(name)
+        await delivery.drain()
+
+    run_virtual(main())
+    assert (len(run.network.records), len(run.done), len(run.dropped), run.spool.names()) == (1, 1, 1, [])
+
+
+def test_the_end_of_one_clips_consent_does_not_take_another_of_the_visit_along(tmp_path: Path) -> None:
+    """A consent's period ended between the two: the first may not announce the visit, the second may."""
+    run = Run(tmp_path, clips=2)
+    run.refused = {run.spool.get(run.names[0]).upload.record_id}
+    run_virtual(run.deliver_all())
+    assert (len(run.network.records), len(run.dropped), run.spool.names()) == (1, 1, [])
+
+
+def test_a_clip_of_a_killed_robot_is_asked_about_again(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def first_life() -> None:
+        run.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+        delivery = run.delivery()
+        for name in run.names:
+            delivery.start(name)
+        await asyncio.sleep(5)
+        await delivery.stop()
+
+    run_virtual(first_life())
+    run.network.refusals = []
+    run.spool = Spool(tmp_path, KEY)
+    run.refused = {run.spool.get(run.names[0]).upload.record_id}
+    run_virtual(run.deliver_all())
+    assert (len(run.network.records), len(run.dropped), run.spool.names()) == (1, 1, [])

@@ -160,3 +160,16 @@ def test_a_strangers_file_in_the_folder_is_left_alone(tmp_path: Path) -> None:
     name = spool.put(clip())
     assert spool.names() == [name]
     assert (tmp_path / "notes.clip").read_bytes() == b"mine"
+
+
+def test_a_clip_that_must_not_be_recorded_is_overwritten_before_it_goes(tmp_path: Path) -> None:
+    """A second name of the file, as a careless backup would make: nothing is left to read there."""
+    spool = Spool(tmp_path / "spool", KEY)
+    name = spool.put(clip())
+    second = tmp_path / "second"
+    os.link(tmp_path / "spool" / name, second)
+    size = second.stat().st_size
+    spool.destroy(name)
+    assert second.read_bytes() == bytes(size)
+    assert (spool.names(), spool.size_bytes, list((tmp_path / "spool").iterdir())) == ([], 0, [])
+    spool.destroy(name)

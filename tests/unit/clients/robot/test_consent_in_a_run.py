@@ -1,0 +1,236 @@
+"""Whole runs of the robot, in virtual time: consent withdrawn while frames wait; a registry that cannot be reached."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clients.robot.bag import make_bag
+from clients.robot.consents import STALE_AFTER_MS
+from clients.robot.event_log import read_events
+from clients.robot.events import Frame, SourceEvent
+from clients.robot.scenario import parse_scenario
+from consensus.primitives.encoding import decode
+from consensus.records.envelopes import open_metadata
+from consensus.records.metadata import RecordMetadata
+from tests.unit.clients.robot.test_pipeline import ANN, UID, Robot, roster
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+WALK = """
+name = "walk"
+duration_s = 1.5
+frame_rate = 10
+width = 640
+height = 480
+focal_px = 525.0
+camera_height_m = 1.2
+seed = 7
+empty_frames = 3
+
+[reader]
+distance_sigma_m = 0.1
+antenna_front = 1
+antenna_back = 2
+front_misread = 0.0
+
+[[people]]
+alias = "ann"
+height_m = 1.7
+girth = 1.0
+cadence = 1.0
+path = [[0.0, -0.4, 2.5], [1.5, 0.5, 2.0]]
+readings_s = [0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3]
+also_every_s = 0.2
+"""
+
+
+@pytest.fixture(scope="module")
+def walk_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Someone walks past, near enough to be kept in every frame."""
+    return make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path_factory.mktemp("bags"), workers=1)
+
+
+@pytest.fixture(autouse=True)
+def inline(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Picture work on the loop itself: virtual time would run on while a thread works."""
+
+    async def work(function: Callable[..., Any], *arguments: Any) -> Any:
+        return function(*arguments)
+
+    monkeypatch.setattr(asyncio, "to_thread", work)
+
+
+Act = Callable[["Meddled"], None]
+
+
+class Meddled(Robot):
+    """A run in which something happens after some frames, or while the last ones wait."""
+
+    after_frames: int = 10**9
+    act: Act
+    pause_s: float = 0.0
+    acted_at_ms: int = 0
+
+    async def events(self) -> AsyncIterator[SourceEvent]:
+        """Play the recording in real time; act after so many frames, and then wait."""
+        count = 0
+        async for event in super().events():
+            at_ms = event.captured_at_ms if isinstance(event, Frame) else virtual_now_ms()
+            await asyncio.sleep(max(0, at_ms - virtual_now_ms()) / 1000)
+            yield event
+            count += isinstance(event, Frame)
+            if count == self.after_frames and not self.acted_at_ms:
+                self.acted_at_ms = virtual_now_ms()
+                self.act(self)
+                await asyncio.sleep(self.pause_s)
+
+    def handle(self) -> bytes:
+        return self.known.rows[0].handle
+
+    def told(self) -> dict[str, int]:
+        """What the owner's records tell her of withheld frames."""
+        counts: dict[str, int] = {}
+        for done in self.delivered:
+            for reason, count in decode(open_metadata(bytes(ANN), done.clip.sealed_metadata), RecordMetadata).withheld:
+                counts[reason] = counts.get(reason, 0) + count
+        return counts
+
+
+def meddled(folder: Path, bag: Path, act: Act, *, after_frames: int, pause_s: float) -> Meddled:
+    robot = Meddled(folder, bag, roster())
+    robot.act, robot.after_frames, robot.pause_s = act, after_frames, pause_s
+    run_virtual(robot.run())
+    return robot
+
+
+def withdraw(robot: Meddled) -> None:
+    robot.registry.say(robot.handle(), "withdrawn")
+
+
+def test_without_a_no_every_frame_is_kept(tmp_path: Path, walk_bag: Path) -> None:
+    """Else the tests below would show nothing."""
+    robot = meddled(tmp_path, walk_bag, lambda _: None, after_frames=3, pause_s=1.5)
+    counts = robot.statistics.frames_json()
+    assert (counts["kept"], counts["withheld"], counts["lost"]) == (15, 0, 0)
+
+
+def test_consent_that_is_withdrawn_while_frames_wait_for_the_matcher_leaves_nothing(
+    tmp_path: Path, walk_bag: Path
+) -> None:
+    """All frames of this recording still wait for pairing and matching when the robot sees the no."""
+    robot = meddled(tmp_path, walk_bag, withdraw, after_frames=3, pause_s=1.5)
+    assert robot.network.calls == []
+    assert robot.network.uploads == {}
+    assert robot.spool.names() == []
+    counts = robot.statistics.frames_json()
+    assert counts["covered"] > 0
+    assert (counts["lost"], counts["kept"]) == (0, 0)
+    assert counts["withheld_reasons"] == {"no-consent": counts["covered"]}
+    reasons = {
+        event["detail"]["reason"] for event in read_events(robot.log_path) if "reason" in event.get("detail", {})
+    }
+    assert "no-consent" in reasons
+
+
+def test_consent_that_is_withdrawn_while_sealed_clips_wait_for_the_network_leaves_nothing(
+    tmp_path: Path, walk_bag: Path
+) -> None:
+    robot = Meddled(tmp_path, walk_bag, roster())
+
+    async def main() -> None:
+        robot.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+        running = asyncio.create_task(robot.run())
+        await asyncio.sleep(30)
+        assert robot.spool.names()
+        robot.registry.say(robot.handle(), "withdrawn")
+        await asyncio.sleep(3)
+        robot.network.refusals = []
+        await running
+
+    run_virtual(main())
+    assert (robot.network.visits, robot.network.records, robot.network.uploads) == ({}, {}, {})
+    assert robot.spool.names() == []
+    counts = robot.statistics.frames_json()
+    assert (counts["lost"], counts["kept"]) == (0, 0)
+    assert robot.consents.figures.clips_dropped >= 1
+    assert robot.open_visits.counts == {}
+
+
+def test_a_robot_that_restarts_asks_again_for_what_it_had_sealed(tmp_path: Path, walk_bag: Path) -> None:
+    first = Robot(tmp_path, walk_bag, roster())
+
+    async def cut_short() -> None:
+        first.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+        running = asyncio.create_task(first.run())
+        await asyncio.sleep(30)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+    run_virtual(cut_short())
+    assert first.spool.names()
+    second = Robot(tmp_path, walk_bag, roster(), purposes=("research",))
+    run_virtual(second.run())
+    assert second.spool.names() == []
+    assert second.network.records == {}
+    assert second.consents.figures.clips_dropped >= 1
+
+
+def test_a_registry_that_cannot_be_reached_closes_the_robot_and_the_owner_is_told_later(
+    tmp_path: Path, walk_bag: Path
+) -> None:
+    def cut(robot: Meddled) -> None:
+        robot.registry.failure = "NODE_UNREACHABLE"
+
+    async def main() -> Meddled:
+        robot = Meddled(tmp_path, walk_bag, roster())
+        robot.act, robot.after_frames, robot.pause_s = cut, 3, STALE_AFTER_MS / 1000 + 30
+        running = asyncio.create_task(robot.run())
+        await asyncio.sleep(STALE_AFTER_MS / 1000 + 120)
+        robot.registry.failure = ""
+        await running
+        return robot
+
+    robot = run_virtual(main())
+    counts = robot.statistics.frames_json()
+    figures = robot.consents.figures
+    assert (counts["kept"], counts["lost"]) == (0, 0)
+    assert counts["covered"] > 0
+    assert set(counts["withheld_reasons"]) <= {
+        "registry-stale",
+        "no-silhouette",
+        "no-distance",
+        "ambiguous",
+        "disordered",
+    }
+    assert counts["withheld_reasons"]["registry-stale"] > 0
+    assert (figures.stale_count, figures.failures > 100) == (1, True)
+    assert robot.network.uploads == {}
+
+
+def test_a_registry_that_is_away_for_a_minute_costs_nothing(tmp_path: Path, walk_bag: Path) -> None:
+    """Sealed clips wait in the spool; they go to the chain once the registry was asked again."""
+
+    def cut(robot: Meddled) -> None:
+        robot.registry.failure = "NODE_UNREACHABLE"
+
+    async def main() -> Meddled:
+        robot = Meddled(tmp_path, walk_bag, roster())
+        robot.act, robot.after_frames, robot.pause_s = cut, 3, 0.0
+        running = asyncio.create_task(robot.run())
+        await asyncio.sleep(60)
+        assert robot.network.records == {}
+        assert robot.spool.names()
+        robot.registry.failure = ""
+        await running
+        return robot
+
+    robot = run_virtual(main())
+    counts = robot.statistics.frames_json()
+    assert counts["kept"] > 0
+    assert counts["lost"] == 0
+    assert "registry-stale" not in counts["withheld_reasons"]
+    assert robot.told() == counts["withheld_reasons"]
