@@ -142,13 +142,18 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
     summary = asyncio.run(replay_recording(folder, source, load_genesis(genesis_path), chosen, progress))
     fault = summary["intake"]["fault"]
     if as_json:
-        print_json({"ok": summary["frames"]["lost"] == 0 and fault is None, **summary, **_error_json(fault)})
+        print_json({"ok": _lost(summary) == 0 and fault is None, **summary, **_error_json(fault)})
     else:
         frames = summary["frames"]
         console.print(
             f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
             f"{frames['withheld']} withheld, {frames['lost']} lost."
         )
+        for sensor, counts in summary["senses"].items():
+            console.print(
+                f"{counts['published']} of {sensor}: {counts['kept']} kept, "
+                f"{counts['withheld']} withheld, {counts['lost']} lost."
+            )
         for kind, reasons in summary["intake"]["messages_refused"].items():
             told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
             console.print(f"Not usable: {sum(reasons.values())} of kind {kind} ({told}).")
@@ -156,6 +161,11 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
             raise BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
     if fault is not None:
         sys.exit(EXIT_FAILED)
+
+
+def _lost(summary: dict[str, Any]) -> int:
+    """Return how much of what was covered was neither recorded nor withheld, all senses together."""
+    return int(summary["frames"]["lost"]) + sum(int(counts["lost"]) for counts in summary["senses"].values())
 
 
 def _error_json(fault: dict[str, str] | None) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from clients.robot.empty_scenes import approved_frames
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import Hider
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
 from clients.robot.identity import load_identity
 from clients.robot.inputs import Inputs
 from clients.robot.keeping import note_dropped
@@ -107,7 +107,7 @@ class _Run:
         viewpoint, now_ms = self._options.viewpoint, self._network.now_ms()
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
-        hider = Hider(learn_background(empty))
+        hider = Hider(learn_background(empty), focal_px=source.focal_px or FOCAL_DEFAULT_PX)
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         await self._network.publish_empty_frames(bank)
@@ -197,6 +197,7 @@ async def replay_recording(
         "roster_rows": run.roster_rows,
         "consents": run.consent_figures,
         "frames": statistics.frames_json(),
+        "senses": statistics.senses_json(),
         "latency_ms": statistics.latency_json(),
         "intake": run.intake,
         "records": statistics.records_final,
