@@ -180,6 +180,11 @@ class Matcher:
         tag = self._tags.get(alias)
         return tag is not None and any(reading.distance_m is not None for reading in tag.readings)
 
+    @property
+    def held_count(self) -> int:
+        """How many readings are held, of all tags: bounded, however many come."""
+        return sum(len(tag.readings) for tag in self._tags.values())
+
     def log_odds(self, alias: str) -> dict[int, float]:
         """Return the newest log-odds of each track for a tag, for explanation and tests."""
         tag = self._tags.get(alias)

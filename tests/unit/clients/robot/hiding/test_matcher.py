@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from clients.robot.events import Facing, Sighting
-from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.matcher import TAGS_MAX_COUNT, Matcher
 from clients.robot.hiding.tracking import Track
 
 SIGMA_M = 0.3
@@ -88,3 +89,146 @@ def test_old_tracks_and_readings_are_forgotten() -> None:
     matcher.forget_before(track.seen_ms + 60_000)
     assert matcher.bound_track("tag", [1]) is None
     assert matcher.log_odds("tag") == {}
+
+
+def test_a_tag_heard_by_both_antennas_at_once_counts_for_both() -> None:
+    """A body reflects: nine of ten by the front antenna, one by the other, some of them at the same instant."""
+    track, rng = walker(1, 2.5), np.random.default_rng(4)
+    front = worn_by(track, rng)
+    both = front + [replace(s, antenna=2, facing=Facing.BACK) for s in front[::9]]
+    matcher = bind([track], both)
+    assert matcher.held_count == len(both)
+    assert matcher.bound_track("tag", [1]) == 1
+    even = [replace(s, antenna=2, facing=Facing.BACK) for s in front]
+    assert bind([track], front + even).log_odds("tag")[1] < matcher.log_odds("tag")[1]
+
+
+def test_a_tag_read_while_two_people_pass_each_other_is_never_given_to_the_other() -> None:
+    mine, other = walker(1, 0.0), walker(2, 0.0)
+    mine.ranges = [1.5 + 3.0 * at / mine.seen_ms for at in mine.times]
+    other.ranges = [4.5 - 3.0 * at / mine.seen_ms for at in mine.times]
+    for seed in range(10):
+        matcher = Matcher()
+        matcher.add_track(mine)
+        matcher.add_track(other)
+        for sighting in worn_by(mine, np.random.default_rng(seed)):
+            matcher.add_sighting("tag", sighting)
+            matcher.advance(sighting.middle_ms)
+            assert matcher.bound_track("tag", [1, 2]) in (None, 1)
+        assert matcher.bound_track("tag", [1, 2]) == 1
+
+
+def test_two_tags_on_one_person_are_shown_as_neither() -> None:
+    track = walker(1, 2.5)
+    matcher = Matcher()
+    matcher.add_track(track)
+    for seed, alias in enumerate(("one", "two")):
+        for sighting in worn_by(track, np.random.default_rng(seed)):
+            matcher.add_sighting(alias, sighting)
+    matcher.advance(track.seen_ms)
+    assert matcher.bound_track("one", [1]) is None
+    assert matcher.bound_track("two", [1]) is None
+
+
+def test_somebody_who_comes_into_view_is_a_rival_before_any_reading() -> None:
+    track, rng = walker(1, 2.5), np.random.default_rng(6)
+    alone = bind([track], worn_by(track, rng))
+    newcomer = walker(2, 2.5, seconds=0.4)
+    newcomer.began_ms = newcomer.times[0] = 14_000
+    again = bind([track, newcomer], worn_by(track, np.random.default_rng(6)))
+    assert again.log_odds("tag")[1] <= alone.log_odds("tag")[1]
+
+
+@pytest.mark.parametrize(
+    ("distance_m", "sigma_m"),
+    [(math.nan, 0.3), (math.inf, 0.3), (2.5, math.nan), (2.5, 0.0), (2.5, -1.0), (-2.5, 0.3), (2.5, None), (None, 0.3)],
+)
+def test_a_distance_that_is_none_is_taken_as_no_distance(distance_m: float | None, sigma_m: float | None) -> None:
+    bad = [Sighting(at, at, "", 1, Facing.FRONT, -50.0, distance_m, sigma_m) for at in range(0, 15_000, 300)]
+    matcher = bind([walker(1, 2.5)], bad)
+    assert matcher.log_odds("tag") == {}
+    assert not matcher.has_distance("tag")
+
+
+def test_a_reader_that_claims_to_err_by_a_hair_is_not_believed() -> None:
+    track = walker(1, 2.5)
+    proud = [replace(s, sigma_m=1e-6) for s in worn_by(track, np.random.default_rng(8))]
+    odds = bind([track], proud).log_odds("tag")
+    assert all(math.isfinite(value) for value in odds.values())
+
+
+def test_a_reading_a_day_ahead_or_long_past_is_let_go_and_harms_no_other() -> None:
+    track = walker(1, 2.5)
+    readings = worn_by(track, np.random.default_rng(9))
+    matcher = bind([track], readings[:10])
+    for stray_ms in (86_400_000, -86_400_000):
+        matcher.add_sighting("tag", reading(stray_ms, 2.5))
+    assert matcher.held_count == 10
+    for sighting in readings[10:]:
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(sighting.middle_ms)
+    assert matcher.bound_track("tag", [1]) == 1
+
+
+def test_a_late_reading_weighs_as_if_it_had_come_in_time() -> None:
+    track = walker(1, 2.5)
+    readings = worn_by(track, np.random.default_rng(10))
+    late = readings[:3] + readings[6:] + readings[3:6]
+    matcher = Matcher()
+    matcher.add_track(track)
+    for sighting in late:
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(track.seen_ms)
+    assert matcher.log_odds("tag") == bind([track], readings).log_odds("tag")
+
+
+def test_a_reading_ahead_of_the_camera_waits_for_it() -> None:
+    matcher = Matcher()
+    matcher.add_track(walker(1, 2.5))
+    for sighting in worn_by(walker(1, 2.5), np.random.default_rng(11)):
+        matcher.add_sighting("tag", sighting)
+    matcher.advance(0)
+    assert matcher.log_odds("tag") == {}
+    matcher.finish()
+    assert matcher.bound_track("tag", [1]) == 1
+
+
+def test_who_stands_there_for_minutes_stays_bound_and_old_readings_are_let_go() -> None:
+    track = walker(1, 2.5, swing_m=0.05, seconds=150)
+    matcher, most = Matcher(), 0
+    matcher.add_track(track)
+    bound = []
+    for sighting in worn_by(track, np.random.default_rng(12)):
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(sighting.middle_ms)
+        most = max(most, matcher.held_count)
+        bound.append(matcher.bound_track("tag", [1]))
+    first = bound.index(1)
+    assert first < 60
+    assert set(bound[first:]) == {1}
+    assert most <= 2 * 45 + 1
+
+
+def test_old_evidence_does_not_outweigh_half_a_minute_of_contrary_readings() -> None:
+    track = walker(1, 2.5, seconds=120)
+    readings = [s for s in worn_by(track, np.random.default_rng(13)) if s.middle_ms < 80_000]
+    elsewhere = [reading(at, 5.0, Facing.BACK) for at in range(80_000, 110_000, 500)]
+    assert bind([track], readings).bound_track("tag", [1]) == 1
+    assert bind([track], readings + elsewhere).bound_track("tag", [1]) is None
+
+
+def test_a_storm_of_ten_thousand_readings_a_second_is_held_as_ten() -> None:
+    matcher = Matcher()
+    matcher.add_track(walker(1, 2.5))
+    for i in range(10_000):
+        matcher.add_sighting("tag", Sighting(i // 10, i // 10, "", 1, Facing.FRONT, -50.0, 2.5 + i % 10 / 10, 0.3))
+    assert matcher.held_count == 10
+
+
+def test_a_storm_of_tags_pushes_out_those_heard_longest_ago() -> None:
+    matcher = Matcher()
+    for i in range(1_000):
+        matcher.add_sighting(f"tag-{i}", reading(i, 2.5))
+    assert matcher.held_count == TAGS_MAX_COUNT
+    assert matcher.has_distance("tag-999")
+    assert not matcher.has_distance("tag-0")

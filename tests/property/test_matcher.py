@@ -1,0 +1,122 @@
+"""What holds of the matcher whatever readers report: in any order, any number of times, of any number of people."""
+
+from __future__ import annotations
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from clients.robot.events import Facing, Sighting
+from clients.robot.hiding.matcher import BIND_LOG_ODDS, UNBIND_LOG_ODDS, Matcher
+from clients.robot.hiding.tracking import Track
+
+LAST_MS = 12_000
+
+
+def track(number: int, began_ms: int, lasts_ms: int, ranges: tuple[float, float]) -> Track:
+    """Somebody who walks from one range to another, followed at 10 Hz."""
+    times = list(range(began_ms, began_ms + lasts_ms + 1, 100))
+    near, far = ranges
+    values = [near + (far - near) * i / len(times) for i in range(len(times))]
+    return Track(number, times[0], times[-1], 0.0, values[-1], times=times, ranges=values)
+
+
+range_m = st.sampled_from([1.0, 2.0, 2.2, 3.5, 5.0])
+people = st.lists(
+    st.tuples(st.integers(0, 4_000), st.integers(2_000, LAST_MS), st.tuples(range_m, range_m)), min_size=1, max_size=3
+).map(lambda rows: [track(i + 1, *row) for i, row in enumerate(rows)])
+errors = st.sampled_from([-0.4, -0.1, 0.0, 0.05, 0.3])
+facings = st.sampled_from([Facing.FRONT, Facing.FRONT, Facing.FRONT, Facing.BACK, Facing.UNKNOWN])
+
+
+@st.composite
+def scenes(draw: st.DrawFn) -> tuple[list[Track], list[Sighting]]:
+    """People in view, and readings that mostly follow one of them."""
+    tracks = draw(people)
+    worn = draw(st.sampled_from(tracks))
+    rows = draw(st.lists(st.tuples(st.integers(0, LAST_MS), errors, facings, st.booleans()), min_size=5, max_size=30))
+    readings = []
+    for at, error, facing, measured in rows:
+        distance = (worn.range_at(at) or 4.0) + error
+        measure = (distance, 0.2) if measured or error == 0.0 else (None, None)
+        readings.append(Sighting(at, at, "", 1, facing, -50.0, *measure))
+    return tracks, readings
+
+
+def weigh(tracks: list[Track], readings: list[Sighting], *, stepwise: bool = False) -> Matcher:
+    """Give readings in this order; weigh them as they come, or all at the end."""
+    matcher = Matcher()
+    for one in tracks:
+        matcher.add_track(one)
+    for reading in readings:
+        matcher.add_sighting("tag", reading)
+        if stepwise:
+            matcher.advance(reading.middle_ms)
+    matcher.advance(LAST_MS)
+    return matcher
+
+
+def bound(matcher: Matcher, tracks: list[Track]) -> set[int]:
+    return {one.number for one in tracks if matcher.bound_track("tag", [one.number]) is not None}
+
+
+@settings(deadline=None, max_examples=80)
+@given(scenes(), st.randoms(use_true_random=False))
+def test_the_order_in_which_readings_come_changes_nothing(scene, random) -> None:
+    tracks, readings = scene
+    mixed = list(readings)
+    random.shuffle(mixed)
+    ordered = weigh(tracks, sorted(readings, key=lambda r: r.middle_ms))
+    for other in (weigh(tracks, mixed), weigh(tracks, mixed, stepwise=True)):
+        assert other.log_odds("tag") == ordered.log_odds("tag")
+        assert bound(other, tracks) == bound(ordered, tracks)
+
+
+@settings(deadline=None, max_examples=50)
+@given(scenes(), st.integers(2, 5))
+def test_duplicates_count_once(scene, times) -> None:
+    tracks, readings = scene
+    once, often = weigh(tracks, readings), weigh(tracks, readings * times, stepwise=True)
+    assert often.log_odds("tag") == once.log_odds("tag")
+    assert often.held_count == once.held_count
+
+
+@settings(deadline=None, max_examples=100)
+@given(scenes())
+def test_a_tag_is_never_bound_to_two_tracks_that_were_in_view_together(scene) -> None:
+    tracks, readings = scene
+    matcher = Matcher()
+    for one in tracks:
+        matcher.add_track(one)
+    for reading in sorted(readings, key=lambda r: r.middle_ms):
+        matcher.add_sighting("tag", reading)
+        matcher.advance(reading.middle_ms)
+        mine = [one for one in tracks if one.number in bound(matcher, tracks)]
+        assert not any(one.overlaps(other) for one in mine for other in mine if one is not other)
+
+
+@settings(deadline=None, max_examples=50)
+@given(scenes())
+def test_nothing_is_ever_bound_without_distance(scene) -> None:
+    tracks, readings = scene
+    blind = [Sighting(r.first_seen_ms, r.last_seen_ms, "", 1, r.facing) for r in readings]
+    matcher = weigh(tracks, blind * 3, stepwise=True)
+    assert bound(matcher, tracks) == set()
+    assert matcher.log_odds("tag") == {}
+
+
+@settings(deadline=None, max_examples=50)
+@given(scenes())
+def test_what_is_bound_is_likelier_than_not_and_what_passes_the_threshold_is_bound(scene) -> None:
+    tracks, readings = scene
+    matcher = weigh(tracks, readings)
+    odds, mine = matcher.log_odds("tag"), bound(matcher, tracks)
+    assert all(odds[number] >= UNBIND_LOG_ODDS for number in mine)
+    assert {number for number, value in odds.items() if value >= BIND_LOG_ODDS} <= mine
+
+
+@settings(deadline=None, max_examples=30)
+@given(scenes(), st.lists(st.integers(0, LAST_MS), min_size=50, max_size=400))
+def test_a_storm_of_readings_is_held_within_bounds(scene, times) -> None:
+    tracks, _ = scene
+    storm = [Sighting(at, at, "", i % 7, Facing.FRONT, -50.0, 2.0 + i % 3, 0.3) for i, at in enumerate(times)]
+    assert weigh(tracks, storm).held_count <= LAST_MS // 100 + 1
