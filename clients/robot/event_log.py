@@ -42,6 +42,7 @@ ACTIVITIES = (
     MESSAGE_REFUSED,
     SENSE_WITHHELD,
 )
+RUN_NOTES = frozenset({CLOCK_ESTIMATED, MESSAGE_REFUSED})  # about the run, not about any frame or tag
 ALIASES_MAX_COUNT = 65_536
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass, field
 
+from clients.robot.event_log import RUN_NOTES
 from network.experiments.event_table import EventTable, follow
 
 Pair = tuple[str, str]
@@ -86,9 +87,14 @@ class FlowGraph:
 
 
 def build_flow_graph(table: EventTable) -> FlowGraph:
-    """Return the directly-follows graph of a table: activities and pairs in order of first occurrence."""
+    """Return the directly-follows graph of a table: activities and pairs in order of first occurrence.
+
+    What a log notes about the run itself happened to no frame and no tag, and is left out.
+    """
     graph = FlowGraph()
     for case, events in table.cases().items():
+        if events[0].activity in RUN_NOTES:
+            continue
         graph.case_count += 1
         graph.event_count += len(events)
         for before, event in follow(events):
