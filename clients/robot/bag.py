@@ -132,7 +132,8 @@ def _put(writer: Writer, connection: Connection, at_ms: int, data: bytes) -> Non
     writer.write(connection, at_ms * NS_PER_MS, data)
 
 
-def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec) -> Rendered:
+def scene_sightings(scenario: Scenario, uids: Mapping[str, str]) -> list[tuple[int, Sighting]]:
+    """Return the scenario's readings as (time of arrival, sighting), in order of arrival, on the bag's timeline."""
     made = []
     for reading in readings(scenario):
         at_ms = RUN_START_MS + round(reading.at_s * 1000)
@@ -146,9 +147,12 @@ def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec)
             distance_m=reading.distance_m,
             sigma_m=reading.sigma_m,
         )
-        arrives_ms = RUN_START_MS + round(reading.arrives_s * 1000)
-        made.append((arrives_ms, bytes(codec.encode_sighting(sighting, arrives_ms))))
+        made.append((RUN_START_MS + round(reading.arrives_s * 1000), sighting))
     return made
+
+
+def _sightings(scenario: Scenario, uids: Mapping[str, str], codec: MessageCodec) -> Rendered:
+    return [(at_ms, bytes(codec.encode_sighting(found, at_ms))) for at_ms, found in scene_sightings(scenario, uids)]
 
 
 def _render_batches(scenario: Scenario, workers: int) -> Iterator[Rendered]:

@@ -86,6 +86,16 @@ def _read(file: BinaryIO, size: int) -> bytes:
     return data
 
 
+def _read_last(file: BinaryIO, size: int, opcode: bytes, chunk: bytes) -> bytes:
+    """Return a record, or what there is of it if it is a chunk: the messages in its beginning may be whole."""
+    if size > RECORD_MAX_BYTES:
+        raise BrokenOffError("A record says that it is larger than any.")
+    data = file.read(size)
+    if len(data) != size and opcode != chunk:
+        raise BrokenOffError("The last record is not whole.")
+    return data
+
+
 def _in_time_order(scan: Scan) -> Scan:
     """Yield the channels of one chunk, then its messages by time."""
     found: list[Found] = []
@@ -111,7 +121,9 @@ def _mcap_records(
 ) -> Scan:
     schemas = {} if schemas is None else schemas
     while opcode := file.read(1):
-        record = BytesIO(_read(file, *struct.unpack("<Q", _read(file, 8))))
+        (length,) = struct.unpack("<Q", _read(file, 8))
+        data = _read_last(file, length, opcode, b"\x06")
+        record = BytesIO(data)
         if opcode == b"\x03":
             (number,) = struct.unpack("<H", _read(record, 2))
             name, kind, text = _mcap_text(record), _mcap_text(record), _mcap_text(record)
@@ -129,9 +141,15 @@ def _mcap_records(
         elif opcode == b"\x06" and not inside:
             _, _, size, crc = struct.unpack("<QQQI", _read(record, 28))
             compression = _mcap_text(record)
-            packed = _read(record, *struct.unpack("<Q", _read(record, 8)))
-            chunk = BytesIO(decompress(packed, compression, size, crc))
+            (packed_size,) = struct.unpack("<Q", _read(record, 8))
+            packed = record.read(packed_size)
+            whole = len(data) == length and len(packed) == packed_size
+            if not whole and compression:
+                raise BrokenOffError("The last chunk is not whole.")
+            chunk = BytesIO(decompress(packed, compression, size, crc) if whole else packed)
             yield from _in_time_order(_mcap_records(chunk, inside=True, schemas=schemas))
+            if not whole:
+                raise BrokenOffError("The last chunk is not whole.")
         elif opcode in (b"\x0f", b"\x02"):  # what follows is index, no more messages
             return
     if not inside:
@@ -150,8 +168,9 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
         if len(lead) != 4:
             raise BrokenOffError("The last record is not whole.")
         header = _ros1_fields(_read(file, *struct.unpack("<I", lead)))
-        data = _read(file, *struct.unpack("<I", _read(file, 4)))
+        (length,) = struct.unpack("<I", _read(file, 4))
         opcode = header["op"]
+        data = _read_last(file, length, opcode, b"\x05")
         if opcode == b"\x07":
             fields = _ros1_fields(data)
             definition = MessageDefinition(MessageDefinitionFormat.MSG, fields["message_definition"].decode())
@@ -162,8 +181,12 @@ def _ros1_records(file: BinaryIO, *, inside: bool) -> Scan:
             seconds, rest = struct.unpack("<II", header["time"])
             yield Found(number, seconds * 10**9 + rest, data)
         elif opcode == b"\x05" and not inside:
-            unpack = decompressors[header["compression"].decode()]
-            yield from _in_time_order(_ros1_records(BytesIO(unpack(data)), inside=True))
+            compression, whole = header["compression"].decode(), len(data) == length
+            if not whole and compression != "none":
+                raise BrokenOffError("The last chunk is not whole.")
+            yield from _in_time_order(_ros1_records(BytesIO(decompressors[compression](data)), inside=True))
+            if not whole:
+                raise BrokenOffError("The last chunk is not whole.")
         elif opcode == b"\x06":  # what follows is index, no more messages
             return
     if not inside:

@@ -102,7 +102,7 @@ def make(folder: Path, *, visitor: bool = False, more: Sequence[Topic] = ()) -> 
     topics = [
         Topic(DEPTH_TOPIC, IMAGE_TYPE, depth),
         Topic(EMPTY_TOPIC, IMAGE_TYPE, empty),
-        Topic(SIGHTING_TOPIC, SIGHTING_TYPE, _sightings(scenario)),
+        Topic(SIGHTING_TOPIC, SIGHTING_TYPE, tag_messages(scenario)),
         Topic("/rgb", IMAGE_TYPE, colour),
         Topic("/emotion", "std_msgs/msg/String", [(at, {"data": "calm"}) for at in seconds]),
         Topic(
@@ -115,7 +115,8 @@ def make(folder: Path, *, visitor: bool = False, more: Sequence[Topic] = ()) -> 
     return record(folder / "bag", "mcap", topics, AUDIO)
 
 
-def _sightings(scenario: Scenario, uid: str = UID) -> list[tuple[int, dict[str, Any]]]:
+def tag_messages(scenario: Scenario, uid: str = UID) -> list[tuple[int, dict[str, Any]]]:
+    """Return the readings of a scene as messages."""
     found = []
     for reading in readings(scenario):
         at = round(reading.at_s * 1000)
@@ -246,7 +247,7 @@ def test_beside_a_visitor_only_her_own_pixels_are_kept_and_nothing_that_could_be
 
 def test_a_strangers_tag_in_range_withholds_what_is_not_hers_alone(tmp_path: Path, world: World) -> None:
     stranger = parse_scenario(SCENE)
-    more = [Topic("/other_reader", SIGHTING_TYPE, _sightings(stranger, "E2FFFFFFFFFF")[:3])]
+    more = [Topic("/other_reader", SIGHTING_TYPE, tag_messages(stranger, "E2FFFFFFFFFF")[:3])]
     recording = make(tmp_path, more=more)
     topics = parse_topics(
         TOPICS.format(registered="true")
