@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+from consensus.errors import BlockRobotError
 
 DEFAULT_EXPERIMENT_BASE_PORT = 7572
 
@@ -63,6 +64,9 @@ def run(number: str, out: Path, base_port: int, as_json: bool) -> None:
     else:
         held = sum(outcome.ok for outcome in outcomes)
         console.print(f"\n{held} of {len(outcomes)} experiments held. The report is {place / 'report.html'}.")
+        if outcomes and result["conditions"]["drawn_by"] != "graphviz":
+            refusal = BlockRobotError("DRAWING_UNAVAILABLE")
+            click.echo(f"Process maps are plainer ones of our own. {refusal.code}: {refusal.next_step}", err=True)
     if not result["ok"]:
         sys.exit(EXIT_FAILED)
 
