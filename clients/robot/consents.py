@@ -81,7 +81,10 @@ class ConsentFigures:
 
 
 class Consents:
-    """The robot's view of the registry. `now_ms` is the wall clock; `on_change` is called after each reading."""
+    """The robot's view of the registry. `now_ms` is the wall clock; `on_change` is called after each reading.
+
+    The chain's time is compared with the robot's own: `camera_offset_ms` is its clock minus the camera's, as measured.
+    """
 
     def __init__(
         self,
@@ -107,6 +110,7 @@ class Consents:
         self._failure: BlockRobotError | None = None
         self.figures = ConsentFigures()
         self.on_change: Callable[[], None] = lambda: None
+        self.camera_offset_ms: Callable[[], int] = lambda: 0
 
     def __len__(self) -> int:
         """How many people of the roster the chain confirms."""

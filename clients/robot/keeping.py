@@ -49,12 +49,17 @@ class Keeper:
         consents.on_change = self.drop_refused
 
     def admits(self, row: RosterRow, read_at_ms: int) -> bool:
-        """Tell whether a tag that was read then counts as known; count it if not."""
-        refusal = self._find_refusal(row, read_at_ms)
+        """Tell whether a tag that was read then (by the camera's clock) counts as known; count it if not."""
+        refusal = self._find_refusal(row, read_at_ms + self.offset_ms)
         if refusal is not None:
             refused = self._consents.figures.sightings_refused
             refused[str(refusal)] = refused.get(str(refusal), 0) + 1
         return refusal is None
+
+    @property
+    def offset_ms(self) -> int:
+        """The robot's clock minus the camera's, on whose timeline pictures and readings are stamped."""
+        return self._consents.camera_offset_ms()
 
     def person_of(self, alias: str) -> bytes:
         """Return what stands for a person in the spool."""
@@ -62,7 +67,7 @@ class Keeper:
 
     def take(self, output: Kept | Withheld) -> list[ReadyClip]:
         """Take one verdict of the hider; return the clips that it fills."""
-        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms)
+        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
         if isinstance(output, Kept) and refusal is None:
             self._kept.add(output.alias)
             return self._batcher.add_kept(output, self._now_ms())
@@ -81,7 +86,7 @@ class Keeper:
         row = self.people[clip.alias]
         kept, stale_count = [], 0
         for frame in clip.frames:
-            refusal = self._find_refusal(row, frame.captured_at_ms)
+            refusal = self._find_refusal(row, frame.captured_at_ms + self.offset_ms)
             if refusal is None:
                 kept.append(frame)
             else:

@@ -112,6 +112,7 @@ class Pipeline:
         )
         consents.on_change = self._drop_refused
         self.admission = Admission()
+        consents.camera_offset_ms = lambda: self.admission.clocks.camera_offset_ms
 
     def _drop_refused(self) -> None:
         self._keeper.drop_refused()
@@ -239,6 +240,7 @@ class Pipeline:
             decided_at_ms=now,
             person=self._keeper.person_of(clip.alias),
             taken_by=self._keeper.sensor,
+            offset_ms=self._keeper.offset_ms if clip.frames else 0,
         )
         spooled = seal_clip(content, chain, now_ms=now)
         self._open_visits.note(chain.owner, chain.record_count)

@@ -53,7 +53,7 @@ class ClipContent:
     """What one record will hold. `withheld` counts, by reason, the frames kept back since the record before.
 
     `person` stands for whom it shows (`clients.robot.consents`; nobody is 32 zeros), `taken_by` for the sensor that
-    consent is asked for, if that is not `sensor`.
+    consent is asked for, if that is not `sensor`; `offset_ms` is the host's clock minus that of the renditions' stamps.
     """
 
     renditions: tuple[Rendition, ...]
@@ -62,6 +62,7 @@ class ClipContent:
     decided_at_ms: int
     person: bytes = bytes(32)
     taken_by: str = ""
+    offset_ms: int = 0
 
 
 def compute_time_bucket(time_ms: int) -> int:
@@ -124,6 +125,6 @@ def seal_clip(
         decided_at_ms=content.decided_at_ms,
         person=content.person,
         sensor=content.taken_by or content.sensor,
-        captured_from_ms=min(rendition.captured_at_ms for rendition in content.renditions),
-        captured_until_ms=max(rendition.captured_at_ms for rendition in content.renditions),
+        captured_from_ms=min(rendition.captured_at_ms for rendition in content.renditions) + content.offset_ms,
+        captured_until_ms=max(rendition.captured_at_ms for rendition in content.renditions) + content.offset_ms,
     )

@@ -206,6 +206,7 @@ class SenseDesk:
             decided_at_ms=now,
             person=keeper.person_of(clip.alias),
             taken_by=sensor,
+            offset_ms=keeper.offset_ms if clip.frames else 0,
         )
         spooled = seal_clip(content, chain, now_ms=now)
         self._open_visits.note(chain.owner, chain.record_count)

@@ -23,7 +23,8 @@ class SpooledClip(Wire, frozen=True):
     """A sealed clip and what its record will say. The transaction is signed at delivery, since it expires.
 
     `owner` is the visit's owner key; with `ephemeral`, `view_tag` and `purpose` it can still be announced after a
-    restart. `decided_at_ms` is when the clip's last frame was decided, `captured_...` when the first and last were taken.
+    restart. `decided_at_ms` is when the clip's last frame was decided, `captured_...` when the first and last were
+    taken, by the robot's clock.
     `person` (32 bytes, `clients.robot.consents`) and `sensor` are what consent is asked for once more before recording.
     """
 

@@ -235,6 +235,25 @@ def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
     at_the_desk(tmp_path, story)
 
 
+def test_a_camera_whose_clock_is_off_is_judged_by_the_robots_own(tmp_path: Path) -> None:
+    """Stamps an hour ahead are not of a time after a consent that was given this minute, nor stamps behind before it."""
+
+    async def story(desk: Desk) -> None:
+        given_ms = virtual_now_ms()
+        desk.registry.say(ANN, "withdrawn")
+        desk.registry.say(ANN)
+        await desk.consents.refresh()
+        for offset_ms in (-3_600_000, 0, 3_600_000):
+            desk.consents.camera_offset_ms = lambda offset_ms=offset_ms: offset_ms  # type: ignore[misc]
+            assert desk.keeper.admits(row(ANN), given_ms + 1_000 - offset_ms)
+            assert not desk.keeper.admits(row(ANN), given_ms - 1_000 - offset_ms)
+            desk.kept(1, taken_at_ms=given_ms - 1_000 - offset_ms)
+            desk.kept(2, taken_at_ms=given_ms + 1_000 - offset_ms)
+            assert desk.flush() == {"ann": ([2], {})}
+
+    at_the_desk(tmp_path, story)
+
+
 def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tmp_path: Path) -> None:
     async def story(desk: Desk) -> None:
         visits = OpenVisits(tmp_path / "open-visits", KEY)
