@@ -95,27 +95,35 @@ def draft_topics(recording: Recording, listed: list[Listed]) -> str:
     for item in [item for item in listed if "tags" in item.could_be]:
         lines += ["[[tags]]", f'topic = "{item.figures.name}"', f'type = "{item.figures.type}"']
         lines += [*_drafted_fields(recording, item.figures.type), ""]
+    for sense in ("rgb", "labels", "audio"):
+        for item in [item for item in listed if sense in item.could_be][:1]:
+            lines += [f"# [{sense}]", f'# topic = "{item.figures.name}"', ""]
     return "\n".join(lines)
 
 
 def _drafted_fields(recording: Recording, type_name: str) -> list[str]:
-    names = recording.field_names(type_name)
+    paths = [path for path in recording.paths(type_name) if not path.startswith("header.")]
     found = []
     for setting, words in _FIELD_WORDS.items():
-        name = next((name for word in words for name in names if name.lower() == word), None)
-        if name is not None:
-            each = "[]" if recording.is_list(type_name, name) else ""
-            found.append(f'{setting} = "{name}{each}"')
+        path = next((path for word in words for path in paths if _last(path) == word), None)
+        if path is not None:
+            found.append(f'{setting} = "{path}"')
     if not any(line.startswith("epc") for line in found):
-        found.append('epc = ""  # the path of the tag\'s UID: one of ' + ", ".join(names))
-    return found
+        found.insert(0, 'epc = ""  # where the tag\'s UID stands')
+    named = {line.partition('"')[2].partition('"')[0] for line in found}
+    rest = [path for path in paths if path not in named]
+    return [*found, *([f"# not named so far: {', '.join(rest)}"] if rest else [])]
+
+
+def _last(path: str) -> str:
+    return path.rpartition(".")[2].removesuffix("[]").lower()
 
 
 _FIELD_WORDS = {
-    "epc": ("epc", "uid", "tag_id", "tagid", "ids", "id", "tid", "data"),
+    "epc": ("epc", "uid", "tag_id", "tagid", "rfid_tags_ids", "ids", "id", "tid", "data"),
     "antenna": ("antenna", "antenna_id", "antenna_name"),
     "facing": ("antenna_facing",),
-    "rssi": ("rssi", "rssi_dbm", "dbs"),
+    "rssi": ("rssi", "rssi_dbm", "rfid_tags_dbs", "dbs"),
     "distance": ("distance",),
     "distance_sigma": ("distance_sigma",),
     "first_seen": ("first_seen",),

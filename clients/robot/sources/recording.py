@@ -105,12 +105,19 @@ class Recording:
             return []
         return [name for name, _ in self._types.fielddefs[type_name][1]]
 
-    def is_list(self, type_name: str, field_name: str) -> bool:
-        """Tell whether a field holds several values other than bytes, which are one UID."""
-        if not self.knows(type_name):
-            return False
-        kind, what = dict(self._types.fielddefs[type_name][1])[field_name]
-        return kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) and what[0] != (Nodetype.BASE, ("uint8", 0))
+    def paths(self, type_name: str, deep: int = 3) -> list[str]:
+        """Return the paths of a type's plain fields: `epc`, `tags[].epc`. Bytes are one value, a UID perhaps."""
+        found = []
+        for name, (kind, what) in self._types.fielddefs[type_name][1] if self.knows(type_name) else ():
+            each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            inner = what[0] if each else (kind, what)
+            path = name + ("[]" if each and inner != (Nodetype.BASE, ("uint8", 0)) else "")
+            if inner[0] is Nodetype.NAME:
+                further = self.paths(str(inner[1]), deep - 1) if deep > 1 else []
+                found += [f"{path}.{rest}" for rest in further if path.count("[]") + rest.count("[]") < 2]
+            else:
+                found.append(path)
+        return found
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic that can be decoded, None if there is none."""

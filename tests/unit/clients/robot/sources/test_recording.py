@@ -136,7 +136,7 @@ def test_types_that_the_recording_does_not_define_are_taken_from_the_user(tmp_pa
     opened = Recording(path, DEFINITION)
     (message,) = opened.messages(["/tags"])
     assert opened.decode(message).epc == "E1"
-    assert (opened.is_list("my_msgs/msg/Tag", "power"), opened.is_list("my_msgs/msg/Tag", "raw")) == (True, False)
+    assert opened.paths("my_msgs/msg/Tag") == ["epc", "power[]", "raw", "names[]"]
 
 
 def test_a_definition_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
