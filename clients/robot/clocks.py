@@ -90,7 +90,7 @@ class ClockEstimator:
             self._start(stamp_ms, received_ms)
             return Standing.FITS
         at = received_ms - self._origin[0]
-        if abs(at - self._newest_bin * BIN_MS) > HORIZON_MS:
+        if abs(at // BIN_MS - self._newest_bin) >= HORIZON_MS // BIN_MS:
             self._start_anew(stamp_ms, received_ms)
             return Standing.FITS
         above = received_ms - stamp_ms - self._origin[1] - self._line(at)
