@@ -3,7 +3,8 @@
 The rule. A picture is kept only while the view of the registry is fresh, for a person whom it confirms, whose consent
 to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the
 moment it is seen, and from then on nothing of the person goes to the chain that is not there yet, whenever it was
-taken. A sealed clip is recorded only by a view that was looked up after its last picture was taken.
+taken. A sealed clip is recorded only by a view of a block that is later than its last picture; or, since an idle chain
+makes none, by one that was looked up `SETTLED_AFTER_MS` after it, when a no of that time is long final.
 
 The view is fresh while the header that proves it is at most `STALE_AFTER_MS` old by the robot's clock (or twice the
 chain's heartbeat, if that is longer), and not more than `CLOCK_AHEAD_MAX_MS` ahead of it: then a clock is wrong.
@@ -31,6 +32,7 @@ REFRESH_EVERY_MS = 1_000
 READ_WHOLE_EVERY_MS = 60_000
 STALE_AFTER_MS = 120_000
 CLOCK_AHEAD_MAX_MS = 10_000
+SETTLED_AFTER_MS = 5_000
 _PERSON_TAG = b"blockrobot/spooled-person"
 
 _NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
@@ -215,12 +217,12 @@ class Consents:
         return compute_person_tag(self._person_key, handle)
 
     async def may_record(self, clip: SpooledClip) -> bool:
-        """Wait for a fresh view that was looked up after the clip's last picture; tell whether it may be recorded.
+        """Wait for a fresh view that is later than the clip's last picture; tell whether it may be recorded.
 
         A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
         SESSION_REFUSED once the robot is no member any more.
         """
-        while not self.is_fresh() or self._looked_at_ms < min(clip.captured_until_ms, clip.decided_at_ms):
+        while not self._knows_of(min(clip.captured_until_ms, clip.decided_at_ms)):
             if self._failure is not None:
                 raise self._failure
             await self._news.wait()
@@ -229,6 +231,12 @@ class Consents:
             return False
         ends = (clip.captured_from_ms, clip.captured_until_ms)
         return not any(self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends)
+
+    def _knows_of(self, at_ms: int) -> bool:
+        """Tell whether the view is fresh and shows every no that was said until then."""
+        if self._view is None or not self.is_fresh():
+            return False
+        return self._view.timestamp_ms >= at_ms or self._looked_at_ms >= at_ms + SETTLED_AFTER_MS
 
 
 def _places(people: dict[bytes, Choices]) -> list[tuple[bytes, str, str, int]]:

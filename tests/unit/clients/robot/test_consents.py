@@ -13,6 +13,7 @@ from clients.robot.consents import (
     CLOCK_AHEAD_MAX_MS,
     READ_WHOLE_EVERY_MS,
     REFRESH_EVERY_MS,
+    SETTLED_AFTER_MS,
     STALE_AFTER_MS,
     Consents,
     Refusal,
@@ -305,6 +306,25 @@ async def test_a_clip_waits_for_a_look_at_the_registry_after_its_last_picture(wa
     assert not asked.done(), "the view is older than the picture"
     watch = asyncio.create_task(ward.consents.watch())
     assert await asked is False
+    watch.cancel()
+
+
+@story()
+async def test_on_an_idle_chain_a_clip_waits_until_a_no_of_its_time_would_be_final(ward: Ward) -> None:
+    """A block of before may not be final yet, and hold a no; so a look right after the picture is not enough."""
+    ward.registry.say(ANN)
+    await asyncio.sleep(1)
+    await ward.consents.refresh()
+    ward.registry.idle = True
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(0.1)
+    sealed, started_ms = ward.clip(), virtual_now_ms()
+    assert await ward.consents.may_record(sealed) is True
+    assert SETTLED_AFTER_MS <= virtual_now_ms() - started_ms <= SETTLED_AFTER_MS + 2 * REFRESH_EVERY_MS
+    ward.registry.idle = False
+    started_ms = virtual_now_ms()
+    assert await ward.consents.may_record(ward.clip()) is True
+    assert virtual_now_ms() - started_ms <= 2 * REFRESH_EVERY_MS
     watch.cancel()
 
 
