@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import sys
+import time
 from typing import Any
 
 import click
 from rich.table import Table
 
 from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+
+_TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
 
 
 @click.group()
@@ -126,6 +129,9 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
     "--learning-scenes", default=40, show_default=True, type=click.IntRange(4, 1_000), help="To train on, for each seed."
 )
 @click.option("--people", default=8, show_default=True, type=click.IntRange(2, 64), help="To tell apart by their gait.")
+@click.option(
+    "--matcher-tracks", default=0, type=click.IntRange(0, 1_000_000), help="Also judge the matcher on drawn tracks."
+)
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
 @json_option
 @plain_errors
@@ -138,13 +144,7 @@ def hiding(as_json: bool, **options: int) -> None:
     """
     from network.bench.hiding.judge import HidingOptions, run_hiding_benchmark  # noqa: PLC0415 - only when it is needed
 
-    _finish(run_hiding_benchmark(HidingOptions(**options), _tell), as_json=as_json)
-
-
-def _tell(line: str) -> None:
-    """Show how far a measurement is: one moving line for a person, nothing for a file."""
-    if sys.stderr.isatty():
-        click.echo(f"\r{line:<70}", nl=False, err=True)
+    _finish(run_hiding_benchmark(HidingOptions(**options), _Teller()), as_json=as_json)
 
 
 @bench.command("matcher")
@@ -169,6 +169,20 @@ def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) 
             click.echo(f"\rdrawn and judged: {done} of {of} hundreds", nl=done == of, err=True)
 
     _finish(judge_matcher(tracks, seed, workers=workers, progress=tell), as_json=as_json)
+
+
+class _Teller:
+    """Says on standard error how far a measurement is: one moving line for a person, a line now and then for a file."""
+
+    def __init__(self) -> None:
+        self._last = 0.0
+
+    def __call__(self, line: str) -> None:
+        moving = sys.stderr.isatty()
+        if time.monotonic() - self._last < (_TELL_PERSON_EVERY_S if moving else _TELL_FILE_EVERY_S):
+            return
+        self._last = time.monotonic()
+        click.echo(f"\r{line:<70}" if moving else line, nl=not moving, err=True)
 
 
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:

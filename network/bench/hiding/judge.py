@@ -21,6 +21,7 @@ from network.bench.hiding.figures import summarise
 from network.bench.hiding.gait import GaitReport, judge_gait
 from network.bench.hiding.learned import LearnedAttacker, require_learning, train
 from network.bench.hiding.scenes import JUDGING, LEARNING, draw_scenes
+from network.bench.matcher import judge_matcher
 
 Progress = Callable[[str], None]
 
@@ -35,6 +36,7 @@ class HidingOptions:
     seed: int = 1
     processes: int = 0
     people: int = 8  # in each population of the re-identification
+    matcher_tracks: int = 0  # also judge the matcher alone on so many drawn tracks
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
@@ -61,6 +63,7 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
     reports.sort(key=lambda report: (report.seed, report.number))
     gaits.sort(key=lambda report: report.seed)
     figures = summarise(reports, gaits, seed=options.seed)
+    figures |= _judge_parts(options, processes, progress)
     more = {
         "scenes": len(reports),
         "seeds": options.seeds,
@@ -69,6 +72,20 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
         "frame": "640x480",
     }
     return build_result("hiding", ok=len(reports) == options.scenes, figures=figures, conditions={**conditions, **more})
+
+
+def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> dict[str, Any]:
+    """Return the figures of parts that are judged alone, where the options ask for them."""
+    parts: dict[str, Any] = {}
+    if options.matcher_tracks:
+        matcher = judge_matcher(
+            options.matcher_tracks,
+            options.seed,
+            workers=processes,
+            progress=lambda done, of: progress(f"judged {done} of {of} hundreds of the matcher's tracks"),
+        )
+        parts["matcher"] = {"ok": matcher["ok"], **matcher["figures"]}
+    return parts
 
 
 def _shares(total: int, parts: int) -> list[int]:

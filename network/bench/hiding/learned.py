@@ -9,6 +9,7 @@ import importlib.util
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,10 @@ from network.bench.hiding.features import NAMES, Floats, features
 from network.bench.hiding.scoring import iou
 from network.bench.hiding.views import View
 
-PIXELS_A_VIEW_COUNT = 3_000
-TREES_COUNT = 60
+PIXELS_A_VIEW_COUNT = 2_400
+TREES_COUNT = 40
 LEAVES_COUNT = 31
-LEARNING_RATE = 0.15
+LEARNING_RATE = 0.2
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 VALIDATION_EVERY = 4  # every fourth training view chooses the threshold and is not learned from
 
@@ -92,10 +93,17 @@ def train(examples: Sequence[Example], *, seed: int, trees: int = TREES_COUNT) -
 
 def _one_thread() -> AbstractContextManager[Any]:
     """Keep the learner to one core: scenes are judged side by side, and threads that wait for each other cost more."""
-    from threadpoolctl import threadpool_limits  # noqa: PLC0415 - comes with the optional extra
-
-    limits: AbstractContextManager[Any] = threadpool_limits(limits=1)
+    limits: AbstractContextManager[Any] = _threads().limit(limits=1)
     return limits
+
+
+@lru_cache(maxsize=1)
+def _threads() -> Any:
+    """Return what controls the learner's threads; finding it takes as long as half an attack, so it is found once."""
+    import sklearn.ensemble  # noqa: F401, PLC0415 - what is not loaded yet cannot be controlled
+    from threadpoolctl import ThreadpoolController  # noqa: PLC0415 - comes with the optional extra
+
+    return ThreadpoolController()
 
 
 def _sample(example: Example, rng: np.random.Generator) -> tuple[Floats, npt.NDArray[np.bool_]]:

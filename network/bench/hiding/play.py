@@ -5,6 +5,7 @@ Must never hide anyone by other means than the robot's own: its segmentation, tr
 
 from __future__ import annotations
 
+import copy
 import time
 from collections import Counter
 from dataclasses import dataclass, field
@@ -69,7 +70,9 @@ class Stage:
 
     def control(self, alias: str) -> Renderer:
         """Return the renderer of the same scene in which only `alias` ever was."""
-        return Renderer(self.scene.alone(alias))
+        alone = copy.copy(self.renderer)  # with the same camera and the same noise, which take long to draw
+        alone.scenario = self.scene.alone(alias)
+        return alone
 
     def frame_indices(self) -> range:
         """Return which of the camera's frames are played."""
