@@ -50,6 +50,17 @@ def test_a_whole_file_is_understood() -> None:
     assert topics.definitions == {"my_msgs/msg/Tag": "string epc"}
 
 
+@pytest.mark.parametrize("page", ["reference/topics-toml.md", "how-to/your-robot.md"])
+def test_the_examples_of_the_documentation_are_understood(page: str) -> None:
+    text = (Path(__file__).parents[5] / "docs" / page).read_text(encoding="utf-8")
+    example = text.partition("```toml\n")[2].partition("```")[0]
+    topics = parse_topics(example)
+    assert topics.depth == "/kinect/depth/image"
+    assert (topics.tags[0].map.epc, topics.tags[0].map.distance_sigma) == ("tags[].epc", 20)
+    assert topics.rgb_registered
+    assert topics.labels is not None
+
+
 def test_an_empty_file_names_the_robots_own_topics() -> None:
     topics = parse_topics("")
     assert topics.wanted == {DEPTH_TOPIC: "depth", SIGHTING_TOPIC: "tags"}
