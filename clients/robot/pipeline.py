@@ -44,6 +44,7 @@ from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
 
 WAITING_CLIPS_MAX_COUNT = 512
+QUIET_S = 1.0
 _BACKPRESSURE_POLL_S = 0.05
 
 
@@ -112,30 +113,35 @@ class Pipeline:
         )
         consents.on_change = self._drop_refused
         self.admission = Admission()
+        self._busy = asyncio.Lock()
+        self._taken_count = 0
         consents.camera_offset_ms = lambda: self.admission.clocks.camera_offset_ms
 
     def _drop_refused(self) -> None:
         self._keeper.drop_refused()
         self._senses.drop_refused()
 
-    async def run(self, events: AsyncIterator[Event | Sense]) -> None:
+    async def run(self, events: AsyncIterator[Event | Sense], *, live: bool = False) -> None:
         """Work through a stream to its end and return when every record is final and every visit closed.
 
-        That includes what a robot that was killed left behind: its clips are delivered, then its visits closed.
+        That includes what a robot that was killed left behind: its clips are delivered, then its visits closed. In a
+        `live` stream events come when they are received, so that time passes also while none comes.
         """
         for name in self._spool.names():
             self._delivery.start(name)
-        async for arrived in events:
-            if not isinstance(arrived, Frame | Sighting):
-                self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
-                continue
-            if isinstance(arrived, Frame):
-                self._statistics.frame_arrived(arrived.sequence, self._now_ms())
-                self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{arrived.sequence}")
-            for event in self.admission.clocks.admit(arrived):
-                await self._work_on(event)
-            if self.admission.is_time_to_tell():
-                self._tell_intake()
+        beside = asyncio.create_task(self._pass_time()) if live else None
+        try:
+            async for arrived in events:
+                if beside is not None and beside.done():
+                    beside.result()
+                async with self._busy:
+                    self._taken_count += 1
+                    await self._take(arrived)
+            if beside is not None and beside.done():
+                beside.result()
+        finally:
+            if beside is not None:
+                beside.cancel()
         self.admission.clocks.flush()
         self._tell_intake()
         self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
@@ -149,6 +155,30 @@ class Pipeline:
     def intake_json(self) -> dict[str, Any]:
         """Return what was found of the clocks, and how much was turned away, late or thinned."""
         return self.admission.as_json(self._hider.pairing)
+
+    async def _take(self, arrived: Event | Sense) -> None:
+        if not isinstance(arrived, Frame | Sighting):
+            self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
+            return
+        if isinstance(arrived, Frame):
+            self._statistics.frame_arrived(arrived.sequence, self._now_ms())
+            self._log.write(self._now_ms(), IMAGE_RETRIEVE, f"frame-{arrived.sequence}")
+        for event in self.admission.clocks.admit(arrived):
+            await self._work_on(event)
+        if self.admission.is_time_to_tell():
+            self._tell_intake()
+
+    async def _pass_time(self) -> None:
+        """While nothing comes, decide what is due by the clock: frames must not wait for a camera that has stopped."""
+        while True:
+            idle, before, at_ms = not self._busy.locked(), self._taken_count, self._now_ms()
+            await asyncio.sleep(QUIET_S)
+            if not idle or self._busy.locked() or self._taken_count != before:
+                continue  # what is still to be worked on may have been received before
+            async with self._busy:
+                outputs = self._hider.advance(at_ms - self.admission.clocks.camera_offset_ms)
+                self._seal([*self._sort(outputs), *self._batcher.close_idle(self._now_ms())])
+                self._deliver(self._senses.settle())
 
     async def _work_on(self, event: Event) -> None:
         """Take one admitted event all the way to the spool."""

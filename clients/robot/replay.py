@@ -146,7 +146,7 @@ class _Run:
                 asyncio.create_task(self._consents.watch()),
             ]
             try:
-                await pipeline.run(events)
+                await pipeline.run(events, live=self._options.real_time)
             finally:
                 for task in beside:
                     task.cancel()

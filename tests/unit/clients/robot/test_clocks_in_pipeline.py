@@ -12,8 +12,10 @@ import pytest
 
 from clients.robot.event_log import read_events
 from clients.robot.events import Event, Frame, Sighting
+from clients.robot.hiding.hider import Hider, Output
+from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
-from tests.virtual_time import run_virtual
+from tests.virtual_time import run_virtual, virtual_now_ms
 
 DAY_MS = 86_400_000
 STORM_PER_FRAME = 1_000  # at ten frames a second: 10,000 readings a second
@@ -31,6 +33,18 @@ class ChangedRobot(Robot):
         for event in self.change(recorded):
             await asyncio.sleep(0)
             yield event
+
+
+class LiveRobot(ChangedRobot):
+    """A run whose events come when they are received, and whose sensors then fall silent for a minute."""
+
+    live = True
+
+    async def events(self) -> AsyncIterator[Event]:
+        async for event in super().events():
+            await asyncio.sleep(max(0, (event.received_at_ms or 0) - virtual_now_ms()) / 1000)
+            yield event
+        await asyncio.sleep(60)
 
 
 @pytest.fixture
@@ -153,3 +167,36 @@ def test_a_storm_of_the_bearers_own_tag_changes_no_owner(run: Callable[[Change],
     assert robot.statistics.covered == 6
     readings = len(logged(robot, "RFID_RETRIEVE"))
     assert readings == sum(isinstance(event, Sighting) and event.uid == UID for event in robot.source.events())
+
+
+async def at_once(work: Callable[..., Any], *arguments: Any) -> Any:
+    """Stand in for a thread, during which virtual time would run away."""
+    return work(*arguments)
+
+
+def test_in_a_live_stream_that_falls_silent_frames_are_decided_when_due_and_not_before(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(asyncio, "to_thread", at_once)
+    robot = LiveRobot(tmp_path, small_bag, roster())
+    robot.change = lambda events: events
+    run_virtual(robot.run())
+    decided = {event["case"]: event["time_ms"] for event in logged(robot, "IMAGE_PAIRED")}
+    assert sorted(decided) == [f"frame-{number}" for number in range(6)]
+    taken = {event["case"]: event["time_ms"] for event in logged(robot, "IMAGE_RETRIEVE")}
+    for case, decided_ms in decided.items():
+        assert 6_000 < decided_ms - taken[case] < 9_000
+    assert robot.statistics.frames_json()["lost"] == 0
+
+
+def test_what_fails_while_a_live_stream_is_silent_ends_the_run(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_arguments: object) -> list[Output]:
+        raise BlockRobotError("SPOOL_FULL")
+
+    monkeypatch.setattr(Hider, "advance", full)
+    robot = LiveRobot(tmp_path, small_bag, roster())
+    robot.change = lambda events: events
+    with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
+        run_virtual(robot.run())

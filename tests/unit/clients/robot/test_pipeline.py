@@ -60,6 +60,8 @@ def roster() -> Roster:
 class Robot:
     """One run over a recording."""
 
+    live = False
+
     def __init__(
         self,
         folder: Path,
@@ -132,7 +134,7 @@ class Robot:
             watch = asyncio.create_task(self.consents.watch())
             try:
                 self.inputs = Inputs((height, width))
-                await pipeline.run(self.inputs.usable(self.events()))
+                await pipeline.run(self.inputs.usable(self.events()), live=self.live)
             finally:
                 watch.cancel()
                 await delivery.stop()
