@@ -125,6 +125,20 @@ def _common(command: Any) -> Any:
     return command
 
 
+def _tell_consents(figures: dict[str, Any]) -> None:
+    """Say where consent stood in the way of recording, if it did."""
+    if figures["stale_times"]:
+        seconds = round(figures["stale_ms"] / 1000)
+        console.print(
+            f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
+        )
+    refused = figures["sightings_refused"].get("no-consent", 0)
+    if refused:
+        console.print(f"{refused} readings were of tags whose bearers do not consent to this purpose and sensor.")
+    if figures["clips_dropped"]:
+        console.print(f"{figures['clips_dropped']} sealed clips were destroyed: consent to them had ended.")
+
+
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
     folder, genesis_path = ctx.obj
     chosen = ReplayOptions(
@@ -154,6 +168,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
                 f"{counts['published']} of {sensor}: {counts['kept']} kept, "
                 f"{counts['withheld']} withheld, {counts['lost']} lost."
             )
+        _tell_consents(summary["consents"])
         for kind, reasons in summary["intake"]["messages_refused"].items():
             told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
             console.print(f"Not usable: {sum(reasons.values())} of kind {kind} ({told}).")
