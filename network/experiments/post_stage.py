@@ -109,9 +109,15 @@ class PostStage:
         worst, judged = await asyncio.to_thread(worst_foreign_share, self._scenario, found.depths, alias)
         self._checks.add(
             f"{alias}'s pictures show nobody else",
-            ok=worst <= FOREIGN_PIXELS_MAX_SHARE,
+            ok=worst <= FOREIGN_PIXELS_MAX_SHARE and (judged > 0 or not self._met_others(alias, sequences)),
             detail=f"{judged} judged with others in view; at most {100 * worst:.3f} % of their pixels in any",
         )
+
+    def _met_others(self, alias: str, sequences: set[int]) -> bool:
+        """Tell whether somebody else was there when her pictures were taken: then some must have been judged."""
+        others = [person for person in self._scenario.people if person.alias != alias]
+        rate = self._scenario.frame_rate
+        return any(other.place(number / rate) is not None for number in sequences for other in others)
 
     async def _check_stranger(self, owner: str, stranger: str, found: dict[str, Belongings]) -> None:
         first = found[owner].record_ids[0]

@@ -66,10 +66,10 @@ def house(monkeypatch: pytest.MonkeyPatch) -> House:
     return made
 
 
-def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False) -> list[str]:
-    """Go through the post-stage of the third experiment; return the names of the checks that failed."""
+def look(house: House, folder: Path, *, kept: int = 2, corrupt: bool = False, number: int = 3) -> list[str]:
+    """Go through the post-stage of an experiment (the third); return the names of the checks that failed."""
     checks = CheckList(listener=lambda check: None)
-    scenario = EXPERIMENTS[2].load_scenario()
+    scenario = EXPERIMENTS[number - 1].load_scenario()
     stage = PostStage(cast(Stage, house), scenario, folder, checks, lambda line: None)
 
     async def go() -> None:
@@ -100,6 +100,17 @@ def test_a_frame_outside_her_tags_time_is_not_her_own(house: House, tmp_path: Pa
 def test_a_picture_that_shows_another_is_told(house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda scenario, depths, alias: (0.01, 1))
     assert look(house, tmp_path) == ["patient-a's pictures show nobody else", "patient-b's pictures show nobody else"]
+
+
+def test_where_others_were_there_some_pictures_must_have_been_judged(
+    house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without one of them in a judged picture, that nobody else is shown would be no finding."""
+    monkeypatch.setattr(post_stage, "worst_foreign_share", lambda *_: (0.0, 0))
+    assert look(house, tmp_path / "three") == []
+    house.pictures["patient-a"] = [IN_B_TIME]  # in the fourth experiment both are there then
+    together = {"patient-a's pictures show nobody else", "patient-b's pictures show nobody else"}
+    assert together <= set(look(house, tmp_path / "four", number=4))
 
 
 def test_a_picture_that_nobody_can_open_is_told(house: House, tmp_path: Path) -> None:
