@@ -161,6 +161,11 @@ class Consents:
                 _log.warning("registry_unread", code=error.code)
                 if error.code in _NO_ROBOT:
                     self._failure, self._view = error, None
+            except Exception:
+                # Whatever waits for a newer view must hear that there will be none.
+                self._failure, self._view = BlockRobotError("INTERNAL", "The registry cannot be read."), None
+                self.note_freshness()
+                raise
             self.note_freshness()
 
     def note_freshness(self) -> None:
@@ -220,7 +225,7 @@ class Consents:
         """Wait for a fresh view that is later than the clip's last picture; tell whether it may be recorded.
 
         A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
-        SESSION_REFUSED once the robot is no member any more.
+        SESSION_REFUSED once the robot is no member any more, INTERNAL if reading failed for good.
         """
         while not self._knows_of(min(clip.captured_until_ms, clip.decided_at_ms)):
             if self._failure is not None:

@@ -1,13 +1,14 @@
 """Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
 
-Standing keeps strangers from filling the pool. A sender has it as an active member, as the owner of a finalized visit
-(for its consent, access and erasure only), as a custodian, as a registrar or admin of an active organisation, as a
-producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
-good and whose handle is free.
+Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent also when
+his organisation was removed), as the owner of a finalized visit (for its access and erasure only), as a custodian, as a
+registrar or admin of an active organisation, as a producer or candidate (to say that it is ready, and to accuse), or by a
+registration whose voucher and card signature are good and whose handle is free.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from consensus.errors import BlockRobotError
@@ -17,7 +18,6 @@ from consensus.records.vouchers import CARD_TAG, VOUCHER_TAG
 from consensus.transaction import Transaction
 from contracts.state.view import StateReader
 
-OWNER_CONTRACTS = frozenset({"access", "erasure"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
@@ -43,6 +43,24 @@ def find_role(state: Reader, member: bytes) -> str:
     if entry["role"] != "subject" and removed is not None and entry["since"] <= decode_value(removed):
         return ""
     return str(entry["role"])
+
+
+def _is_registered(state: Reader, member: bytes) -> bool:
+    """Tell whether the key is an active member's, whatever became of the organisation that let him in."""
+    data = state.get(b"identity\x00member/" + member)
+    return data is not None and bool(decode_value(data)["status"] == "active")
+
+
+def _owns_visit(state: Reader, owner: bytes) -> bool:
+    return state.get(b"records\x00visit/" + owner) is not None
+
+
+_OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
+    "access": _owns_visit,
+    "consent": _is_registered,
+    "erasure": _owns_visit,
+}
+"""Calls about oneself, and who may have them wait whatever his role."""
 
 
 def _is_producer(state: StateReader, sender: bytes) -> bool:
@@ -90,7 +108,7 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
         return ""
-    if body.contract in OWNER_CONTRACTS and state.get(b"records\x00visit/" + sender) is not None:
+    if body.contract in _OWN_MATTERS and _OWN_MATTERS[body.contract](state, sender):
         return ""
     if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
         return ""

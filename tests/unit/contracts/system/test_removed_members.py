@@ -77,6 +77,19 @@ def test_the_pool_and_the_api_know_the_same_roles_as_the_contracts(consortium: C
     agree_on("subject" if role == "subject" else "")
 
 
+def test_who_is_on_the_staff_of_a_removed_organisation_can_still_take_consent_back(consortium: Consortium) -> None:
+    """Nothing else: he is none of the network's any more, but what robots may record of him is his to say."""
+    _register(consortium, "staff", "staff", "org-02")
+    key, handle = key_of("staff/member"), sha256(b"staff")
+    consortium.agree("remove_org", {"name": "org-02"})
+    taking_back = consortium.sign(key, "consent", "withdraw", handle, [], [])
+    assert has_standing(consortium.state, taking_back, consortium.time_ms)
+    assert not has_standing(consortium.state, consortium.sign(key, "access", "request", [], "care"), consortium.time_ms)
+    consortium.must(key, "consent", "withdraw", handle, [], [])
+    consortium.must(key, "identity", "leave", handle)
+    assert not has_standing(consortium.state, taking_back, consortium.time_ms)
+
+
 def test_admins_and_registrars_of_a_removed_organisation_stand_no_more(consortium: Consortium) -> None:
     def stands(key_name: str) -> bool:
         transaction = consortium.sign(key_of(key_name), "settings", "propose", "heartbeat_ms", 1)
