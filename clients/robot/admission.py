@@ -111,6 +111,7 @@ class Admission:
             "clocks": {name: estimate.as_json() for name, estimate in self.clocks.estimates().items()},
             "turned_away": dict(sorted(self._turned_away(pairing).items())),
             "sightings_late": pairing.late_count,
+            "sightings_shortened": self.clocks.shortened_count,
             "sightings_only_paired": self.only_paired_count,
             "timelines": pairing.timeline_count,
         }

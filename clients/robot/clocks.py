@@ -21,7 +21,7 @@ DRIFT_MAX_PPM = 500.0  # quartz is within 100
 DRIFT_SPAN_MIN_MS = 60_000
 STEP_MIN_MS = 50.0  # smaller steps of a clock are taken for delay
 STEP_BINS_COUNT = 3
-READING_MAX_MS = 60_000  # a reader reports at least as often
+READING_MAX_MS = 10_000  # of a longer reading its end counts: some readers tell when they saw a tag first of all
 _PPM = 1e-6
 _Kind = TypeVar("_Kind", bound=Event)
 
@@ -224,13 +224,15 @@ class RunClocks:
     """The two clocks of a run. Gives back frames as they are, and sightings moved onto the camera's timeline.
 
     What does not fit waits (at most `CONFIRM_COUNT` events a stream) until it is clear that the clock was set, and is
-    refused, counted in `refused`, if it was not. An event without a time of receipt is taken at its word.
+    refused, counted in `refused`, if it was not. `shortened_count` readings were too long. An event without a time of
+    receipt is taken at its word.
     """
 
     def __init__(self) -> None:
         self.camera = ClockEstimator()
         self.reader = ClockEstimator()
         self.refused = {"frame-time": 0, "sighting-time": 0}
+        self.shortened_count = 0
         self.newest_ms: int | None = None
         self._held_frames: list[Frame] = []
         self._held_sightings: list[Sighting] = []
@@ -268,9 +270,13 @@ class RunClocks:
         return self._sort(frame, standing, self._held_frames, "frame-time")
 
     def _admit_sighting(self, sighting: Sighting) -> list[Sighting]:
-        if not 0 <= sighting.last_seen_ms - sighting.first_seen_ms <= READING_MAX_MS:
+        lasting_ms = sighting.last_seen_ms - sighting.first_seen_ms
+        if lasting_ms < 0:
             self.refused["sighting-time"] += 1
             return []
+        if lasting_ms > READING_MAX_MS:
+            self.shortened_count += 1
+            sighting = replace(sighting, first_seen_ms=sighting.last_seen_ms - READING_MAX_MS)
         if sighting.received_at_ms is None:
             return [sighting]
         standing = self.reader.observe(sighting.last_seen_ms, sighting.received_at_ms)

@@ -90,6 +90,7 @@ def test_the_summary_counts_every_refusal_once() -> None:
         "clocks": {},
         "turned_away": {"sighting-time": 2},
         "sightings_late": 0,
+        "sightings_shortened": 0,
         "sightings_only_paired": 0,
         "timelines": 1,
     }

@@ -218,12 +218,20 @@ def test_single_wrong_stamps_are_refused_and_counted() -> None:
     assert clocks.refused == {"frame-time": 3, "sighting-time": 3}
 
 
-def test_a_reading_longer_than_any_or_that_ends_before_it_begins_is_refused() -> None:
+@pytest.mark.parametrize("received", [True, False])
+def test_of_a_reading_that_began_long_ago_the_end_counts(received: bool) -> None:
     clocks = RunClocks()
-    assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=READING_MAX_MS + 1)) == []
+    lasts = {0: 0, READING_MAX_MS: READING_MAX_MS, READING_MAX_MS + 1: READING_MAX_MS, START_MS: READING_MAX_MS}
+    for told, kept in lasts.items():
+        (one,) = sightings(clocks.admit(sighting(START_MS - told, START_MS if received else None, lasting_ms=told)))
+        assert (one.first_seen_ms, one.last_seen_ms) == (START_MS - kept, START_MS)
+    assert clocks.shortened_count == 2
+
+
+def test_a_reading_that_ends_before_it_begins_is_refused() -> None:
+    clocks = RunClocks()
     assert clocks.admit(sighting(START_MS, START_MS, lasting_ms=-1)) == []
-    assert len(clocks.admit(sighting(START_MS, START_MS + READING_MAX_MS, lasting_ms=READING_MAX_MS))) == 1
-    assert clocks.refused["sighting-time"] == 2
+    assert clocks.refused["sighting-time"] == 1
 
 
 def test_what_waits_in_doubt_is_bounded() -> None:
