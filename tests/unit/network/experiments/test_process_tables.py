@@ -69,6 +69,15 @@ def test_pairs_are_counted_by_case_with_their_durations() -> None:
     assert (graph.case_count, graph.event_count) == (4, 14)
 
 
+def test_what_the_log_notes_of_the_run_itself_stands_in_no_process() -> None:
+    notes = [
+        LoggedEvent(1, "CLOCK_ESTIMATED", "clock-reader"),
+        LoggedEvent(20_000, "CLOCK_ESTIMATED", "clock-reader"),
+        LoggedEvent(2, "MESSAGE_REFUSED", "frame-time-turned-away"),
+    ]
+    assert build_flow_graph(EventTable.of("by hand", [*notes, *two_people().events])) == build_flow_graph(two_people())
+
+
 def test_rows_have_the_layout_of_the_authors_tables() -> None:
     graph = build_flow_graph(two_people())
     rows = {row.name: row.values for row in (*activity_rows(graph), *pair_rows(graph))}
