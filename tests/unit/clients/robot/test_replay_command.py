@@ -1,0 +1,83 @@
+"""What `blockrobot robot replay` says of a recording that breaks off, and of options that make no sense."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.robot import cli
+from clients.robot.consents import ConsentFigures
+from clients.robot.sources.rosbag import BagSource
+
+FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
+BROKEN = {"code": "BAG_DAMAGED", "detail": "The recording breaks off."}
+
+
+@pytest.fixture
+def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> Any:
+    """Run the command over the small bag, the run itself replaced by its summary."""
+    sources: list[BagSource] = []
+
+    def run(*options: str, fault: dict[str, str] | None = None, lost: int = 0) -> Result:
+        async def summarised(_folder: Path, source: BagSource, *_rest: object) -> dict[str, Any]:
+            sources.append(source)
+            intake = {"messages_refused": {"frame": {"size": 2, "step": 1}}, "fault": fault}
+            senses = {"rgb": {**FRAMES, "lost": lost}}
+            consents = ConsentFigures().as_json()
+            return {"frames": FRAMES, "senses": senses, "records": 3, "intake": intake, "consents": consents}
+
+        monkeypatch.setattr(cli, "replay_recording", summarised)
+        monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
+        arguments = ["--robot-dir", str(tmp_path), "replay", str(small_bag), *options]
+        return CliRunner().invoke(cli.robot, arguments)
+
+    return run
+
+
+def test_what_could_not_be_used_is_told_by_reason(replay: Any) -> None:
+    done = replay()
+    assert done.exit_code == 0
+    assert "Not usable: 3 of kind frame (2 for size, 1 for step)." in done.output
+    assert "6 of rgb: 6 kept" in done.output
+
+
+def test_a_recording_that_breaks_off_is_told_after_what_was_kept(replay: Any) -> None:
+    done = replay(fault=BROKEN)
+    assert done.exit_code != 0
+    assert "6 kept in 3 records" in done.output
+    assert "BAG_DAMAGED" in done.output
+    assert "What came before it is recorded." in done.output
+
+
+def test_in_json_it_is_one_object_with_the_figures_and_the_error(replay: Any) -> None:
+    done = replay("--json", fault=BROKEN)
+    assert done.exit_code != 0
+    told = json.loads(done.stdout)
+    assert (told["ok"], told["frames"], told["error"]["code"]) == (False, FRAMES, "BAG_DAMAGED")
+    assert json.loads(replay("--json").stdout)["ok"] is True
+
+
+def test_something_lost_of_another_sense_is_not_well(replay: Any) -> None:
+    assert json.loads(replay("--json", lost=1).stdout)["ok"] is False
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--depth", "/nowhere"], "BAG_TOPIC_MISSING"),
+        (["--tags", "/nowhere"], "BAG_TOPIC_MISSING"),
+        (["--tags", "/camera/depth/image_raw"], "TOPICS_INVALID"),
+        (["--topics", "nowhere.toml"], "TOPICS_INVALID"),
+        (["--empty-seconds", "3"], "--empty-seconds"),
+        (["--empty-seconds", "5..3"], "--empty-seconds"),
+        (["--empty-seconds", "a..b"], "--empty-seconds"),
+    ],
+)
+def test_options_that_make_no_sense_are_named_before_the_run(replay: Any, options: list[str], told: str) -> None:
+    done = replay(*options)
+    assert done.exit_code != 0
+    assert told in done.output
