@@ -22,8 +22,9 @@ STANDING_SHARE = 0.4
 BIAS_SIGMA_M = 0.15
 NEAREST_M, FARTHEST_M = 0.8, 6.0
 DRIFT_S = 2.0
-# How many of the bearers who are not in view, and may be anywhere, are in front of the robot, beside the picture.
-ABSENT_IN_FRONT_SHARE = 0.01
+# How often the antenna that faces as the camera does hears a tag: Beta of each draw. Who is aside stands in front of
+# the robot but beside the picture, and keeps at the range of somebody in view as others do.
+FRONT_SHARES = {"present": (18, 2), "absent": (4, 16), "behind": (2, 18), "aside": (18, 2)}
 
 Bearer = Literal["present", "absent", "behind", "aside"]
 Array = npt.NDArray[np.float64]
@@ -65,17 +66,15 @@ def draw(setting: Setting, seed: int, number: int) -> Drawn:
     rng = np.random.default_rng([seed, number])
     near = _walk(rng)
     ranges = [near, *(_beside(rng, near) for _ in range(setting.people - 1))]
-    in_front = True
     if setting.bearer == "present":
         owner = int(rng.integers(setting.people))
         worn, others = ranges[owner], [other for i, other in enumerate(ranges) if i != owner]
     else:
         owner = -1
-        in_front = setting.bearer == "aside" or (setting.bearer == "absent" and rng.random() < ABSENT_IN_FRONT_SHARE)
-        worn, others = _beside(rng, near) if in_front else _walk(rng), ranges
+        worn, others = _beside(rng, near) if setting.bearer == "aside" else _walk(rng), ranges
     gaps = [float(np.abs(worn - other).mean()) for other in others]
     tracks = tuple(_track(i + 1, values) for i, values in enumerate(ranges))
-    readings = _readings(rng, setting, worn, in_front=in_front)
+    readings = _readings(rng, setting, worn)
     return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
 
 
@@ -115,7 +114,7 @@ def _track(number: int, ranges: Array) -> Track:
     return track
 
 
-def _readings(rng: np.random.Generator, setting: Setting, worn: Array, *, in_front: bool) -> tuple[Sighting, ...]:
+def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[Sighting, ...]:
     every_ms = 1000 / setting.rate_hz
     asked = np.arange(rng.uniform(0, every_ms), TRACK_MS, every_ms)
     times = np.floor(asked[rng.random(asked.size) >= MISSED_SHARE]).astype(np.int64)
@@ -123,7 +122,7 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array, *, in_fro
     noise = _drifting(rng, times) if setting.drifting else rng.normal(size=times.size)
     ranges = np.interp(times / 1000, _TIMES_S, worn)
     distances = np.maximum(0.05, ranges + float(rng.normal(0, BIAS_SIGMA_M)) + true_sigma * noise)
-    front = rng.random(times.size) < _front_share(rng, setting, in_front=in_front)
+    front = rng.random(times.size) < rng.beta(*FRONT_SHARES[setting.bearer])
     made = []
     for at, distance, ahead in zip(times.tolist(), distances.tolist(), front.tolist(), strict=True):
         facing = (Facing.FRONT if ahead else Facing.BACK) if setting.facing else Facing.UNKNOWN
@@ -142,10 +141,3 @@ def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64]) -> Array:
         before = kept * before + float(np.sqrt(1 - kept * kept)) * float(fresh[i])
         values[i], last = before, at
     return values
-
-
-def _front_share(rng: np.random.Generator, setting: Setting, *, in_front: bool) -> float:
-    """Return how often the antenna that faces as the camera does hears this tag."""
-    if not in_front:
-        return float(rng.beta(2, 18))
-    return float(rng.uniform() if setting.bearer == "absent" else rng.beta(18, 2))

@@ -22,7 +22,7 @@ Array = npt.NDArray[np.float64]
 # The stated sigma may be too small: it is marginalised over these factors, each with its weight.
 SIGMA_SCALES = ((1.0, 0.55), (1.6, 0.30), (2.5, 0.15))
 # Errors may be independent, or drift over seconds as reflections do: (seconds, share of the variance), weight.
-ERROR_DRIFTS = ((0.0, 0.0, 0.7), (2.0, 0.9, 0.3))
+ERROR_DRIFTS = ((0.0, 0.0, 0.85), (2.0, 0.9, 0.15))
 BIAS_SIGMA_M = 0.15
 # An absent bearer: somewhere in range, standing (no acceleration) or walking (m^2/s^3), each with its weight.
 ABSENT_MEAN_M, ABSENT_SIGMA_M = 3.0, 2.0
