@@ -56,6 +56,8 @@ class Inputs:
     def _check(self, event: SourceEvent) -> Refused | None:
         if isinstance(event, Frame) and event.depth.shape != self._shape:
             return Refused(event.captured_at_ms, "frame", "size")
+        if isinstance(event, ColourFrame) and event.registered and event.pixels.shape[:2] != self._shape:
+            return Refused(event.at_ms, "rgb", "size")
         return event if isinstance(event, Refused) else None
 
     def _refuse(self, refused: Refused) -> None:

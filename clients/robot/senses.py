@@ -121,7 +121,7 @@ class SenseDesk:
                 now_ms=now_ms,
             )
             self._keepers[sensor].people = people
-        self._waiting: deque[_Waiting] = deque()
+        self._waiting: dict[str, deque[_Waiting]] = {sensor: deque() for sensor in SENSORS.values()}
         self._waiting_bytes = 0
         self._sealed: list[SpooledClip] = []
 
@@ -130,10 +130,11 @@ class SenseDesk:
         sensor = SENSORS[type(sense)]
         self._statistics.senses[sensor].frame_arrived(sense.sequence, self._now_ms())
         waiting = _pack(sense, camera_offset_ms)
-        self._waiting.append(waiting)
+        self._waiting[sensor].append(waiting)
         self._waiting_bytes += len(waiting.data)
-        while len(self._waiting) > WAITING_MAX_COUNT or self._waiting_bytes > WAITING_MAX_BYTES:
-            self._conclude(self._next(), final=True)
+        while len(self._waiting[sensor]) > WAITING_MAX_COUNT or self._waiting_bytes > WAITING_MAX_BYTES:
+            fullest = max(self._waiting, key=lambda name: len(self._waiting[name]))
+            self._conclude_first(self._waiting[fullest], final=True)
 
     def drop_refused(self) -> None:
         """Forget what waits for a clip of whoever does not consent any more."""
@@ -142,11 +143,9 @@ class SenseDesk:
 
     def settle(self, *, final: bool = False) -> list[SpooledClip]:
         """Return the sealed clips of all that is settled now; `final`: nothing more will come."""
-        for _ in range(len(self._waiting)):
-            waiting = self._next()
-            if not self._conclude(waiting, final=final):
-                self._waiting.append(waiting)
-                self._waiting_bytes += len(waiting.data)
+        for queue in self._waiting.values():
+            while queue and self._conclude_first(queue, final=final):
+                pass
         sealed = []
         for sensor, batcher in self._batchers.items():
             ready = batcher.flush() if final else batcher.close_idle(self._now_ms())
@@ -154,10 +153,12 @@ class SenseDesk:
         sealed, self._sealed = [*self._sealed, *sealed], []
         return sealed
 
-    def _next(self) -> _Waiting:
-        waiting = self._waiting.popleft()
-        self._waiting_bytes -= len(waiting.data)
-        return waiting
+    def _conclude_first(self, queue: deque[_Waiting], *, final: bool) -> bool:
+        """Let go of the one that has waited longest, if it is settled; say whether it was."""
+        if not self._conclude(queue[0], final=final):
+            return False
+        self._waiting_bytes -= len(queue.popleft().data)
+        return True
 
     def _conclude(self, waiting: _Waiting, *, final: bool) -> bool:
         """Give each person who was there what is hers of it, or the reason why not; False if that is not settled."""

@@ -7,7 +7,7 @@ from collections.abc import AsyncIterator, Sequence
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Refused, Sighting, SourceEvent
+from clients.robot.events import ColourFrame, Frame, Refused, Sighting, SourceEvent
 from clients.robot.inputs import REFUSED_IN_A_ROW_MAX_COUNT, Inputs
 from consensus.errors import BlockRobotError
 
@@ -45,6 +45,17 @@ async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted(
         ("frame", "step"),
         ("sighting", "tag"),
     ]
+
+
+async def test_registered_colour_has_the_size_of_depth_and_other_colour_any() -> None:
+    fits, free, odd = (
+        ColourFrame(1, 0, np.zeros((*SHAPE, 3), np.uint8), registered=True),
+        ColourFrame(2, 1, np.zeros((9, 9, 3), np.uint8)),
+        ColourFrame(3, 2, np.zeros((9, 9, 3), np.uint8), registered=True),
+    )
+    inputs = Inputs(SHAPE)
+    assert await drain(inputs, [fits, free, odd]) == [fits, free]
+    assert inputs.refused == {"rgb": {"size": 1}}
 
 
 async def test_too_many_bad_frames_in_a_row_end_the_stream_with_a_fault() -> None:

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from clients.robot import senses
 from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC, SIGHTING_TOPIC
 from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE
 from clients.robot.scenario import Scenario, parse_scenario
@@ -291,3 +292,14 @@ def test_no_plain_sense_is_on_the_disk(tmp_path: Path, world: World, alone: Path
     assert robot.statistics.senses_json()["emotion"]["kept"] >= 2
     for path in [path for path in tmp_path.rglob("*") if path.is_file() and path.suffix != ".mcap"]:
         assert b"calm" not in path.read_bytes()
+
+
+def test_memory_for_what_waits_is_bounded_and_what_is_let_go_is_withheld(
+    tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 4_000)
+    robot = run(tmp_path, world, alone)
+    figures = robot.statistics.senses_json()
+    assert robot.statistics.frames_json()["kept"] > 10
+    assert figures["rgb"]["kept"] < 10
+    assert all(figures[sensor]["lost"] == 0 for sensor in ("rgb", "emotion", "audio"))
