@@ -144,6 +144,9 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: 
         )
 
 
+_THINGS = {"emotion": "estimates", "audio": "sounds"}
+
+
 def _picture_count(entry: RecordEntry) -> int:
     """Return how many pictures a record has: a notice of withheld frames alone has none."""
     return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
@@ -199,7 +202,8 @@ def records(ctx: click.Context, as_json: bool) -> None:
         console.print(f"Visit {number} at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
         for entry in report.records:
             meta = entry.metadata
-            span = f"{show_moment(meta.started_at_ms)}, {_picture_count(entry)} pictures ({meta.sensor})"
+            what = _THINGS.get(meta.sensor, "pictures")
+            span = f"{show_moment(meta.started_at_ms)}, {_picture_count(entry)} {what} ({meta.sensor})"
             withheld = sum(count for _, count in meta.withheld)
             span += f", {withheld} withheld before" if withheld else ""
             erased = f", {len(entry.state['erased_frames'])} of them erased" if entry.state["erased_frames"] else ""
@@ -277,7 +281,7 @@ def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) ->
 @click.pass_context
 @plain_errors
 def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: str, as_json: bool) -> None:
-    """Fetch, check and decrypt records (all if none is named) and write them as PNG pictures.
+    """Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.
 
     Example: blockrobot wallet view 3fa2c19b07de --out pictures
     """
