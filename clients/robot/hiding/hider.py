@@ -13,6 +13,7 @@ from enum import StrEnum
 
 from clients.robot.events import Frame, Sighting, check_depth
 from clients.robot.hiding.background import Background
+from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import Cut, cut
 from clients.robot.hiding.matcher import Matcher
 from clients.robot.hiding.segmentation import segment
@@ -102,6 +103,7 @@ class Hider:
         self._focal_px = focal_px
         self._buffer_ms = max(buffer_ms, window_ms + lateness_ms + 1)
         self._tracker = Tracker()
+        self._companions = CompanionWatch()
         self._seen: dict[int, _Seen] = {}
         self._pending: dict[str, deque[_Seen]] = {}
         self._newest_ms: int | None = None
@@ -148,8 +150,9 @@ class Hider:
         else:
             self._newest_ms = frame.captured_at_ms
             segmented = segment(depth, self._background, self._focal_px)
-            tracks = self._tracker.step(segmented.silhouettes, frame.captured_at_ms)
-            for silhouette, track in zip(segmented.silhouettes, tracks, strict=True):
+            silhouettes = self._companions.step(segmented.silhouettes, frame.captured_at_ms)
+            tracks = self._tracker.step(silhouettes, frame.captured_at_ms)
+            for silhouette, track in zip(silhouettes, tracks, strict=True):
                 if track is None:
                     seen.merged = True
                     continue
@@ -175,7 +178,7 @@ class Hider:
     def _end_timeline(self, decided: list[Decision]) -> list[Output]:
         """Settle all that was before the camera's clock was set back, and follow nobody across that."""
         outputs = [*self._take(decided), *self._settle(final=True)]
-        self.matcher, self._tracker = Matcher(), Tracker()
+        self.matcher, self._tracker, self._companions = Matcher(), Tracker(), CompanionWatch()
         self._newest_ms, self._forgot_ms = None, 0
         return outputs
 

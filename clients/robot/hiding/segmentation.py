@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from clients.robot.events import Depth
 from clients.robot.hiding.background import Background
+from clients.robot.hiding.companion import CUES, Floats, measure, shipped_model
 
 Bytes2D = npt.NDArray[np.uint8]
 Labels = npt.NDArray[np.int32]
@@ -29,8 +30,8 @@ TOUCH_HALF_PX = 4  # 8 px of the full frame
 TOUCH_MIN_PX = 4
 CRUMBS_MIN_PX = 60  # crumbs smaller than a piece, the spokes of a wheel, say, touch only if there are many
 BEHIND_MM = 350
-SINGLE_AREA_MAX_M2, SINGLE_CHEST_MAX_M, SINGLE_SPREAD_MAX_M = 1.05, 0.78, 0.75
-HEAD_BAND_M, HEAD_MIN_M = 0.16, 0.09
+GROUP_AREA_MIN_M2 = 1.3  # no one person is that large, whatever the model says
+LEARNED_MAX_M, FAR_AREA_MAX_M2, FAR_BREADTH_MAX_M = 7.0, 1.05, 0.78
 BODY_OFFSET_M = 0.10  # from the skin that the camera sees to the middle of the body
 
 _CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
@@ -41,7 +42,8 @@ _TOUCH = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * TOUCH_HALF_PX + 1, 2 
 class Silhouette:
     """One person-sized blob. `label` marks its pixels in the label image; places in metres in the camera's frame.
 
-    `trouble` is empty, or why no rendition may be cut from it: `merged`, `contact` or `occluded`.
+    `trouble` is empty, or why no rendition may be cut from it: `merged`, `contact` or `occluded`. `companion_odds` are
+    the log-odds that it holds more than one person.
     """
 
     label: int
@@ -51,6 +53,7 @@ class Silhouette:
     range_m: float
     median_mm: int
     trouble: str
+    companion_odds: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +192,9 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
     x_m = (middle_px - (half.shape[1] - 1) / 2) * scale
     y_m = (top + 0.25 * height - (half.shape[0] - 1) / 2) * scale
     z_m = median / 1000 + BODY_OFFSET_M
-    trouble = "merged" if _is_merged(inside, values, area, scale) else _touch(labels, half, mask, number, median)
+    odds = _companion_odds(measure(inside, half[box], left, top, half.shape, focal))
+    merged = odds > shipped_model().suspect
+    trouble = "merged" if merged else _touch(labels, half, mask, number, median)
     return Silhouette(
         label=number,
         box=(left, top, width, height),
@@ -198,24 +203,20 @@ def _measure(labels: Labels, half: Depth, number: int, focal: float) -> Silhouet
         range_m=float(np.sqrt(x_m * x_m + y_m * y_m + z_m * z_m)),
         median_mm=median,
         trouble=trouble,
+        companion_odds=odds,
     )
 
 
-def _is_merged(inside: npt.NDArray[np.bool_], values: Depth, area: float, scale: float) -> bool:
-    """Tell whether a blob is too large, broad or deep for one person, or has two heads."""
-    if area > SINGLE_AREA_MAX_M2:
-        return True
-    height = inside.shape[0]
-    chest = inside[int(0.18 * height) : max(int(0.42 * height), 1)]
-    if chest.size and float(np.percentile(chest.sum(axis=1), 75)) * scale > SINGLE_CHEST_MAX_M:
-        return True
-    low, high = np.percentile(values, (4, 96))
-    if (float(high) - float(low)) / 1000 > SINGLE_SPREAD_MAX_M:
-        return True
-    band = inside[: max(2, int(HEAD_BAND_M / scale))].sum(axis=0) >= 2
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], band.view(np.int8), [0]])))
-    heads = [b - a for a, b in zip(edges[::2], edges[1::2], strict=True) if (b - a) * scale > HEAD_MIN_M]
-    return len(heads) > 1
+def _companion_odds(cues: Floats) -> float:
+    """Return the log-odds of two people: the model's, but by size alone for what it has never learned about."""
+    model = shipped_model()
+    area, breadth, distance = (float(cues[CUES.index(name)]) for name in ("area_m2", "width_3_m", "range_m"))
+    if area > GROUP_AREA_MIN_M2:
+        return model.certain + 1
+    if distance <= LEARNED_MAX_M:
+        return model.log_odds(cues)
+    large = area > FAR_AREA_MAX_M2 or breadth > FAR_BREADTH_MAX_M
+    return model.certain + 1 if large else model.suspect - 1
 
 
 def _touch(labels: Labels, half: Depth, mask: Bytes2D, number: int, median: int) -> str:

@@ -1,0 +1,213 @@
+"""Tells whether a silhouette holds a companion too: cues of its shape and depth, judged by a small learned model.
+
+The model is a file of decision trees made by `network.bench.companion_training` on synthetic scenes; it is read once
+and evaluated here with numpy alone. It must never decide who somebody is: only that one blob may be two people.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from importlib import resources
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from clients.robot.events import Depth, Mask
+
+MODEL_FILE = "companion-model.json"
+PIXELS_MAX_COUNT = 5_000  # larger silhouettes are looked at with every second pixel
+BANDS_M = (0.0, 0.12, 0.26, 0.42, 0.62, 0.85, 1.15, 1.5)  # below the top of the silhouette
+CELL_M = 0.06
+CELLS_COUNT = 40
+HEAD_BAND, CHEST_BANDS = 0, (2, 4)
+EDGE_SHARE = 0.04
+
+CUES = (
+    "area_m2",
+    "height_m",
+    "width_m",
+    "top_above_camera_m",
+    "range_m",
+    "fill_share",
+    "cut_below",
+    "cut_aside",
+    *(f"width_{number}_m" for number in range(len(BANDS_M) - 1)),
+    *(f"runs_{number}" for number in range(len(BANDS_M) - 1)),
+    *(f"depth_{number}_m" for number in range(len(BANDS_M) - 1)),
+    "saddle_m",
+    "second_head_lower_m",
+    "head_distance_m",
+    "spread_m",
+    "chest_spread_m",
+    "head_spread_m",
+    "halves_m",
+    "footprint_m2",
+    "chest_footprint_m2",
+    "plan_long_m",
+    "plan_short_m",
+    "chest_long_m",
+    "chest_short_m",
+)
+
+Floats = npt.NDArray[np.float64]
+Numbers = npt.NDArray[np.floating[Any]]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trees:
+    """Boosted decision trees as arrays (tree, node): a leaf's children are itself. `thresholds` in log-odds."""
+
+    feature: Ints
+    threshold: Floats
+    left: Ints
+    right: Ints
+    value: Floats
+    first: float
+    depth: int
+    suspect: float
+    certain: float
+
+    def log_odds(self, cues: Floats) -> float:
+        """Return the log-odds that a silhouette with these cues holds more than one person."""
+        rows = np.arange(self.feature.shape[0])
+        node = np.zeros(self.feature.shape[0], dtype=np.int64)
+        for _ in range(self.depth):
+            below = cues[self.feature[rows, node]] <= self.threshold[rows, node]
+            node = np.where(below, self.left[rows, node], self.right[rows, node])
+        return self.first + float(self.value[rows, node].sum())
+
+
+@lru_cache(maxsize=1)
+def shipped_model() -> Trees:
+    """Return the model that ships with the robot."""
+    text = (resources.files("clients.robot.hiding") / MODEL_FILE).read_text(encoding="utf-8")
+    return trees_of(json.loads(text))
+
+
+def trees_of(table: dict[str, Any]) -> Trees:
+    """Return the trees of a model file; raises ValueError if it was made for other cues."""
+    if table["cues"] != list(CUES):
+        raise ValueError("The companion model was made for other cues.")
+    return Trees(
+        feature=np.array(table["feature"], dtype=np.int64),
+        threshold=np.array(table["threshold"], dtype=np.float64),
+        left=np.array(table["left"], dtype=np.int64),
+        right=np.array(table["right"], dtype=np.int64),
+        value=np.array(table["value"], dtype=np.float64),
+        first=float(table["first"]),
+        depth=int(table["depth"]),
+        suspect=float(table["suspect"]),
+        certain=float(table["certain"]),
+    )
+
+
+def measure(inside: Mask, depth: Depth, left: int, top: int, shape: tuple[int, int], focal_px: float) -> Floats:
+    """Return the cues of a silhouette: its mask and depth in its box, the box's place in an image of `shape`.
+
+    `focal_px` is that of this image. About 0.3 ms; the mask must not be empty.
+    """
+    cut_below, cut_aside = _cut_off(inside, left, top, shape)
+    step = 2 if np.count_nonzero(inside) > PIXELS_MAX_COUNT else 1
+    inside, depth = inside[::step, ::step], depth[::step, ::step]
+    rows, columns = np.nonzero(inside)
+    z = depth[rows, columns].astype(np.float32) / 1000
+    ordered = np.sort(z)
+    middle = float(ordered[ordered.size // 2])
+    pixel = middle / focal_px * step
+    x = (columns * np.float32(step) + np.float32(left - (shape[1] - 1) / 2)) * z / np.float32(focal_px)
+    tall, wide = inside.shape[0] * pixel, inside.shape[1] * pixel
+    band = np.searchsorted(np.array(BANDS_M[1:-1]), rows * pixel).astype(np.intp)
+    counts = np.bincount(band, minlength=len(BANDS_M) - 1)
+    means = np.bincount(band, weights=z, minlength=len(BANDS_M) - 1) / np.maximum(counts, 1)
+    row_band = np.searchsorted(np.array(BANDS_M[1:-1]), np.arange(inside.shape[0]) * pixel)
+    band_rows = np.bincount(row_band, minlength=len(BANDS_M) - 1)
+    starts = np.count_nonzero(inside[:, 1:] & ~inside[:, :-1], axis=1) + inside[:, 0]
+    runs = np.bincount(row_band, weights=starts, minlength=len(BANDS_M) - 1) / np.maximum(band_rows, 1)
+    chest = (band >= CHEST_BANDS[0]) & (band <= CHEST_BANDS[1])
+    chest_x, chest_z = x[chest], z[chest]
+    return np.array(
+        [
+            rows.size * pixel * pixel,
+            tall,
+            wide,
+            ((shape[0] - 1) / 2 - top) * middle / focal_px,
+            middle,
+            rows.size / inside.size,
+            cut_below,
+            cut_aside,
+            *(counts * pixel / np.maximum(band_rows, 1)),
+            *runs,
+            *np.where(counts > 0, means - middle, 0.0),
+            *_heads(inside, pixel),
+            _spread(ordered),
+            _spread(np.sort(chest_z)),
+            _spread(np.sort(z[band == HEAD_BAND])),
+            _halves(chest_x, chest_z),
+            _footprint(x, z, middle),
+            _footprint(chest_x, chest_z, middle),
+            *_plan(x, z),
+            *_plan(chest_x, chest_z),
+        ],
+        dtype=np.float64,
+    )
+
+
+def _cut_off(inside: Mask, left: int, top: int, shape: tuple[int, int]) -> tuple[float, float]:
+    """Return whether the picture's lower edge and its sides cut the silhouette off."""
+    below = top + inside.shape[0] >= shape[0] - 1
+    aside = left <= 1 or left + inside.shape[1] >= shape[1] - 1
+    return float(below), float(aside)
+
+
+def _heads(inside: Mask, pixel: float) -> tuple[float, float, float]:
+    """Return the saddle between the highest point and a second one: its depth, by how much the second is lower, gap."""
+    columns = inside.any(axis=0)
+    skyline = np.where(columns, inside.shape[0] - inside.argmax(axis=0), 0) * pixel
+    if skyline.size >= 3:  # a lone pixel is no head
+        skyline[1:-1] = np.minimum(skyline[1:-1], np.maximum(skyline[:-2], skyline[2:]))
+    peak = int(skyline.argmax())
+    best = (0.0, 0.0, 0.0)
+    for side in (skyline[peak:], skyline[peak::-1]):
+        rises = side - np.minimum.accumulate(side)
+        second = int(rises.argmax())
+        if rises[second] > best[0]:
+            best = (float(rises[second]), float(side[0] - side[second]), second * pixel)
+    return best
+
+
+def _spread(ordered: Numbers) -> float:
+    if ordered.size < 8:
+        return 0.0
+    cut = int(EDGE_SHARE * ordered.size)
+    return float(ordered[-1 - cut] - ordered[cut])
+
+
+def _halves(x: Numbers, z: Numbers) -> float:
+    """Return how much farther one side of the chest is than the other."""
+    if x.size < 8:
+        return 0.0
+    right = x > x.mean()
+    return abs(float(z[right].mean()) - float(z[~right].mean())) if right.any() and not right.all() else 0.0
+
+
+def _footprint(x: Numbers, z: Numbers, middle: float) -> float:
+    """Return the area seen from above, in cells that hold two pixels or more."""
+    if x.size == 0:
+        return 0.0
+    across = np.clip(((x - x.mean()) / CELL_M + CELLS_COUNT / 2).astype(np.int64), 0, CELLS_COUNT - 1)
+    ahead = np.clip(((z - middle) / CELL_M + CELLS_COUNT / 2).astype(np.int64), 0, CELLS_COUNT - 1)
+    return float(np.count_nonzero(np.bincount(across * CELLS_COUNT + ahead) > 1)) * CELL_M * CELL_M
+
+
+def _plan(x: Numbers, z: Numbers) -> tuple[float, float]:
+    """Return the standard deviation along the longer and the shorter axis of the view from above."""
+    if x.size < 8:
+        return 0.0, 0.0
+    dx, dz = x - x.mean(), z - z.mean()
+    xx, zz, xz = float(dx @ dx) / x.size, float(dz @ dz) / x.size, float(dx @ dz) / x.size
+    half, root = (xx + zz) / 2, float(np.hypot((xx - zz) / 2, xz))
+    return float(np.sqrt(half + root)), float(np.sqrt(max(half - root, 0.0)))

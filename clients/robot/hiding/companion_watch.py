@@ -1,0 +1,71 @@
+"""Pools the suspicion of a companion over what is followed in plan view, so that one odd frame decides nothing.
+
+Between segmentation and tracker. It must never clear a silhouette whose recent past looks like two people.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from clients.robot.hiding.companion import Trees, shipped_model
+from clients.robot.hiding.segmentation import Silhouette
+
+SAME_M, SAME_PER_M = 0.45, 0.04
+FORGET_AFTER_MS = 1_000
+POOL_MS = 700.0
+SETTLED_MS = 500
+ODDS_LIMIT = 8.0
+CLEAR_BELOW = 1.5  # log-odds under the threshold at which a pool that was over it is clear again
+
+
+@dataclass(slots=True, eq=False)
+class _Pool:
+    x_m: float
+    z_m: float
+    began_ms: int
+    seen_ms: int
+    odds: float
+    two: bool
+
+
+class CompanionWatch:
+    """Follows silhouettes by the nearest place and weighs their log-odds over the last 0.7 s or so.
+
+    What is pooled to two people is `merged`. A silhouette that only looks like two in this frame, while its pool says
+    one, is `contact`: withheld, but still the same track. Not thread-safe; one for each camera.
+    """
+
+    def __init__(self, model: Trees | None = None) -> None:
+        self._model = model or shipped_model()
+        self._pools: list[_Pool] = []
+
+    def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> tuple[Silhouette, ...]:
+        """Return the silhouettes with their trouble as the pools see it; in time order."""
+        self._pools = [pool for pool in self._pools if at_ms - pool.seen_ms <= FORGET_AFTER_MS]
+        free = list(self._pools)
+        return tuple(self._judge(silhouette, free, at_ms) for silhouette in silhouettes)
+
+    def _judge(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> Silhouette:
+        pool = self._pool_of(silhouette, free, at_ms)
+        if pool.two:
+            return silhouette if silhouette.trouble == "merged" else replace(silhouette, trouble="merged")
+        settled = at_ms - pool.began_ms >= SETTLED_MS
+        if silhouette.trouble == "merged" and settled and silhouette.companion_odds <= self._model.certain:
+            return replace(silhouette, trouble="contact")
+        return silhouette
+
+    def _pool_of(self, silhouette: Silhouette, free: list[_Pool], at_ms: int) -> _Pool:
+        odds = max(-ODDS_LIMIT, min(ODDS_LIMIT, silhouette.companion_odds))
+        near = [(math.hypot(pool.x_m - silhouette.x_m, pool.z_m - silhouette.z_m), i) for i, pool in enumerate(free)]
+        distance, place = min(near, default=(math.inf, -1))
+        if distance > SAME_M + SAME_PER_M * silhouette.z_m:
+            pool = _Pool(silhouette.x_m, silhouette.z_m, at_ms, at_ms, odds, odds > self._model.suspect)
+            self._pools.append(pool)
+            return pool
+        pool = free.pop(place)
+        weight = 1 - math.exp(-max(at_ms - pool.seen_ms, 1) / POOL_MS)
+        pool.odds += weight * (odds - pool.odds)
+        pool.x_m, pool.z_m, pool.seen_ms = silhouette.x_m, silhouette.z_m, at_ms
+        pool.two = pool.odds > self._model.suspect - (CLEAR_BELOW if pool.two else 0.0)
+        return pool

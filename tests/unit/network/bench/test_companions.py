@@ -1,0 +1,80 @@
+"""The companions' judge counts what it should, and the training exports what was learned, the same each time."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from clients.robot.hiding.companion import CUES, Trees, shipped_model, trees_of
+from clients.robot.synthetic.scenes import draw_scene
+from network.bench import companion_training as training
+from network.bench.companions import SEED_STRIDE, Observed, goals_met, observe, rates
+
+
+def seen(share: float, trouble: str = "", person: int = 1) -> Observed:
+    return Observed(0, person, share, trouble, np.zeros(len(CUES)))
+
+
+@pytest.fixture
+def trees() -> Trees:
+    return shipped_model()
+
+
+def test_a_pairs_silhouettes_hold_the_pair_and_a_single_persons_do_not() -> None:
+    (pair,) = list(observe(draw_scene(3, "companion", manner="embrace", child=False, third=False), [40]))
+    assert pair.second_share > 0.06
+    (single,) = list(observe(draw_scene(3, "single"), [40]))
+    assert single.second_share == 0
+    assert len(single.cues) == len(CUES)
+
+
+def test_pairs_are_found_where_merged_and_shown_where_nothing_is_said(trees: Trees) -> None:
+    looks = [("embrace", 1, [seen(0.4, "merged"), seen(0.4, "contact"), seen(0.3), seen(0.0)])]
+    figures = rates("embrace", looks, trees, pairs=True)
+    assert (figures["frames"], figures["tracks"]) == (3, 1)
+    assert figures["merged_frames"] == pytest.approx(1 / 3, abs=1e-3)
+    assert figures["shown_share"] == pytest.approx(1 / 3, abs=1e-3)
+    assert figures["split_share"] == 0.25
+
+
+def test_single_people_are_counted_by_track_and_others_kinds_left_out(trees: Trees) -> None:
+    looks = [("single", 1, [seen(0.0), seen(0.0, "merged", 2)]), ("stick", 2, [seen(0.0, "merged")])]
+    figures = rates("single", looks, trees, pairs=False)
+    assert (figures["frames"], figures["tracks"]) == (2, 2)
+    assert (figures["merged_frames"], figures["withheld_frames"]) == (0.5, 0.5)
+    assert rates("bed", looks, trees, pairs=False)["merged_frames"] is None
+
+
+def test_goals_are_met_only_where_every_kind_meets_them() -> None:
+    found = {name: {"merged_frames": 0.95} for name in ("arm in arm", "embrace", "pushing")}
+    alone = {
+        "single": {"merged_frames": 0.01},
+        "wheelchair": {"merged_frames": 0.02},
+        "rollator": {"merged_frames": 0.05},
+    }
+    assert all(goals_met(found, alone).values())
+    assert not goals_met({**found, "pushing": {"merged_frames": None}}, alone)["companions_found"]
+    assert not goals_met(found, {**alone, "single": {"merged_frames": 0.02}})["single_false_alarms"]
+
+
+def test_training_exports_what_was_learned_and_the_same_each_time() -> None:
+    rng = np.random.default_rng(5)
+    cues = rng.normal(size=(240, len(CUES))).round(6)
+    labels = cues[:, 0] + 0.5 * cues[:, 7] > 0.3
+    one, two = (training.train(labels, cues) for _ in range(2))
+    assert json.dumps(one) == json.dumps(two)
+    table = training.with_thresholds(one, np.ones(240, np.int64), labels, cues)
+    trees = trees_of(table)
+    odds = np.array([trees.log_odds(row) for row in cues])
+    assert np.mean((odds > 0) == labels) > 0.97
+    assert np.mean(odds[~labels] > trees.suspect) <= 0.05
+    assert trees.certain >= trees.suspect
+
+
+def test_training_never_draws_what_is_judged() -> None:
+    assert training.THRESHOLD_SEED + training.SCENES_DEFAULT_COUNT < SEED_STRIDE
+    assert training.TRAINING_SEED + training.SCENES_DEFAULT_COUNT <= training.THRESHOLD_SEED
+    with pytest.raises(SystemExit):
+        training.main(["--out", "unused.json", "--scenes", "900000"])
