@@ -1,0 +1,58 @@
+"""Reading what the chain keeps of consents: whatever is not understood is a no."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from consensus.records.consents import GIVEN, Step, find_consent, read_choices
+
+YES = [5, GIVEN, 100, 0, 0]
+
+
+def test_steps_are_read_by_purpose_and_sensor() -> None:
+    row = {"care": {"depth": [YES, [9, "withdrawn", 200, 0, 0]], "rgb": [YES]}}
+    assert read_choices(row) == {
+        ("care", "depth"): (Step(5, GIVEN, 100, 0, 0), Step(9, "withdrawn", 200, 0, 0)),
+        ("care", "rgb"): (Step(5, GIVEN, 100, 0, 0),),
+    }
+    assert read_choices(None) == {}
+
+
+@pytest.mark.parametrize(
+    "row",
+    [
+        7,
+        [],
+        {"care": [YES]},
+        {"care": {"depth": YES}},
+        {"care": {"depth": []}},
+        {"care": {"depth": [YES[:4]]}},
+        {"care": {"depth": [[*YES, 1]]}},
+        {"care": {"depth": [["5", GIVEN, 100, 0, 0]]}},
+        {"care": {"depth": [[True, GIVEN, 100, 0, 0]]}},
+        {"care": {"depth": [YES, None]}},
+    ],
+)
+def test_a_form_that_is_not_known_is_no_consent(row: Any) -> None:
+    assert read_choices(row) == {}
+
+
+@pytest.mark.parametrize("status", ["Given", "yes", "", "withdrawn", "refused", "paused"])
+def test_only_one_word_is_a_yes(status: str) -> None:
+    assert find_consent((Step(1, status, 0, 0, 0),), 10) is None
+
+
+def test_what_holds_is_the_last_that_was_reached_and_a_coming_no_counts_at_once() -> None:
+    yes, later = Step(5, GIVEN, 1, 0, 0), Step(20, GIVEN, 2, 0, 0)
+    no = Step(9, "withdrawn", 3, 0, 0)
+    assert find_consent((), 10) is None
+    assert find_consent((yes,), 4) is None
+    assert find_consent((yes,), 5) == yes
+    assert find_consent((yes, later), 19) == yes
+    assert find_consent((yes, later), 20) == later
+    assert find_consent((yes, no), 6) is None
+    assert find_consent((yes, no, later), 8) is None
+    assert find_consent((yes, no, later), 19) is None
+    assert find_consent((yes, no, later), 20) == later
