@@ -11,6 +11,7 @@ from typing import Any
 
 GIVEN = "given"
 STEPS_MAX_COUNT = 3
+_STEP_TYPES = [int, str, int, int, int]
 CHANGES_KEY = b"consent\x00changes"
 IDENTITY_CHANGES_KEY = b"identity\x00changes"
 
@@ -38,14 +39,22 @@ def row_key(handle: bytes) -> bytes:
 
 
 def read_choices(value: Any) -> Choices:
-    """Return the steps by (purpose, sensor) of a proved state value; None is nothing said."""
-    return dict(_each(value or {}))
+    """Return the steps by (purpose, sensor) of a proved state value; None is nothing said.
+
+    What a later version of the contract may write in another form is left out: that is no consent.
+    """
+    return dict(_each(value))
 
 
-def _each(value: dict[str, dict[str, list[list[Any]]]]) -> Iterator[tuple[tuple[str, str], tuple[Step, ...]]]:
-    for purpose, sensors in value.items():
-        for sensor, steps in sensors.items():
-            yield (purpose, sensor), tuple(Step(*step) for step in steps)
+def _each(value: Any) -> Iterator[tuple[tuple[str, str], tuple[Step, ...]]]:
+    for purpose, sensors in value.items() if isinstance(value, dict) else ():
+        for sensor, steps in sensors.items() if isinstance(sensors, dict) else ():
+            if isinstance(steps, list) and steps and all(map(_is_step, steps)):
+                yield (purpose, sensor), tuple(Step(*step) for step in steps)
+
+
+def _is_step(step: Any) -> bool:
+    return isinstance(step, list) and [type(part) for part in step] == _STEP_TYPES
 
 
 def find_consent(steps: tuple[Step, ...], height: int) -> Step | None:
