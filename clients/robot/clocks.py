@@ -14,6 +14,8 @@ from typing import Any, TypeVar
 from clients.robot.events import Event, Frame, Sighting
 
 DELAY_MAX_MS = 2_000  # between stamp and receipt; what does not fit in is a clock that was set, or a wrong stamp
+LATE_MAX_MS = 60_000  # unless the stamp goes on from the one before: then the host was busy, at most so long
+LATE_FOR_MS = 10_000  # and catches up within this time
 CONFIRM_COUNT = 5  # as many doubtful stamps in a row, all agreeing, and the clock was set
 BIN_MS = 5_000
 HORIZON_MS = 600_000  # what is older says nothing of today's drift; so many bins at most are kept
@@ -70,6 +72,7 @@ class ClockEstimator:
     It starts anew, and forgets all before, when the device's clock was set: by more than `DELAY_MAX_MS`, once
     `CONFIRM_COUNT` doubtful stamps agree; by less, at the first stamp far below the line or after `STEP_BINS_COUNT`
     bins far above it. It does so too when the host's own clock moved, or nothing came, for longer than the horizon.
+    Stamps that go on while their receipt lags are late, not wrong: a busy host is given `LATE_FOR_MS` to catch up.
     """
 
     def __init__(self) -> None:
@@ -82,6 +85,8 @@ class ClockEstimator:
         self._drift_doubt = DRIFT_MAX_PPM * _PPM
         self._samples = 0
         self._doubts: list[tuple[int, int]] = []
+        self._newest_stamp = 0
+        self._late_since: int | None = None
         self.started_anew_count = 0
 
     def observe(self, stamp_ms: int, received_ms: int) -> Standing:
@@ -94,12 +99,18 @@ class ClockEstimator:
             self._start_anew(stamp_ms, received_ms)
             return Standing.FITS
         above = received_ms - stamp_ms - self._origin[1] - self._line(at)
+        if above > DELAY_MAX_MS and self._is_catching_up(above, stamp_ms, received_ms):
+            self._newest_stamp = stamp_ms
+            self._doubts.clear()
+            return Standing.FITS
         if abs(above) > DELAY_MAX_MS:
             return self._doubt(stamp_ms, received_ms)
         if above < -_tolerance(self._uncertainty(at)):
             self._start_anew(stamp_ms, received_ms)
             return Standing.FITS
         self._doubts.clear()
+        self._late_since = None
+        self._newest_stamp = max(stamp_ms, self._newest_stamp)
         self._take(at, received_ms - stamp_ms - self._origin[1])
         return Standing.FITS
 
@@ -117,6 +128,14 @@ class ClockEstimator:
         uncertainty = self._uncertainty(received_ms - self._origin[0])
         return ClockEstimate(offset, self._slope / _PPM, uncertainty, self._samples, self.started_anew_count)
 
+    def _is_catching_up(self, above_ms: float, stamp_ms: int, received_ms: int) -> bool:
+        goes_on = 0 <= stamp_ms - self._newest_stamp <= DELAY_MAX_MS
+        if not goes_on or above_ms > LATE_MAX_MS:
+            return False
+        if self._late_since is None:
+            self._late_since = received_ms
+        return 0 <= received_ms - self._late_since <= LATE_FOR_MS
+
     def _start(self, stamp_ms: int, received_ms: int) -> None:
         self._origin = (received_ms, received_ms - stamp_ms)
         self._bins = {0: _Bin(0.0, 0.0)}
@@ -124,6 +143,7 @@ class ClockEstimator:
         self._level = self._slope = self._spread = 0.0
         self._drift_doubt = DRIFT_MAX_PPM * _PPM
         self._samples = 1
+        self._newest_stamp, self._late_since = stamp_ms, None
         self._doubts.clear()
 
     def _start_anew(self, stamp_ms: int, received_ms: int) -> None:
@@ -140,6 +160,7 @@ class ClockEstimator:
         agreed = list(self._doubts)
         self._start_anew(*agreed[0])
         for stamp, received in agreed[1:]:
+            self._newest_stamp = max(stamp, self._newest_stamp)
             self._take(received - self._origin[0], received - stamp - self._origin[1])
         return Standing.CLOCK_SET
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from clients.robot.clocks import CONFIRM_COUNT, DELAY_MAX_MS, HORIZON_MS, ClockEstimator, RunClocks, Standing
+from clients.robot.clocks import CONFIRM_COUNT, HORIZON_MS, LATE_MAX_MS, ClockEstimator, RunClocks, Standing
 from clients.robot.events import Event, Frame, Sighting
 from clients.robot.pairing import MEMORY_MS, REFUSED_AND_COUNTED, Decision, Pairing
 from consensus.errors import BlockRobotError
@@ -89,9 +89,7 @@ def test_an_estimator_believes_no_jump_that_was_not_confirmed_and_stays_small(ro
             assert estimator.started_anew_count == restarts + 1
         if standing is not Standing.DOUBTFUL:
             doubts = 0
-            assert -1 <= received - at - after <= DELAY_MAX_MS + 300, (
-                "no message came before it was sent, nor very late"
-            )
+            assert -1 <= received - at - after <= LATE_MAX_MS + 300, "no message came before it was sent, nor very late"
         assert len(estimator._bins) <= HORIZON_MS // 5_000
         estimate = estimator.estimate(START_MS + received)
         assert estimate is not None

@@ -218,6 +218,30 @@ def test_single_wrong_stamps_are_refused_and_counted() -> None:
     assert clocks.refused == {"frame-time": 3, "sighting-time": 3}
 
 
+def test_messages_that_pile_up_while_the_host_is_busy_are_late_and_not_wrong() -> None:
+    clocks = RunClocks()
+    for number in range(900):
+        at = START_MS + number * 33
+        busy_until = START_MS + 16_000  # from 10 s on; then the host works through what has come, in a second
+        received = busy_until + (number - 303) * 5 if 303 < number < 520 else at
+        taken = frame(number, at, max(at, received))
+        assert clocks.admit(taken) == [taken]
+    assert clocks.refused["frame-time"] == 0
+    estimate = clocks.estimates()["camera"]
+    assert (round(estimate.offset_ms), estimate.started_anew_count) == (0, 0)
+
+
+def test_a_host_clock_set_by_less_than_a_minute_is_followed_after_the_time_to_catch_up() -> None:
+    device = Device(DELAYS["none"])
+    device.send(120, rate=30)
+    device.offset_ms += 30_000
+    device.now_ms += 30_000  # the host's clock jumps, the device's stamps go on
+    standings = device.send(20, rate=30)
+    assert Standing.CLOCK_SET in standings
+    assert set(standings[: 9 * 30]) == {Standing.FITS}
+    assert abs(device.error_ms()) <= device.estimate().uncertainty_ms
+
+
 @pytest.mark.parametrize("received", [True, False])
 def test_of_a_reading_that_began_long_ago_the_end_counts(received: bool) -> None:
     clocks = RunClocks()
