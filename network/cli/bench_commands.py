@@ -185,6 +185,24 @@ class _Teller:
         click.echo(f"\r{line:<70}" if moving else line, nl=not moving, err=True)
 
 
+@bench.command("companions")
+@click.option("--scenes", default=12, show_default=True, type=click.IntRange(1, 10_000), help="Scenes of each kind.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**20), help="What is drawn.")
+@click.option("--workers", default=None, type=click.IntRange(1, 64), help="Processes at once (all cores).")
+@json_option
+@plain_errors
+def companions_command(scenes: int, seed: int, workers: int | None, as_json: bool) -> None:
+    """Measure how often two people in one silhouette are found, and single people taken for two.
+
+    Exits 1 if a goal is missed.
+
+    Example: blockrobot bench companions --scenes 40 --seed 2 --json
+    """
+    from network.bench.companions import judge_companions  # noqa: PLC0415 - only when it is needed
+
+    _finish(judge_companions(seed, scenes=scenes, workers=workers), as_json=as_json)
+
+
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:
     """Print a result and exit 1 if it is not `ok`."""
     if as_json:
