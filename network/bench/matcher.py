@@ -20,6 +20,7 @@ from scipy.stats import beta
 from clients.robot.hiding.hider import BUFFER_DEFAULT_MS
 from clients.robot.hiding.matcher import Matcher
 from network.bench.conditions import build_result, measure_conditions, percentile
+from network.bench.matcher_cost import measure_cost
 from network.bench.matcher_draws import FRAME_EVERY_MS, TRACK_MS, Bearer, Drawn, Setting, draw
 
 WRONG_MAX_RATE = 0.001
@@ -135,6 +136,7 @@ def judge_matcher(
     """
     workers = workers or len(os.sched_getaffinity(0))
     conditions = measure_conditions(nodes=0, seed=seed, tracks=tracks, workers=workers)
+    cost = measure_cost(seed)
     jobs = []
     for group in groups:
         count = max(1, round(tracks * GROUPS[group][1]))
@@ -144,7 +146,7 @@ def judge_matcher(
         outcomes += some
         if progress is not None:
             progress(done, len(jobs))
-    figures = headline(outcomes)
+    figures = {**headline(outcomes), **cost}
     result = build_result("matcher", ok=meets_goals(figures), figures=figures, conditions=conditions)
     return {**result, "strata": strata(outcomes)}
 

@@ -20,6 +20,7 @@ from network.bench.matcher import (
     settings_of,
     upper_bound,
 )
+from network.bench.matcher_cost import measure_cost
 from network.bench.matcher_draws import TRACK_MS, Drawn, Setting, draw
 from network.cli.bench_commands import bench
 
@@ -147,7 +148,8 @@ def test_the_figures_do_not_depend_on_the_number_of_processes() -> None:
     told: list[tuple[int, int]] = []
     one = judge_matcher(30, 7, workers=1, groups=["facing"], progress=lambda done, of: told.append((done, of)))
     two = judge_matcher(30, 7, workers=2, groups=["facing"])
-    assert one["figures"] == two["figures"]
+    judged = [name for name in one["figures"] if not name.startswith(("matcher_", "storm_"))]
+    assert {name: one["figures"][name] for name in judged} == {name: two["figures"][name] for name in judged}
     assert one["strata"] == two["strata"]
     assert told == [(1, 1)]
     assert one["figures"]["wrong_owner_of"] == 30
@@ -160,3 +162,10 @@ def test_the_command_prints_the_figures_and_fails_where_a_goal_is_missed() -> No
     assert result["name"] == "matcher"
     assert result["conditions"]["seed"] == 3
     assert ended.exit_code == (0 if result["ok"] else 1)
+
+
+def test_the_cost_is_measured_and_a_storm_leaves_ten_readings_a_second() -> None:
+    cost = measure_cost(1)
+    assert cost["storm_held"] == 10
+    assert 0 < cost["matcher_frame_ms"] <= cost["matcher_frame_p95_ms"] * 2
+    assert cost["storm_reading_us"] > 0
