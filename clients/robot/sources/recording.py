@@ -22,7 +22,10 @@ from clients.robot.sources.salvage import BrokenOffError, Channel, Found, scan_f
 from consensus.errors import BlockRobotError
 
 STORAGE_SUFFIXES = (".mcap", ".db3")
-SUFFIXES = (".bag", *STORAGE_SUFFIXES)
+ROS1_SUFFIXES = (".bag", ".bag.active")
+"""The second is what a ROS 1 recorder leaves that was killed."""
+
+SUFFIXES = (*ROS1_SUFFIXES, *STORAGE_SUFFIXES)
 
 
 @functools.cache
@@ -63,7 +66,7 @@ class Recording:
         self.path = path
         self.broken = ""
         self.topics: dict[str, TopicFigures] = {}
-        self._ros1 = path.suffix == ".bag"
+        self._ros1 = path.name.endswith(ROS1_SUFFIXES)
         self._types = _with_definitions(definitions) if definitions else own_types()
         self._salvage: list[Path] = []
         try:
@@ -238,7 +241,7 @@ def _storage_files(path: Path) -> list[Path]:
         files = [file for file in path.iterdir() if file.suffix in STORAGE_SUFFIXES]
         found = sorted(files, key=lambda file: (len(file.name), file.name))  # ..._9 before ..._10
     else:
-        found = [path] if path.is_file() and path.suffix in SUFFIXES else []
+        found = [path] if path.is_file() and path.name.endswith(SUFFIXES) else []
     if not found:
         kinds = "a ROS 1 .bag, a rosbag2 folder, or one .mcap or .db3 file"
         raise BlockRobotError("BAG_DAMAGED", f"{path.name} is no recording that can be read: {kinds}.")

@@ -23,6 +23,7 @@ from rosbags.typesys.msg import normalize_msgtype
 RECORD_MAX_BYTES = 1 << 30
 MCAP_MAGIC = b"\x89MCAP0\r\n"
 ROS1_MAGIC = b"#ROSBAG V2.0\n"
+SQLITE_MAGIC = b"SQLite format 3\x00"
 _NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
 _FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 
@@ -54,15 +55,17 @@ Scan = Iterator[Channel | Found]
 
 
 def scan_file(path: Path) -> Scan:
-    """Scan one file by its name and first bytes. Raises `BrokenOffError` for what is no recording."""
-    if path.suffix == ".db3":
-        yield from scan_sqlite(path)
-        return
+    """Scan one file by its first bytes, whatever its name is. Raises `BrokenOffError` for what is no recording."""
     with path.open("rb") as file:
-        if path.suffix == ".mcap" and file.read(len(MCAP_MAGIC)) == MCAP_MAGIC:
+        begins = file.read(len(SQLITE_MAGIC))
+        if begins.startswith(MCAP_MAGIC):
+            file.seek(len(MCAP_MAGIC))
             yield from _guarded(_mcap_records(file, inside=False))
-        elif path.suffix == ".bag" and file.read(len(ROS1_MAGIC)) == ROS1_MAGIC:
+        elif begins.startswith(ROS1_MAGIC):
+            file.seek(len(ROS1_MAGIC))
             yield from _guarded(_ros1_records(file, inside=False))
+        elif begins == SQLITE_MAGIC:
+            yield from scan_sqlite(path)
         else:
             raise BrokenOffError("It does not begin as a recording does.")
 

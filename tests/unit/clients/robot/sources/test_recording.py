@@ -94,6 +94,22 @@ def test_a_recording_without_its_description_is_read_by_its_file(recording: Path
     assert read_all(Recording(storage_file(copy))) == (whole, "")
 
 
+def test_what_a_killed_ros1_recorder_leaves_is_read_to_its_end(tmp_path: Path) -> None:
+    """Its file is called .bag.active, says that it has no index, and has no end."""
+    texts = [(i, {"data": f"tag {i}"}) for i in range(40)]
+    path = record(tmp_path / "recording", "ros1", [Topic("/tags", STRING, texts)])
+    data = bytearray(path.read_bytes())
+    place = data.index(b"index_pos=") + len(b"index_pos=")
+    index = int.from_bytes(data[place : place + 8], "little")
+    data[place : place + 8] = bytes(8)
+    active = tmp_path / "recording.bag.active"
+    active.write_bytes(bytes(data[:index]))
+    opened = Recording(active)
+    found, _ = read_all(opened)
+    assert len(found) == 40
+    assert opened.decode(next(opened.messages(["/tags"]))).data == "tag 0"
+
+
 @pytest.mark.parametrize("place", [0.3, 0.5, 0.8])
 def test_a_stretch_of_zeros_in_the_middle_ends_in_a_code_and_nothing_false_before_it(
     recording: Path, tmp_path: Path, place: float
