@@ -158,7 +158,7 @@ class Pipeline:
 
     async def _take(self, arrived: Event | Sense) -> None:
         if not isinstance(arrived, Frame | Sighting):
-            self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
+            await self._senses.take(arrived, camera_offset_ms=self.admission.clocks.camera_offset_ms)
             return
         if isinstance(arrived, Frame):
             self._statistics.frame_arrived(arrived.sequence, self._now_ms())

@@ -6,6 +6,7 @@ registered person is there. What waits is held in memory, packed, bounded. Must 
 
 from __future__ import annotations
 
+import asyncio
 import json
 import wave
 from collections import deque
@@ -125,15 +126,16 @@ class SenseDesk:
         self._waiting_bytes = 0
         self._sealed: list[SpooledClip] = []
 
-    def take(self, sense: Sense, *, camera_offset_ms: int = 0) -> None:
+    async def take(self, sense: Sense, *, camera_offset_ms: int = 0) -> None:
         """Take something of a sense; `camera_offset_ms` is the host's clock minus the camera's."""
         sensor = SENSORS[type(sense)]
         self._statistics.senses[sensor].frame_arrived(sense.sequence, self._now_ms())
-        waiting = _pack(sense, camera_offset_ms)
+        waiting = await asyncio.to_thread(_pack, sense, camera_offset_ms)
         self._waiting[sensor].append(waiting)
         self._waiting_bytes += len(waiting.data)
         while len(self._waiting[sensor]) > WAITING_MAX_COUNT or self._waiting_bytes > WAITING_MAX_BYTES:
             fullest = max(self._waiting, key=lambda name: len(self._waiting[name]))
+            self._statistics.senses[fullest].let_go += 1
             self._conclude_first(self._waiting[fullest], final=True)
 
     def drop_refused(self) -> None:

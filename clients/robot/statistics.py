@@ -51,6 +51,8 @@ class RunStatistics:
     submit_to_final_ms: list[float] = field(default_factory=list)
     final_times_ms: list[int] = field(default_factory=list)
     senses: dict[str, RunStatistics] = field(default_factory=dict)
+    let_go: int = 0
+    """Of another sense: how many could not wait for a verdict, for lack of memory."""
 
     def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
         """Note when a frame came in."""
@@ -109,7 +111,8 @@ class RunStatistics:
 
     def senses_json(self) -> dict[str, Any]:
         """Return the same counts of each other sense of which anything came."""
-        return {sensor: sense.frames_json() for sensor, sense in self.senses.items() if sense.published}
+        came = {sensor: sense for sensor, sense in self.senses.items() if sense.published}
+        return {sensor: {**sense.frames_json(), "let_go": sense.let_go} for sensor, sense in came.items()}
 
     def latency_json(self) -> dict[str, Any]:
         """Return the distributions of the three latencies."""

@@ -47,7 +47,7 @@ def run(folder: Path, depth: Messages, empty: Messages, tags: Messages | None = 
 
 
 def run_over(folder: Path, recording: Path) -> Robot:
-    robot = Robot(folder, recording, roster(), topics=parse_topics("[depth]\nfocal_px = 131"))
+    robot = Robot(folder, recording, roster(), topics=parse_topics("[depth]\nfocal_px = 262"))
     run_virtual(robot.run())
     return robot
 
@@ -72,7 +72,7 @@ def test_bad_frames_between_good_ones_cost_nothing_but_themselves(
         {"encoding": "bgr8"},
         {"step": 3},
         {"data": np.ones(7, np.uint8)},
-        {"height": 60, "data": depth[0][1]["data"][:19_200]},
+        {"height": 120, "data": depth[0][1]["data"][:76_800]},
     ]
     bad = [(at * 100 + 50, {**depth[at][1], **rng.choice(changes)}) for at in range(FRAMES)]
     robot = run(tmp_path, [*depth, *bad], empty)
@@ -89,7 +89,7 @@ def test_frames_that_measure_nothing_or_nonsense_are_withheld_and_the_others_kep
     tmp_path: Path, depth: Messages, empty: Messages, value: int
 ) -> None:
     dead = [
-        (at * 100 + 50, image(np.full((120, 160), value, np.uint16), at_ms=START_MS + at * 100 + 50))
+        (at * 100 + 50, image(np.full((240, 320), value, np.uint16), at_ms=START_MS + at * 100 + 50))
         for at in range(9, 12)
     ]
     counts = check_whole(run(tmp_path, [*depth, *dead], empty))
@@ -99,7 +99,7 @@ def test_frames_that_measure_nothing_or_nonsense_are_withheld_and_the_others_kep
 
 
 def test_metres_with_nothing_but_nan_are_frames_without_anybody(tmp_path: Path, empty: Messages) -> None:
-    nan = np.full((120, 160), np.nan, np.float32)
+    nan = np.full((240, 320), np.nan, np.float32)
     frames = [(at * 100, image(nan, "32FC1", START_MS + at * 100)) for at in range(FRAMES)]
     counts = check_whole(run(tmp_path, frames, empty))
     assert (counts["covered"], counts["kept"]) == (FRAMES, 0)

@@ -34,9 +34,9 @@ SCENE = """
 name = "senses"
 duration_s = 3.0
 frame_rate = 10
-width = 160
-height = 120
-focal_px = 131.0
+width = 320
+height = 240
+focal_px = 262.0
 camera_height_m = 1.2
 seed = 7
 empty_frames = 3
@@ -68,7 +68,7 @@ SENSORS = ("depth", "rgb", "emotion", "audio")
 RED, BLUE, GREEN = (200, 0, 0), (0, 0, 200), (0, 200, 0)
 TOPICS = """
 [depth]
-focal_px = 131
+focal_px = 262
 
 [rgb]
 topic = "/rgb"
@@ -194,11 +194,15 @@ def world(tmp_path: Path) -> World:
     return World(tmp_path / "wallet")
 
 
-def colours(path: Path) -> set[str]:
-    """Return which of the painted colours a picture shows."""
-    pixels = np.asarray(cv2.imread(str(path)))[..., ::-1].astype(int)
-    found = {"red": RED, "blue": BLUE, "green": GREEN}
-    return {name for name, paint in found.items() if (np.abs(pixels - paint).max(axis=2) < 40).sum() > 20}
+def shares(paths: list[Path]) -> dict[str, float]:
+    """Return the share of each painted colour among all painted pixels of some pictures."""
+    counts = dict.fromkeys(("red", "blue", "green"), 0)
+    for path in paths:
+        pixels = np.asarray(cv2.imread(str(path)))[..., ::-1].astype(int)
+        for name, paint in {"red": RED, "blue": BLUE, "green": GREEN}.items():
+            counts[name] += int((np.abs(pixels - paint).max(axis=2) < 40).sum())
+    whole = sum(counts.values())
+    return {name: count / whole for name, count in counts.items()}
 
 
 def test_someone_alone_keeps_estimates_sound_and_her_own_pixels_in_colour(
@@ -212,7 +216,9 @@ def test_someone_alone_keeps_estimates_sound_and_her_own_pixels_in_colour(
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
     assert len(files["rgb"]) == figures["rgb"]["kept"]
     assert all(path.name.endswith(".rgb.png") for path in files["rgb"])
-    assert set.union(*map(colours, files["rgb"])) == {"red"}
+    found = shares(files["rgb"])
+    assert found["blue"] == 0
+    assert found["red"] > 0.95  # the rest is the room at her edges, where the camera's own noise is
     assert [json.loads(path.read_bytes()) for path in files["emotion"]] == [{"label": "calm"}] * figures["emotion"][
         "kept"
     ]
@@ -227,7 +233,9 @@ def test_colour_that_is_not_registered_is_kept_whole_while_she_is_alone(
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
     assert len(files["rgb"]) == robot.statistics.senses_json()["rgb"]["kept"] >= 2
     assert all(path.name.endswith(".rgb.jpg") for path in files["rgb"])
-    assert set.union(*map(colours, files["rgb"])) == {"red", "green"}
+    found = shares(files["rgb"])
+    assert found["blue"] == 0
+    assert min(found["red"], found["green"]) > 0.01
 
 
 def test_beside_a_visitor_only_her_own_pixels_are_kept_and_nothing_that_could_be_the_visitors(
@@ -240,7 +248,9 @@ def test_beside_a_visitor_only_her_own_pixels_are_kept_and_nothing_that_could_be
         assert (figures[sensor]["kept"], figures[sensor]["lost"]) == (0, 0)
         assert set(figures[sensor]["withheld_reasons"]) <= {"not-alone", "not-matched"}
     files = asyncio.run(files_of(world, robot, tmp_path / "out"))
-    assert set.union(*map(colours, files["rgb"])) == {"red"}
+    found = shares(files["rgb"])
+    assert found["blue"] == 0
+    assert found["red"] > 0.95  # the rest is the room at her edges, where the camera's own noise is
     assert "emotion" not in files
     whole = run(tmp_path / "again", world, visited, registered=False)
     assert whole.statistics.senses_json()["rgb"]["kept"] == 0
@@ -302,4 +312,5 @@ def test_memory_for_what_waits_is_bounded_and_what_is_let_go_is_withheld(
     figures = robot.statistics.senses_json()
     assert robot.statistics.frames_json()["kept"] > 10
     assert figures["rgb"]["kept"] < 10
+    assert figures["rgb"]["let_go"] > 20
     assert all(figures[sensor]["lost"] == 0 for sensor in ("rgb", "emotion", "audio"))
