@@ -27,7 +27,8 @@ BACKGROUND_FRAMES_COUNT = 7
 SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it holds a companion
 ALONE_SHARE = 0.015  # up to here it holds one person
 SEED_STRIDE = 1_000_000  # the bench's seed 0 draws scenes from 1,000,000 on; training stays below
-SEEDS_A_KIND = 10_000
+SEEDS_A_KIND = 100_000
+SINGLE_FACTOR = 4  # a rate of 1 % asks for more of them
 TRACK_FRAMES_COUNT, TRACK_STEP_FRAMES = 8, 2
 SCENES_DEFAULT_COUNT = 12
 
@@ -95,9 +96,10 @@ def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[st
 def judge_companions(
     seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None, model: Trees | None = None
 ) -> dict[str, Any]:
-    """Return how often companions are found and single people are taken for two, for `scenes` scenes of each kind.
+    """Return how often companions are found and single people taken for two: one object as every measurement has.
 
-    One object as every measurement has; under `strata` each kind: `merged_frames` and `merged_tracks` are the shares
+    `scenes` scenes of each kind are judged, four times as many of single people without aid.
+    Under `strata` each kind: `merged_frames` and `merged_tracks` are the shares
     of silhouettes that are withheld as merged, frame by frame and with a track's log-odds averaged; `shown_share` is
     that of silhouettes of two people that would be shown, `split_share` those that are of one person after all.
     """
@@ -106,7 +108,7 @@ def judge_companions(
     jobs = [
         (*kind, SEED_STRIDE * (seed + 1) + SEEDS_A_KIND * number + scene)
         for number, kind in enumerate((*COMPANIONS, *SINGLES))
-        for scene in range(scenes)
+        for scene in range(scenes * (SINGLE_FACTOR if kind[0] == "single" else 1))
     ]
     with ProcessPoolExecutor(workers or os.cpu_count() or 1) as pool:
         seen = list(pool.map(_look, jobs, chunksize=4))
