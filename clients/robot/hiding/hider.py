@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from clients.robot.events import Frame, Sighting, check_depth
-from clients.robot.hiding.background import Background
+from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import Cut, cut
 from clients.robot.hiding.matcher import Matcher
@@ -36,6 +36,7 @@ class Reason(StrEnum):
     NO_SILHOUETTE = "no-silhouette"
     NO_DISTANCE = "no-distance"
     DISORDERED = "disordered"
+    MOVED = "moved"  # the robot, so that the empty scene is another one
     NOT_ALONE = "not-alone"  # for what cannot be cut down to one person
     NOT_MATCHED = "not-matched"  # the same, when nobody in the picture is known to be her
 
@@ -74,6 +75,7 @@ class _Seen:
     troubles: dict[int, str] = field(default_factory=dict)
     merged: bool = False
     disordered: bool = False
+    moved: bool = False
 
     @property
     def tracks(self) -> tuple[int, ...]:
@@ -147,6 +149,10 @@ class Hider:
         decided = [] if before else decided
         if self._newest_ms is not None and frame.captured_at_ms <= self._newest_ms:
             seen.disordered = True
+        elif not fits(self._background, depth):
+            self._newest_ms = frame.captured_at_ms
+            seen.moved = True
+            self.matcher.advance(frame.captured_at_ms)
         else:
             self._newest_ms = frame.captured_at_ms
             segmented = segment(depth, self._background, self._focal_px)
@@ -217,6 +223,8 @@ class Hider:
         reason: Reason | None = None
         if seen.disordered:
             reason = Reason.DISORDERED
+        elif seen.moved:
+            reason = Reason.MOVED
         elif number is not None:
             reason = Reason(seen.troubles[number])
         elif not seen.tracks:

@@ -50,7 +50,16 @@ class Stage:
 
     def frame(self, at_ms: int, places: list[Place]) -> None:
         silhouettes = tuple(
-            Silhouette(i + 1, (0, 0, 1, 1), p.x_m, p.z_m, p.range_m, round(p.z_m * 1000), p.trouble)
+            Silhouette(
+                i + 1,
+                (0, 0, 1, 1),
+                p.x_m,
+                p.z_m,
+                p.range_m,
+                round(p.z_m * 1000),
+                p.trouble,
+                companion_odds=20.0 if p.trouble == "merged" else -20.0,
+            )
             for i, p in enumerate(places)
         )
         self._segmented = Segmented(silhouettes, None)

@@ -1,0 +1,62 @@
+"""The empty scene is known again from where it was recorded, with people and doors in it, and not from elsewhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Facing, Frame, Sighting
+from clients.robot.hiding.background import Background, fits, learn_background
+from clients.robot.hiding.hider import Hider, Reason, Withheld
+from clients.robot.scenario import Scenario
+from clients.robot.synthetic.render import Renderer
+from clients.robot.synthetic.scenes import draw_scene
+
+
+def scene(*, moving: bool) -> Scenario:
+    drawn = draw_scene(7, "moving-robot", duration_s=6.0, third=False)
+    path = ((0.0, 0.0, 0.0, 0.0), (2.0, 0.0, 0.0, 0.0), (5.0, 0.1, 0.4, 0.2), (6.0, 0.1, 0.4, 0.2))
+    return replace(drawn, surroundings=replace(drawn.surroundings, camera_path=path if moving else ()))
+
+
+def learned(renderer: Renderer) -> Background:
+    return learn_background([renderer.empty_frame(i) for i in range(8)])
+
+
+@pytest.fixture(scope="module")
+def moving() -> Renderer:
+    return Renderer(scene(moving=True))
+
+
+def test_people_before_the_empty_scene_do_not_make_it_another_one() -> None:
+    renderer = Renderer(scene(moving=False))
+    background = learned(renderer)
+    assert all(fits(background, renderer.frame(index)) for index in (0, 25, 50))
+    assert fits(background, renderer.empty_frame(20))
+
+
+def test_a_picture_without_any_measurement_says_nothing_of_another_scene(moving: Renderer) -> None:
+    assert fits(learned(moving), np.zeros(moving.camera.shape, dtype=np.uint16))
+
+
+def test_a_robot_that_has_moved_does_not_know_the_scene_again(moving: Renderer) -> None:
+    background = learned(moving)
+    assert fits(background, moving.frame(5))
+    assert not fits(background, moving.frame(55))
+
+
+def test_what_a_moved_robot_sees_is_withheld_and_said_so(moving: Renderer) -> None:
+    hider = Hider(learned(moving))
+    outputs = []
+    for index in (0, 5, 50, 55):
+        outputs += hider.push_frame(Frame(100 * index, index, moving.frame(index)))
+        outputs += hider.push_sighting(
+            "owner", Sighting(100 * index, 100 * index, "", 1, Facing.FRONT, -50.0, 2.0, 0.3)
+        )
+    outputs += hider.flush()
+    reasons = {output.sequence: output.reason for output in outputs if isinstance(output, Withheld)}
+    assert Counter(reason for index, reason in reasons.items() if index >= 50) == Counter({Reason.MOVED: 2})
+    assert Reason.MOVED not in {reason for index, reason in reasons.items() if index < 50}
