@@ -132,6 +132,9 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 @click.option(
     "--matcher-tracks", default=0, type=click.IntRange(0, 1_000_000), help="Also judge the matcher on drawn tracks."
 )
+@click.option(
+    "--companion-scenes", default=0, type=click.IntRange(0, 10_000), help="Also judge companions, scenes of each kind."
+)
 @click.option("--processes", default=0, type=click.IntRange(0, 256), help="Processes (0: one for each core).")
 @json_option
 @plain_errors

@@ -15,6 +15,7 @@ from typing import Any
 
 import cv2
 
+from network.bench.companions import judge_companions
 from network.bench.conditions import build_result, measure_conditions
 from network.bench.hiding.attacks import ON_OURS, ON_RAW, Examples, SceneReport, judge_scene, learn_from
 from network.bench.hiding.figures import summarise
@@ -37,6 +38,7 @@ class HidingOptions:
     processes: int = 0
     people: int = 8  # in each population of the re-identification
     matcher_tracks: int = 0  # also judge the matcher alone on so many drawn tracks
+    companion_scenes: int = 0  # also judge the cues for companions on so many scenes of each kind
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
@@ -85,6 +87,10 @@ def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> 
             progress=lambda done, of: progress(f"judged {done} of {of} hundreds of the matcher's tracks"),
         )
         parts["matcher"] = {"ok": matcher["ok"], **matcher["figures"]}
+    if options.companion_scenes:
+        progress("judging the cues for companions")
+        companions = judge_companions(options.seed, scenes=options.companion_scenes, workers=processes)
+        parts["companions"] = {"ok": companions["ok"], **companions["figures"]}
     return parts
 
 
