@@ -161,7 +161,7 @@ def hiding(as_json: bool, **options: int) -> None:
 def matcher_command(tracks: int, seed: int, workers: int | None, as_json: bool) -> None:
     """Measure how often the robot would take a tag's bearer for somebody else, and how much it withholds.
 
-    Exits 1 if a goal is missed. 100,000 tracks take about half an hour on two cores.
+    Exits 1 if a goal is missed. 10,000 tracks take a few minutes on two cores.
 
     Example: blockrobot bench matcher --tracks 10000 --seed 1 --json
     """
