@@ -126,7 +126,11 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 @click.option("--seeds", default=5, show_default=True, type=click.IntRange(1, 100), help="Over how many seeds.")
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="The first seed.")
 @click.option(
-    "--learning-scenes", default=40, show_default=True, type=click.IntRange(4, 1_000), help="To train on, for each seed."
+    "--learning-scenes",
+    default=40,
+    show_default=True,
+    type=click.IntRange(4, 1_000),
+    help="To train on, for each seed.",
 )
 @click.option("--people", default=8, show_default=True, type=click.IntRange(2, 64), help="To tell apart by their gait.")
 @click.option(

@@ -90,7 +90,13 @@ def sealed_roster(robot: RobotIdentity, genesis: Genesis, registrar: PrivateKey 
         proof=b"",
     )
     roster = Roster(
-        ROSTER_VERSION, genesis.chain_id, robot.identity.public_key, key, NOW_MS, NOW_MS + ROSTER_LIFETIME_MAX_MS, (row,)
+        ROSTER_VERSION,
+        genesis.chain_id,
+        robot.identity.public_key,
+        key,
+        NOW_MS,
+        NOW_MS + ROSTER_LIFETIME_MAX_MS,
+        (row,),
     )
     return seal_roster(roster, registrar, robot.sealing_public)
 
