@@ -177,6 +177,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("PAIRING_FULL", 503, "Too many frames wait to be paired.", "Check that the camera's stamps go on: frames of one and the same time wait for ever.", retryable=True),
     ErrorEntry("ROSTER_INVALID", 400, "The roster cannot be opened or its signature is wrong.", "Ask the registrar for this robot's roster of today."),
     ErrorEntry("ROSTER_EXPIRED", 403, "The roster is older than a day.", "Ask the registrar for this robot's roster of today."),
+    ErrorEntry("REGISTRY_STALE", 503, "The network proves no recent block, or this robot's clock is wrong.", "Wait for the network to make a block and begin again; check the robot's clock.", retryable=True),
     ErrorEntry("ROBOT_EXISTS", 409, "There is already a robot at this place.", "Use it, or choose another --name."),
     ErrorEntry("ROBOT_NOT_FOUND", 404, "There is no robot at this place.", "Make one with `blockrobot robot new`, or name the right one with --name."),
     ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name a folder that does not exist yet."),

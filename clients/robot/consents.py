@@ -168,6 +168,17 @@ class Consents:
                 raise
             self.note_freshness()
 
+    async def wait_fresh(self, timeout_ms: int) -> None:
+        """Wait until `watch`, which must run beside, has seen a recent block. Raises REGISTRY_STALE if none comes."""
+        try:
+            async with asyncio.timeout(timeout_ms / 1000):
+                while not self.is_fresh():
+                    if self._failure is not None:
+                        raise self._failure
+                    await self._news.wait()
+        except TimeoutError:
+            raise BlockRobotError("REGISTRY_STALE") from None
+
     def note_freshness(self) -> None:
         """Count and log when the view becomes stale or fresh; wake what waits for a newer one."""
         now_ms = self._now_ms()

@@ -39,6 +39,9 @@ from consensus.genesis import Genesis
 
 SENSOR_NAME = "depth"
 EMPTY_FRAMES_KEPT_COUNT = 8
+FRESH_WITHIN_MS = 30_000
+"""How long a run waits for a recent block at most, beyond the chain's heartbeat."""
+
 _START_DELAY_MS = 250
 _PROGRESS_EVERY_S = 0.25
 
@@ -102,8 +105,20 @@ class _Run:
         self.intake: dict[str, Any] = {}
 
     async def work(self, source: Source) -> RunStatistics:
-        """Work through a source and return the figures once all its records are final."""
+        """Work through a source and return the figures once all its records are final. Raises REGISTRY_STALE.
+
+        Nothing is read of the source before the chain proves a recent block: one that has just begun again, or that
+        nobody used, makes its next at a heartbeat, and until then the robot is closed.
+        """
         await self._consents.refresh()
+        watch = asyncio.create_task(self._consents.watch())
+        try:
+            await self._consents.wait_fresh(self._client.genesis.settings.heartbeat_ms + FRESH_WITHIN_MS)
+            return await self._play(source)
+        finally:
+            watch.cancel()
+
+    async def _play(self, source: Source) -> RunStatistics:
         viewpoint, now_ms = self._options.viewpoint, self._network.now_ms()
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
@@ -141,15 +156,11 @@ class _Run:
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
             inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
             events = inputs.usable(_events(source, real_time=self._options.real_time))
-            beside = [
-                asyncio.create_task(self._tell_regularly(statistics)),
-                asyncio.create_task(self._consents.watch()),
-            ]
+            telling = asyncio.create_task(self._tell_regularly(statistics))
             try:
                 await pipeline.run(events, live=self._options.real_time)
             finally:
-                for task in beside:
-                    task.cancel()
+                telling.cancel()
                 await delivery.stop()
             self.intake = {**pipeline.intake_json(), **inputs.summary()}
             self._tell(statistics, last=True)
@@ -186,7 +197,7 @@ async def replay_recording(
     """Replay a source through the robot in `folder` and return its summary once all its records are final.
 
     `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
-    Raises EMPTY_SCENE_MISSING, BAG_*, ROSTER_*, SPOOL_*, and what the network refuses for good.
+    Raises EMPTY_SCENE_MISSING, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the network refuses for good.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)

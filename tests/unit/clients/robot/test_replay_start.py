@@ -1,0 +1,99 @@
+"""The beginning of a run, in virtual time: no recording is used up while the chain proves nothing of now."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from clients.robot import replay
+from clients.robot.identity import RobotIdentity
+from clients.robot.replay import FRESH_WITHIN_MS, ReplayOptions
+from clients.robot.rosters import RosterBook
+from clients.robot.sources.rosbag import BagSource
+from consensus.errors import BlockRobotError
+from consensus.settings import ChainSettings
+from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn
+from tests.unit.clients.robot.test_delivery import FakeNetwork
+from tests.unit.clients.robot.test_pipeline import CHAIN, DAY_MS, roster
+from tests.unit.clients.robot.test_spool import KEY
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+HOUR_MS = 3_600_000
+HEARTBEAT_MS = 30_000
+
+
+class Network(FakeNetwork):
+    """What a run needs beside delivery."""
+
+    async def publish_empty_frames(self, frames: object) -> None:
+        pass
+
+
+class Start:
+    """A robot before an idle chain whose newest block is an hour old."""
+
+    def __init__(self, folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        known = roster()
+        self.registry = RegistryStandIn(known, virtual_now_ms)
+        self.registry.say(known.rows[0].handle, since_ms=virtual_now_ms() - DAY_MS)
+        self.registry.idle, self.registry.time_ms = True, virtual_now_ms() - HOUR_MS
+        settings = ChainSettings(heartbeat_ms=HEARTBEAT_MS)
+        client: Any = self.registry
+        client.genesis = SimpleNamespace(chain_id=CHAIN, settings=settings)
+        client.light_client = SimpleNamespace(epoch=SimpleNamespace(settings=settings))
+        identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
+        monkeypatch.setattr(replay, "load_identity", lambda _: identity)
+        monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
+        monkeypatch.setattr(replay, "RobotNetwork", lambda *_: Network())
+        options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
+        self.source = BagSource(bag)
+        self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None)
+
+    async def block_after(self, seconds: float) -> None:
+        await asyncio.sleep(seconds)
+        self.registry.block()
+        self.registry.idle = False
+
+
+def begin(folder: Path, bag: Path, monkeypatch: pytest.MonkeyPatch, story: Callable[[Start], Awaitable[None]]) -> None:
+    async def main() -> None:
+        await story(Start(folder, bag, monkeypatch))
+
+    run_virtual(main())
+
+
+def test_the_first_block_after_an_outage_is_waited_for_and_every_frame_covered(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async def story(start: Start) -> None:
+        began_ms = virtual_now_ms()
+        block = asyncio.create_task(start.block_after(30))
+        statistics = await start.run.work(start.source)
+        await block
+        assert virtual_now_ms() - began_ms >= 30_000
+        counts = statistics.frames_json()
+        assert counts["covered"] == counts["published"] > 0
+        assert "registry-stale" not in counts["withheld_reasons"]
+
+    begin(tmp_path, small_bag, monkeypatch, story)
+
+
+@pytest.mark.parametrize(("failure", "code"), [("", "REGISTRY_STALE"), ("SESSION_REFUSED", "SESSION_REFUSED")])
+def test_where_no_block_comes_the_run_ends_before_a_frame_is_read(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch, failure: str, code: str
+) -> None:
+    async def story(start: Start) -> None:
+        monkeypatch.setattr(start.source, "shift_to", lambda _: pytest.fail("the recording is played"))
+        began_ms, working = virtual_now_ms(), asyncio.create_task(start.run.work(start.source))
+        await asyncio.sleep(2)
+        start.registry.failure = failure
+        with pytest.raises(BlockRobotError, match=code):
+            await working
+        assert virtual_now_ms() - began_ms <= HEARTBEAT_MS + FRESH_WITHIN_MS + 1_000
+
+    begin(tmp_path, small_bag, monkeypatch, story)
