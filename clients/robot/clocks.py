@@ -69,9 +69,9 @@ class _Bin:
 class ClockEstimator:
     """One device's clock. Time and memory a stamp are bounded: one point for each bin within the horizon is kept.
 
-    It starts anew, and forgets all before, when the device's clock was set: by more than `DELAY_MAX_MS`, once
-    `CONFIRM_COUNT` doubtful stamps agree; by less, at the first stamp far below the line or after `STEP_BINS_COUNT`
-    bins far above it. It does so too when the host's own clock moved, or nothing came, for longer than the horizon.
+    It starts anew, and forgets all before, when the device's clock was set: once `CONFIRM_COUNT` doubtful stamps, off by
+    more than `DELAY_MAX_MS` or far below the line, come in a row and agree, or after `STEP_BINS_COUNT` bins far above
+    it. A lone stamp ahead, taken while little was known, is forgotten after as many bins. It starts anew too when the host's own clock moved, or nothing came, for longer than the horizon.
     Stamps that go on while their receipt lags are late, not wrong: a busy host is given `LATE_FOR_MS` to catch up.
     """
 
@@ -106,8 +106,7 @@ class ClockEstimator:
         if abs(above) > DELAY_MAX_MS:
             return self._doubt(stamp_ms, received_ms)
         if above < -_tolerance(self._uncertainty(at)):
-            self._start_anew(stamp_ms, received_ms)
-            return Standing.FITS
+            return self._doubt(stamp_ms, received_ms)
         self._doubts.clear()
         self._late_since = None
         self._newest_stamp = max(stamp_ms, self._newest_stamp)
@@ -175,12 +174,30 @@ class ClockEstimator:
                 self._fit()
             return
         if number > self._newest_bin:
+            self._drop_a_lone_stamp_ahead()
             self._drop_what_is_before_a_step()
         self._newest_bin = max(number, self._newest_bin)
         self._bins[number] = _Bin(at, low)
         for old in [n for n in self._bins if n <= self._newest_bin - HORIZON_MS // BIN_MS]:
             self._samples -= self._bins.pop(old).count
         self._fit()
+
+    def _drop_a_lone_stamp_ahead(self) -> None:
+        """Drop the lowest bin if all others, some later ones too, lie far above it: one wrong stamp holds the line down."""
+        lowest = min(self._bins, key=lambda number: self._bins[number].low - self._line(self._bins[number].at))
+        if lowest not in sorted(self._bins)[:-STEP_BINS_COUNT]:
+            return
+        others = [one for number, one in sorted(self._bins.items()) if number != lowest]
+        span = others[-1].at - others[0].at
+        slope = _middle_slope([(one.at, one.low) for one in others]) if span >= DRIFT_SPAN_MIN_MS else 0.0
+        slope = max(-DRIFT_MAX_PPM * _PPM, min(DRIFT_MAX_PPM * _PPM, slope))
+        level = min(one.low - slope * one.at for one in others)
+        spread = sum(one.low - slope * one.at - level for one in others) / len(others)
+        count = sum(one.count for one in others)
+        lone = self._bins[lowest]
+        if level + slope * lone.at - lone.low > _tolerance(1 + spread + DELAY_MAX_MS / (count + 1)):
+            self._samples -= self._bins.pop(lowest).count
+            self._fit()
 
     def _drop_what_is_before_a_step(self) -> None:
         """Drop all but the last bins if all these lie far above the line: a clock that was set back a little."""

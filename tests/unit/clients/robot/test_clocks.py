@@ -109,11 +109,11 @@ def test_a_clock_that_was_set_is_found_after_as_many_reports_as_stated(jump_ms: 
     assert device.estimate().started_anew_count == 1
 
 
-def test_a_small_step_forward_is_found_at_once_and_one_back_within_four_bins() -> None:
+def test_a_small_step_forward_is_found_after_as_many_reports_and_one_back_within_four_bins() -> None:
     ahead = Device(DELAYS["exponential"])
     ahead.send(120)
     ahead.offset_ms -= 800
-    ahead.send(5)
+    assert ahead.send(CONFIRM_COUNT / 2)[-1] is Standing.CLOCK_SET
     assert abs(ahead.error_ms()) < 100
     assert ahead.estimate().started_anew_count == 1
     behind = Device(DELAYS["exponential"])
@@ -133,6 +133,29 @@ def test_one_wrong_stamp_changes_nothing(off_ms: int) -> None:
     assert device.estimator.observe(now - int(device.offset_ms) - off_ms, now) is Standing.DOUBTFUL
     assert device.estimate() == before
     assert set(device.send(60)) == {Standing.FITS}
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
+@pytest.mark.parametrize("ahead_ms", [300, 700, 1_500, 1_990])
+def test_one_stamp_a_little_ahead_moves_no_clock(ahead_ms: int, rate: float) -> None:
+    device = Device(DELAYS["exponential"])
+    device.send(120, rate)
+    before = device.estimate()
+    now = START_MS + int(device.now_ms)
+    assert device.estimator.observe(now - int(device.offset_ms) + ahead_ms, now) is Standing.DOUBTFUL
+    assert device.estimate() == before
+    assert set(device.send(20, rate)) == {Standing.FITS}
+    assert abs(device.error_ms()) < 50
+
+
+@pytest.mark.parametrize("rate", [1.0, 2.0, 5.0])
+def test_a_stamp_ahead_in_the_first_seconds_is_forgotten_within_twenty(rate: float) -> None:
+    device = Device(DELAYS["exponential"])
+    device.send(2, rate)
+    now = START_MS + int(device.now_ms)
+    device.estimator.observe(now - int(device.offset_ms) + 1_500, now)
+    device.send(25, rate)
+    assert abs(device.error_ms()) < 100
 
 
 def test_wrong_stamps_that_do_not_agree_with_one_another_are_never_believed() -> None:
