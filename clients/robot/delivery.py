@@ -89,7 +89,9 @@ class Delivery:
         on_dropped: Callable[[SpooledClip], None] = lambda _: None,
         at_once: bool = False,
     ) -> None:
-        """`may_record` is asked before each attempt to announce or record a clip; what it says no to is destroyed."""
+        """`may_record` is asked before each attempt to announce or record a clip, and again between a clip's upload and its
+        record; what it says no to is destroyed.
+        """
         self._spool = spool
         self._network = network
         self._on_delivered = on_delivered
@@ -185,6 +187,9 @@ class Delivery:
                     await self._network.upload(
                         msgspec.structs.replace(upload, txid=transaction.txid, valid_until_ms=expiry)
                     )
+                    # An upload takes as long as the slowest custodian does.
+                    if clip is not None and not await self._may_record(clip):
+                        raise ConsentEnded
                 submitted = self._network.now_ms()
                 confirmation = await self._network.submit_and_wait(transaction)
             except BlockRobotError as error:

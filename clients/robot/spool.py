@@ -2,7 +2,8 @@
 
 One file a clip, encrypted under the robot's spool key (the sealed clip alone would still tell when and how much was
 recorded), written whole or not at all: temporary file, sync, rename, sync of the folder. A robot that is killed at any
-moment finds each clip there once or not at all, and delivers it again; delivery is idempotent.
+moment finds each clip there once or not at all, and delivers it again; delivery is idempotent. A clip that must not be
+recorded loses its name first, so that whatever happens while it is overwritten, no later run takes it for one to deliver.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
+from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, sync_folder, write_durably
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
 from consensus.records.clips import ClipUpload
@@ -56,7 +57,7 @@ class Spool:
         self._max_bytes = max_bytes
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-            leftover.unlink()
+            _wipe(leftover)
         waiting = (path for path in folder.glob(f"*{_SUFFIX}") if path.stem.isdecimal())
         self._sizes = {path.name: path.stat().st_size for path in waiting}
         self._next = max((int(name.split(".")[0]) for name in self._sizes), default=0) + 1
@@ -98,13 +99,24 @@ class Spool:
 
         What a medium keeps of overwritten blocks is sealed to the clip's owner; the robot cannot open it either.
         """
+        path = self._folder / name
+        doomed = path.with_name(TEMPORARY_PREFIX + name)
         try:
-            with (self._folder / name).open("r+b") as file:
-                file.write(bytes(self._sizes.get(name, 0)))
-                file.flush()
-                os.fsync(file.fileno())
+            path.replace(doomed)
+            sync_folder(self._folder)
+            _wipe(doomed)
+            sync_folder(self._folder)
         except FileNotFoundError:
             pass
         except OSError as error:
             raise BlockRobotError("SPOOL_DAMAGED", f"The clip {name} cannot be removed: {error.strerror}.") from None
-        self.remove(name)
+        self._sizes.pop(name, None)
+
+
+def _wipe(path: Path) -> None:
+    """Overwrite a file, then remove it."""
+    with path.open("r+b") as file:
+        file.write(bytes(path.stat().st_size))
+        file.flush()
+        os.fsync(file.fileno())
+    path.unlink()

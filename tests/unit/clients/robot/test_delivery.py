@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -50,6 +50,7 @@ class FakeNetwork:
         self.upload_refusals: list[str] = []
         self.verdict: str = ""
         self.answers_lost_count = 0
+        self.on_upload: Callable[[ClipUpload], None] = lambda _: None
         self.at_once_count = 0
         self.at_once_max_count = 0
         self._salt = 0
@@ -74,6 +75,7 @@ class FakeNetwork:
         if self.upload_refusals:
             raise BlockRobotError(self.upload_refusals.pop(0))
         self.uploads[upload.record_id] = upload
+        self.on_upload(upload)
 
     async def submit_and_wait(self, transaction: Transaction) -> Receipt:
         self.calls.append((self.now_ms(), transaction.body.entry))
@@ -403,6 +405,15 @@ def test_a_no_after_the_visit_was_announced_stops_the_records(tmp_path: Path) ->
 
     run_virtual(main())
     assert (len(run.network.records), len(run.done), len(run.dropped), run.spool.names()) == (1, 1, 1, [])
+
+
+def test_a_no_that_comes_during_the_upload_stops_the_record(tmp_path: Path) -> None:
+    """Custodians have it by then; they purge what no transaction came for."""
+    run = Run(tmp_path)
+    run.network.on_upload = lambda upload: run.refused.add(upload.record_id)
+    run_virtual(run.deliver_all())
+    assert (run.network.times("record"), run.network.records, run.done) == ([], {}, [])
+    assert (len(run.dropped), run.spool.names()) == (1, [])
 
 
 def test_the_end_of_one_clips_consent_does_not_take_another_of_the_visit_along(tmp_path: Path) -> None:

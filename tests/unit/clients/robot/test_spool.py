@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import secrets
+import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -173,3 +177,51 @@ def test_a_clip_that_must_not_be_recorded_is_overwritten_before_it_goes(tmp_path
     assert second.read_bytes() == bytes(size)
     assert (spool.names(), spool.size_bytes, list((tmp_path / "spool").iterdir())) == ([], 0, [])
     spool.destroy(name)
+
+
+@pytest.mark.parametrize("step", range(6))
+def test_a_robot_killed_while_it_destroys_a_clip_works_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int
+) -> None:
+    """Killed before each step in turn: the clip is there whole, or it is none, and nothing of it is left."""
+    spool = Spool(tmp_path, KEY)
+    other, name = spool.put(clip(1)), spool.put(clip(2))
+    left = step
+
+    def counted(function: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*arguments: Any, **named: Any) -> Any:
+            nonlocal left
+            left -= 1
+            if left < 0:
+                raise KeyboardInterrupt
+            return function(*arguments, **named)
+
+        return call
+
+    with monkeypatch.context() as patched:
+        for owner, step_name in ((os, "fsync"), (Path, "unlink"), (Path, "replace"), (Path, "open")):
+            patched.setattr(owner, step_name, counted(getattr(owner, step_name)))
+        with contextlib.suppress(KeyboardInterrupt):
+            spool.destroy(name)
+    again = Spool(tmp_path, KEY)
+    assert again.names() in ([other], [other, name])
+    assert step == 0 or again.names() == [other], "it lost its name first"
+    assert {again.get(left_name).upload.record_id for left_name in again.names()} >= {clip(1).upload.record_id}
+    assert sorted(path.name for path in tmp_path.iterdir()) == again.names()
+
+
+def test_a_destroyed_clip_does_not_come_back_with_a_power_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder is synced before the content goes: a name that came back would be that of zeros."""
+    spool = Spool(tmp_path, KEY)
+    name = spool.put(clip())
+    synced: list[tuple[bool, list[str]]] = []
+    fsync = os.fsync
+
+    def note(descriptor: int) -> None:
+        synced.append((stat.S_ISDIR(os.fstat(descriptor).st_mode), sorted(path.name for path in tmp_path.iterdir())))
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", note)
+    spool.destroy(name)
+    doomed = [".tmp-" + name]
+    assert synced == [(True, doomed), (False, doomed), (True, [])]
