@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from clients.robot.events import Depth, Mask
-from clients.robot.hiding.tracking import Tracker
 from clients.robot.synthetic.corridor import Labels
 from network.bench.hiding.hand_made import HAND_MADE
 from network.bench.hiding.learned import Example, LearnedAttacker
-from network.bench.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, owner_cut, placed, play, time_frame
+from network.bench.hiding.play import VISIBLE_MIN_PX, Played, Shown, Stage, Timed, owner_cut, placed, play
 from network.bench.hiding.scenes import Scene
 from network.bench.hiding.scoring import iou
 from network.bench.hiding.views import View, blur_others, half_view, show_owner_only
@@ -23,6 +23,7 @@ EXAMPLES_A_SCENE_COUNT = 3
 COARSE_PX = 2  # who learned from raw pictures sees whole people, not edges: every second pixel does
 OURS, CONTROL, NONE, BLUR = "ours", "control", "none", "blur"
 ON_RAW, ON_OURS = "learned-raw", "learned-ours"
+OURS_NOT_CUT, CONTROL_NOT_CUT = "ours-not-cut", "control-not-cut"
 
 
 @dataclass(slots=True)
@@ -42,13 +43,14 @@ class FrameScore:
 
 @dataclass(slots=True)
 class SceneReport:
-    """All that is kept of a judged scene: numbers only."""
+    """All that is kept of a judged scene: numbers only. `unattacked`: chosen frames without a score, and why."""
 
     seed: int
     number: int
     stratum: str
     played: Played
     frames: list[FrameScore] = field(default_factory=list)
+    unattacked: Counter[str] = field(default_factory=Counter)
     cpu_ms: list[float] = field(default_factory=list)
     wall_ms: list[float] = field(default_factory=list)
 
@@ -88,16 +90,18 @@ def learn_from(scene: Scene) -> Examples:
 def judge_scene(scene: Scene, attackers: Mapping[str, LearnedAttacker]) -> SceneReport:
     """Play a scene and attack some of what was released: the frame with the narrowest gap, and others at random."""
     stage = Stage(scene)
-    played = play(stage)
-    report = SceneReport(scene.seed, scene.number, scene.stratum, played)
+    timed = Timed(stage)
+    played = play(stage, timed)
+    report = SceneReport(scene.seed, scene.number, scene.stratum, played, cpu_ms=timed.cpu_ms, wall_ms=timed.wall_ms)
     rng = np.random.default_rng([scene.seed, scene.number, 0xA7])
-    tracker = Tracker()
     released = [one for one in played.shown if one.kept is not None]
     doubted = [one for one in played.shown if one.kept is None]
     for shown in [*_chosen(released, rng, FRAMES_A_SCENE_COUNT), *_chosen(doubted, rng, DOUBTED_A_SCENE_COUNT)]:
-        score = _attack(stage, shown, attackers, rng, report, tracker)
-        if score is not None:
+        score = _attack(stage, shown, attackers, rng)
+        if isinstance(score, FrameScore):
             report.frames.append(score)
+        else:
+            report.unattacked[score] += 1
     played.shown = []
     return report
 
@@ -115,20 +119,18 @@ def _attack(
     shown: Shown,
     attackers: Mapping[str, LearnedAttacker],
     rng: np.random.Generator,
-    report: SceneReport,
-    tracker: Tracker,
-) -> FrameScore | None:
+) -> FrameScore | str:
+    """Return what was recovered, or why a frame could not be attacked."""
     label = stage.scene.owners[shown.alias]
     depth, labels = stage.renderer.frame_with_truth(shown.index)
-    cpu, wall = time_frame(stage, depth, tracker, stage.at_ms(shown.index))
-    report.cpu_ms.append(cpu)
-    report.wall_ms.append(wall)
     others = (labels > 0) & (labels != label)
     kept = _rendition(stage, shown, depth, labels)
     alone, alone_labels = stage.control(shown.alias).frame_with_truth(shown.index)
     alone_kept = owner_cut(stage, alone, alone_labels, label, troubled=True)
-    if kept is None or alone_kept is None:
-        return None
+    if kept is None:
+        return OURS_NOT_CUT
+    if alone_kept is None:  # nothing to compare with, such as where the owner is not in the picture
+        return CONTROL_NOT_CUT
     empty = stage.empty[int(rng.integers(len(stage.empty)))]
     views = {
         OURS: _view(stage, show_owner_only(kept, empty), kept > 0),
@@ -157,7 +159,7 @@ def _attack(
 def _rendition(stage: Stage, shown: Shown, depth: Depth, labels: Labels) -> Depth | None:
     """Return what was released, or what the cut gives where the matcher was in doubt (None: nothing)."""
     if shown.kept is not None:
-        return placed(shown.kept, (depth.shape[0], depth.shape[1]))
+        return placed(shown.kept, depth.shape)
     return owner_cut(stage, depth, labels, stage.scene.owners[shown.alias], troubled=False)
 
 

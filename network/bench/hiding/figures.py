@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from network.bench.hiding.attacks import BLUR, CONTROL, NONE, OURS, FrameScore, SceneReport
@@ -16,6 +17,7 @@ GOAL_DIFFERENCE = 0.02
 GOAL_REID = 0.05
 GOAL_KEPT = 0.97
 GOAL_FRAME_MS = 10.0
+GOAL_FOREIGN_SHARE = 0.001  # of the others' visible pixels, in any one rendition
 
 
 def summarise(reports: Sequence[SceneReport], gaits: Sequence[GaitReport], *, seed: int) -> dict[str, Any]:
@@ -49,6 +51,7 @@ def goals(figures: dict[str, Any]) -> dict[str, bool]:
         "difference_upper95 <= 0.02": at_most("difference_upper95", GOAL_DIFFERENCE),
         "reid_rate <= chance_rate + 0.05": at_most("reid_rate", (figures["chance_rate"] or 0.0) + GOAL_REID),
         "wrong_owner_rate == 0": at_most("wrong_owner_rate", 0.0),
+        "foreign_share_max <= 0.001": at_most("foreign_share_max", GOAL_FOREIGN_SHARE),
         "owner_pixels_kept >= 0.97": (figures["owner_pixels_kept"] or 0.0) >= GOAL_KEPT,
         "frame_ms <= 10": at_most("frame_ms", GOAL_FRAME_MS),
     }
@@ -102,10 +105,7 @@ def _of(reports: Sequence[SceneReport], seed: int) -> dict[str, Any]:
     played = [report.played for report in reports]
     kept, wrong = sum(p.kept for p in played), sum(p.wrong for p in played)
     visible = sum(p.visible for p in played)
-    reasons: dict[str, int] = {}
-    for one in played:
-        for reason, count in one.withheld.items():
-            reasons[reason] = reasons.get(reason, 0) + count
+    reasons = _sum_of(one.withheld for one in played)
     cuts = _leak(_attacked(reports, released=False), seed)
     return {
         "scenes": len(reports),
@@ -114,10 +114,22 @@ def _of(reports: Sequence[SceneReport], seed: int) -> dict[str, Any]:
         "cut_difference_upper95": cuts["difference_upper95"],
         "cut_owner_pixels_kept": cuts["owner_pixels_kept"],
         "kept": kept,
-        "wrong_owner_rate": share_of(wrong, kept) if kept else 0.0,
+        "wrong_owner_rate": share_of(wrong, kept),
+        "foreign_px_max": max((p.foreign_px for p in played), default=0) if kept else None,
+        "foreign_share_max": round(max((p.foreign_share for p in played), default=0.0), 5) if kept else None,
+        "scenes_not_attacked": sum(not report.frames for report in reports),
+        "frames_not_attacked": _sum_of(report.unattacked for report in reports),
         "withheld_rate": share_of(sum(reasons.values()), visible),
-        "withheld": dict(sorted(reasons.items())),
+        "withheld": reasons,
     }
+
+
+def _sum_of(counts: Iterable[Counter[str]]) -> dict[str, int]:
+    """Return the sums by reason, in the order of the reasons' names."""
+    total: Counter[str] = Counter()
+    for some in counts:
+        total.update(some)
+    return dict(sorted(total.items()))
 
 
 def _scene_means(scenes: Scenes, way: str, name: str) -> list[float]:

@@ -1,4 +1,6 @@
-"""Attacks that need no learning: difference to the empty scene, holes, edges, and the bite in the owner's outline. Pure."""
+"""Attacks that need no learning: difference to the empty scene, holes, edges, the bite in the owner's outline, and the
+outline itself. Pure; must never all leave the owner's outline out: another person may be inside of it.
+"""
 
 from __future__ import annotations
 
@@ -52,12 +54,18 @@ def by_bite(view: View) -> Mask:
     return _largest(_morph((hull > 0) & ~view.owner, cv2.MORPH_OPEN, _OPEN))
 
 
+def by_outline(view: View) -> Mask:
+    """Return the owner's outline: whoever was cut out with the owner is inside of it."""
+    return view.owner.copy()
+
+
 Attack = Callable[[View], Mask]
 HAND_MADE: Final[dict[str, Attack]] = {
     "difference": by_difference,
     "holes": by_holes,
     "edges": by_edges,
     "bite": by_bite,
+    "outline": by_outline,
 }
 
 

@@ -25,6 +25,7 @@ from network.bench.hiding.scenes import JUDGING, LEARNING, draw_scenes
 from network.bench.matcher import judge_matcher
 
 Progress = Callable[[str], None]
+PARTS = ("matcher", "companions")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,10 @@ class HidingOptions:
 
 
 def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: None) -> dict[str, Any]:
-    """Judge hiding; return name, ok (every scene was judged), figures and conditions. Raises EXTRA_MISSING."""
+    """Judge hiding; return name, ok, figures and conditions. Raises EXTRA_MISSING.
+
+    `ok`: every scene was judged, every goal holds, and so do those of the parts that were asked for.
+    """
     require_learning()
     conditions = measure_conditions(nodes=0, seed=options.seed)
     processes = options.processes or conditions["cores"] or 1
@@ -73,7 +77,14 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
         "processes": processes,
         "frame": "640x480",
     }
-    return build_result("hiding", ok=len(reports) == options.scenes, figures=figures, conditions={**conditions, **more})
+    ok = len(reports) == options.scenes and holds(figures)
+    return build_result("hiding", ok=ok, figures=figures, conditions={**conditions, **more})
+
+
+def holds(figures: dict[str, Any]) -> bool:
+    """Return whether every goal was met, those of parts that were judged alone included."""
+    parts = [figures[name]["ok"] for name in PARTS if name in figures]
+    return all(figures["goals"].values()) and all(parts)
 
 
 def _judge_parts(options: HidingOptions, processes: int, progress: Progress) -> dict[str, Any]:

@@ -6,16 +6,21 @@ import numpy as np
 import pytest
 
 from clients.robot.events import Depth, Mask
+from clients.robot.hiding.background import learn_background
+from clients.robot.hiding.cut import cut_out
+from clients.robot.hiding.segmentation import segment
 from consensus.errors import BlockRobotError
 from network.bench.hiding import learned
 from network.bench.hiding.features import NAMES, features
 from network.bench.hiding.hand_made import HAND_MADE, by_bite, by_difference, by_holes
 from network.bench.hiding.learned import Example, train
+from network.bench.hiding.play import spread
 from network.bench.hiding.scoring import iou
 from network.bench.hiding.views import View, blur_others, half_view, show_owner_only
 
 HEIGHT, WIDTH = 240, 320
 WALL_MM, OWNER_MM, OTHER_MM = 4000, 2000, 2600
+FOCAL_PX = 262.5
 
 
 def box(left: int, top: int, width: int, height: int) -> Mask:
@@ -73,10 +78,28 @@ def test_nothing_is_found_where_only_the_owner_is(name: str) -> None:
 
 
 def test_our_rendition_holds_no_pixel_of_the_other() -> None:
+    """By the robot's own segmentation and cut, which know nothing of the truth."""
     rng = np.random.default_rng(2)
-    shown = show_owner_only(np.where(OWNER, scene(rng, OTHER), np.uint16(0)), noisy(rng))
-    assert (shown[OWNER] == OWNER_MM).all()
+    background = learn_background([noisy(rng) for _ in range(12)])
+    depth = scene(rng, OTHER)
+    segmented = segment(depth, background, FOCAL_PX)
+    assert len(segmented.silhouettes) == 2
+    owner = min(segmented.silhouettes, key=lambda silhouette: silhouette.median_mm)
+    kept = spread(cut_out(depth, background, segmented, owner), depth.shape)
+    assert np.count_nonzero(kept[OTHER]) == 0
+    assert np.count_nonzero(kept[OWNER]) > 0.95 * np.count_nonzero(OWNER)
+    assert np.count_nonzero((kept > 0) & ~OWNER) < 0.02 * np.count_nonzero(OWNER)
+    shown = show_owner_only(kept, noisy(rng))
     assert abs(float(shown[OTHER].mean()) - WALL_MM) < 20
+
+
+def test_who_is_inside_the_owners_cut_is_found_by_the_outline() -> None:
+    rng = np.random.default_rng(2)
+    kept = np.where(OWNER | OTHER, scene(rng, OTHER), np.uint16(0))
+    view = view_of(show_owner_only(kept, noisy(rng)), kept > 0)
+    found = {name: iou(attack(view), half(OTHER)) for name, attack in HAND_MADE.items()}
+    assert found.pop("outline") > 0.3
+    assert max(found.values()) < 0.3
 
 
 def test_every_feature_has_a_name_and_is_finite_even_without_an_owner() -> None:

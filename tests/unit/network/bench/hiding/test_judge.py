@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
+from clients.robot.events import Frame
+from clients.robot.hiding.companion_watch import CompanionWatch
+from clients.robot.hiding.cut import CutOut, encode_cut
+from clients.robot.hiding.hider import Kept
+from clients.robot.hiding.matcher import Matcher
+from clients.robot.hiding.tracking import Tracker
+from network.bench.hiding import play as play_module
 from network.bench.hiding.attacks import (
     CONTROL,
+    CONTROL_NOT_CUT,
     NONE,
     ON_OURS,
     ON_RAW,
@@ -20,8 +30,9 @@ from network.bench.hiding.attacks import (
 )
 from network.bench.hiding.figures import summarise
 from network.bench.hiding.gait import GaitReport
+from network.bench.hiding.judge import holds
 from network.bench.hiding.learned import LearnedAttacker, train
-from network.bench.hiding.play import Played, Stage, gap_px, owner_cut
+from network.bench.hiding.play import Played, Stage, Timed, gap_px, owner_cut
 from network.bench.hiding.scenes import JUDGING, LEARNING, draw_scenes
 
 
@@ -58,7 +69,87 @@ def test_a_leak_in_one_stratum_shows_there_and_in_sum() -> None:
 
 def test_a_goal_that_was_not_measured_is_not_met() -> None:
     figures = summarise([], [], seed=1)
-    assert not any(met for goal, met in figures["goals"].items() if "wrong" not in goal)
+    assert not any(figures["goals"].values())
+
+
+def test_one_rendition_that_shows_the_other_misses_a_goal_however_many_are_clean() -> None:
+    """What no attacker that leaves the owner's surroundings out would find: the other is inside the owner's cut."""
+    reports = [report(n, "apart", 0.2, 0.2) for n in range(20)]
+    reports[7].played.foreign_px, reports[7].played.foreign_share = 18_000, 0.9
+    figures = summarise(reports, [GAIT], seed=1)
+    assert (figures["foreign_px_max"], figures["foreign_share_max"]) == (18_000, 0.9)
+    assert [goal for goal, met in figures["goals"].items() if not met] == ["foreign_share_max <= 0.001"]
+
+
+def test_frames_and_scenes_that_could_not_be_attacked_are_counted() -> None:
+    some, none = report(0, "apart", 0.2, 0.2), report(1, "apart", 0.2, 0.2)
+    none.frames = []
+    some.unattacked, none.unattacked = Counter({CONTROL_NOT_CUT: 1}), Counter({CONTROL_NOT_CUT: 3})
+    figures = summarise([some, none], [GAIT], seed=1)
+    assert figures["frames_not_attacked"] == {CONTROL_NOT_CUT: 4}
+    assert figures["scenes_not_attacked"] == 1
+
+
+def test_the_judge_holds_only_where_every_goal_and_every_part_does() -> None:
+    good = summarise([report(n, "apart", 0.2, 0.2) for n in range(20)], [GAIT], seed=1)
+    assert holds(good)
+    assert holds({**good, "matcher": {"ok": True}, "companions": {"ok": True}})
+    assert not holds({**good, "matcher": {"ok": True}, "companions": {"ok": False}})
+    for goal in good["goals"]:
+        assert not holds({**good, "goals": {**good["goals"], goal: False}})
+
+
+@pytest.mark.parametrize("shows", ["owner", "both", "other"])
+def test_every_released_rendition_is_held_against_the_truth(monkeypatch: pytest.MonkeyPatch, shows: str) -> None:
+    """A hider that releases the other's pixels, in a scene where the true cut would be clean."""
+    scene = draw_scenes(1, 1, JUDGING)[0]
+    stage, label, index = Stage(scene), scene.owners["owner"], 20
+    depth, labels = stage.renderer.frame_with_truth(index)
+    mask = {"owner": labels == label, "both": labels > 0, "other": (labels > 0) & (labels != label)}[shows]
+    released = encode_cut(CutOut(0, 0, np.where(mask, depth, np.uint16(0))))
+
+    class Leaking:
+        def __init__(self, *_: object, **__: object) -> None:
+            pass
+
+        def push_sighting(self, *_: object) -> list[object]:
+            return []
+
+        def push_frame(self, frame: Frame) -> list[object]:
+            return [Kept(frame.sequence, frame.captured_at_ms, "owner", released)] if frame.sequence == index else []
+
+        def flush(self) -> list[object]:
+            return []
+
+    monkeypatch.setattr(play_module, "Hider", Leaking)
+    monkeypatch.setattr(Stage, "frame_indices", lambda _: range(index, index + 1))
+    played = play_module.play(stage)
+    others_px = int(np.count_nonzero((labels > 0) & (labels != label) & (depth > 0)))
+    assert played.foreign_px == (0 if shows == "owner" else others_px)
+    assert (played.foreign_share > 0.9) == (shows != "owner")
+    assert played.wrong == (shows != "owner")  # the other stands nearer in this scene: most pixels of both are theirs
+
+
+def test_the_time_of_a_frame_holds_all_that_a_robot_runs(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = draw_scenes(1, 1, JUDGING, duration_s=3.0)[0]
+    stage = Stage(scene)
+    run: list[str] = []
+    for owner, name in ((CompanionWatch, "step"), (Tracker, "step"), (Matcher, "add_track"), (Matcher, "advance")):
+        monkeypatch.setattr(owner, name, _noting(run, f"{owner.__name__}.{name}", getattr(owner, name)))
+    monkeypatch.setattr(play_module, "cut_out", _noting(run, "cut_out", play_module.cut_out))
+    timed = Timed(stage)
+    for index in (30, 36, 42):
+        timed.step(stage.renderer.frame_with_truth(index)[0], stage.at_ms(index))
+    assert set(run) == {"CompanionWatch.step", "Tracker.step", "Matcher.add_track", "Matcher.advance", "cut_out"}
+    assert len(timed.cpu_ms) == len(timed.wall_ms) == 3
+
+
+def _noting(run: list[str], name: str, really: Callable[..., Any]) -> Callable[..., Any]:
+    def noted(*arguments: Any) -> Any:
+        run.append(name)
+        return really(*arguments)
+
+    return noted
 
 
 def test_no_scene_to_learn_from_is_judged() -> None:
