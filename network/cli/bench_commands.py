@@ -145,7 +145,7 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 def hiding(as_json: bool, **options: int) -> None:
     """Judge hiding: what hand-made and learned attackers recover of the people whom a robot hides.
 
-    Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
+    Exits 1 if a goal is missed. Needs the extra `attack` (scikit-learn). A line of progress goes to standard error.
 
     Example: blockrobot bench hiding --scenes 200 --json
     """

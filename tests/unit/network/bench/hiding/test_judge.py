@@ -131,17 +131,17 @@ def test_every_released_rendition_is_held_against_the_truth(monkeypatch: pytest.
 
 
 def test_the_time_of_a_frame_holds_all_that_a_robot_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = draw_scenes(1, 1, JUDGING, duration_s=3.0)[0]
-    stage = Stage(scene)
+    stage = Stage(draw_scenes(1, 1, JUDGING)[0])
     run: list[str] = []
     for owner, name in ((CompanionWatch, "step"), (Tracker, "step"), (Matcher, "add_track"), (Matcher, "advance")):
         monkeypatch.setattr(owner, name, _noting(run, f"{owner.__name__}.{name}", getattr(owner, name)))
     monkeypatch.setattr(play_module, "cut_out", _noting(run, "cut_out", play_module.cut_out))
     timed = Timed(stage)
-    for index in (30, 36, 42):
+    for index in (60, 66, 72):
         timed.step(stage.renderer.frame_with_truth(index)[0], stage.at_ms(index))
     assert set(run) == {"CompanionWatch.step", "Tracker.step", "Matcher.add_track", "Matcher.advance", "cut_out"}
-    assert len(timed.cpu_ms) == len(timed.wall_ms) == 3
+    timed.step(stage.empty[0], stage.at_ms(78))
+    assert len(timed.cpu_ms) == len(timed.wall_ms) == 3  # a frame with nobody in it is not noted
 
 
 def _noting(run: list[str], name: str, really: Callable[..., Any]) -> Callable[..., Any]:
