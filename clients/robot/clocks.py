@@ -71,7 +71,8 @@ class ClockEstimator:
 
     It starts anew, and forgets all before, when the device's clock was set: once `CONFIRM_COUNT` doubtful stamps, off by
     more than `DELAY_MAX_MS` or far below the line, come in a row and agree, or after `STEP_BINS_COUNT` bins far above
-    it. A lone stamp ahead, taken while little was known, is forgotten after as many bins. It starts anew too when the host's own clock moved, or nothing came, for longer than the horizon.
+    it. A lone stamp ahead, taken while little was known, is forgotten after as many bins. It starts anew too
+    when the host's own clock moved, or nothing came, for longer than the horizon.
     Stamps that go on while their receipt lags are late, not wrong: a busy host is given `LATE_FOR_MS` to catch up.
     """
 

@@ -11,12 +11,14 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+import numpy as np
+
 from clients.robot.events import Frame, Sighting, check_depth
 from clients.robot.hiding.background import Background, fits
 from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.cut import Cut, cut
 from clients.robot.hiding.matcher import Matcher
-from clients.robot.hiding.segmentation import segment
+from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Segmented, segment
 from clients.robot.hiding.tracking import Tracker
 from clients.robot.pairing import LATENESS_DEFAULT_MS, WINDOW_DEFAULT_MS, Decision, Pairing
 from consensus.errors import BlockRobotError
@@ -49,7 +51,7 @@ class Kept:
     captured_at_ms: int
     alias: str
     cut: Cut
-    alone: bool = False  # whether nobody else is in the picture
+    alone: bool = False  # whether nobody else is in the picture, as far as the camera measures depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +76,7 @@ class _Seen:
     cuts: dict[int, Cut] = field(default_factory=dict)
     troubles: dict[int, str] = field(default_factory=dict)
     merged: bool = False
+    stray: bool = False  # more than noise is nearer than the empty scene and belongs to no silhouette
     disordered: bool = False
     moved: bool = False
 
@@ -123,7 +126,7 @@ class Hider:
         It is weighed with the next frame: however many come in between, they cost next to nothing here.
         """
         outputs = self.cover(alias, sighting, known=known)
-        self.matcher.add_sighting(alias, sighting)
+        self.matcher.add_sighting(alias, sighting, known=known)
         return outputs
 
     def cover(self, alias: str, sighting: Sighting, *, known: bool = True) -> list[Output]:
@@ -156,6 +159,7 @@ class Hider:
         else:
             self._newest_ms = frame.captured_at_ms
             segmented = segment(depth, self._background, self._focal_px)
+            seen.stray = _stray_px(segmented) >= EMPTY_MAX_PX
             silhouettes = self._companions.step(segmented.silhouettes, frame.captured_at_ms)
             tracks = self._tracker.step(silhouettes, frame.captured_at_ms)
             for silhouette, track in zip(silhouettes, tracks, strict=True):
@@ -218,7 +222,7 @@ class Hider:
         """Return the verdict for one owner of one frame, or None while more readings may still settle it."""
         number = self.matcher.bound_track(alias, seen.tracks)
         if number is not None and number in seen.cuts:
-            alone = len(seen.tracks) == 1 and not seen.merged
+            alone = len(seen.tracks) == 1 and not seen.merged and not seen.stray
             return Kept(seen.sequence, seen.captured_at_ms, alias, seen.cuts[number], alone)
         reason: Reason | None = None
         if seen.disordered:
@@ -239,3 +243,11 @@ class Hider:
         if self.matcher.is_elsewhere(alias, seen.captured_at_ms):
             return Reason.NO_SILHOUETTE
         return Reason.AMBIGUOUS if self.matcher.has_distance(alias) else Reason.NO_DISTANCE
+
+
+def _stray_px(segmented: Segmented) -> int:
+    """Return how many half-resolution foreground pixels are in no silhouette: somebody cut off by the picture's edge."""
+    if segmented.labels is None:
+        return 0
+    found = np.isin(segmented.labels, [0, *(silhouette.label for silhouette in segmented.silhouettes)], invert=True)
+    return int(np.count_nonzero(found))

@@ -63,6 +63,7 @@ class _Tag:
     weighed: int = 0
     standings: _Standings = field(default_factory=dict)
     checkpoints: list[tuple[int, _Standings]] = field(default_factory=lambda: [(0, {})])
+    known: bool = False  # whether the roster holds it
     # Up to here bindings stand as they were made, though the evidence is weighed anew.
     decided_until_ms: int | None = None
 
@@ -129,18 +130,21 @@ class Matcher:
         """Take notice of a track; asking again does nothing."""
         self._tracks[track.number] = track
 
-    def add_sighting(self, alias: str, sighting: Sighting) -> None:
+    def add_sighting(self, alias: str, sighting: Sighting, *, known: bool = True) -> None:
         """Take a reading, late or early; one that came before counts once. It is weighed by the next `advance`.
 
-        One that is older than all evidence, or a minute ahead of the camera, is let go.
+        One that is older than all evidence, or a minute ahead of the camera, is let go. `known` says whether the roster
+        holds the tag: where there are too many, strangers' go first.
         """
         now_ms = self._now_ms
         if now_ms is not None and not _first_kept_ms(now_ms) <= sighting.middle_ms <= now_ms + AHEAD_MAX_MS:
             return
         tag = self._tags.get(alias)
         if tag is None:
+            if len(self._tags) >= TAGS_MAX_COUNT and not self._make_room(known=known):
+                return
             tag = self._tags[alias] = _Tag()
-            self._make_room()
+        tag.known = tag.known or known
         if tag.add(_without_nonsense(sighting)):
             self._waiting.add(alias)
 
@@ -207,11 +211,17 @@ class Matcher:
         standing = tag.standings.get(number) if tag is not None else None
         return standing is not None and standing.bound
 
-    def _make_room(self) -> None:
-        """Drop the tag that was heard longest ago when there are too many; its bearer is withheld, never shown."""
-        if len(self._tags) > TAGS_MAX_COUNT:
-            heard = {alias: tag.readings[-1].middle_ms for alias, tag in self._tags.items() if tag.readings}
-            self._drop(min(heard, key=lambda alias: (heard[alias], alias)))
+    def _make_room(self, *, known: bool) -> bool:
+        """Drop the stranger's tag heard longest ago; without one, the roster's, but only for another of the roster's.
+
+        Return whether there is room. Whose tag is dropped is withheld, never shown.
+        """
+        order = {alias: (tag.known, tag.readings[-1].middle_ms, alias) for alias, tag in self._tags.items()}
+        oldest = min(order, key=lambda alias: order[alias])
+        if self._tags[oldest].known and not known:
+            return False
+        self._drop(oldest)
+        return True
 
     def _drop(self, alias: str) -> None:
         del self._tags[alias]

@@ -10,6 +10,7 @@ from bisect import bisect_left
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from clients.robot.hiding.segmentation import Silhouette
@@ -22,6 +23,9 @@ SWALLOWED_WITHIN_MS = 400
 SMOOTHING = 0.25
 HISTORY_MS = 40_000
 NEAREST_RANGE_MS = 150
+# Who was unseen for longer than this may have turned or stopped: whoever he could have become ends both tracks.
+UNSEEN_CERTAIN_MS = 300
+STRAY_M_PER_S = 1.5
 FAR = 1e6
 
 
@@ -100,15 +104,35 @@ class Tracker:
     def _assign(self, silhouettes: list[Silhouette], at_ms: int) -> list[tuple[int, Track]]:
         if not silhouettes or not self.live:
             return []
-        cost = np.full((len(silhouettes), len(self.live)), FAR)
+        shape = (len(silhouettes), len(self.live))
+        cost, possible = np.full(shape, FAR), np.zeros(shape, dtype=bool)
         for column, track in enumerate(self.live):
             x, z = track.predicted(at_ms)
+            stray = STRAY_M_PER_S * max(0, at_ms - track.seen_ms - UNSEEN_CERTAIN_MS) / 1000
             for row, seen in enumerate(silhouettes):
                 distance = float(np.hypot(seen.x_m - x, seen.z_m - z))
-                if distance < GATE_M + GATE_PER_M * seen.z_m:
+                gate = GATE_M + GATE_PER_M * seen.z_m
+                possible[row, column] = distance < gate + stray
+                if distance < gate:
                     cost[row, column] = distance
         rows, columns = linear_sum_assignment(cost)
-        return [(int(r), self.live[int(c)]) for r, c in zip(rows, columns, strict=True) if cost[r, c] < FAR]
+        matches = [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if cost[r, c] < FAR]
+        self._end_exchangeable(matches, possible, at_ms)
+        return [(row, self.live[column]) for row, column in matches]
+
+    def _end_exchangeable(self, matches: list[tuple[int, int]], possible: npt.NDArray[np.bool_], at_ms: int) -> None:
+        """End what may have been exchanged while it was unseen: a track, and who else could be where it is found now."""
+        unseen = [at_ms - track.seen_ms > UNSEEN_CERTAIN_MS for track in self.live]
+        found = {column: row for row, column in matches}
+        for row, column in matches:
+            for rival, track in enumerate(self.live):
+                if rival == column or not possible[row, rival] or not (unseen[column] or unseen[rival]):
+                    continue
+                # A rival that is found elsewhere could be here only if this one could be there.
+                if rival not in found or possible[found[rival], column]:
+                    self.live[column].ended = track.ended = True
+            if unseen[column] and any(possible[r, column] for r in range(len(possible)) if r not in found.values()):
+                self.live[column].ended = True
 
     def _end_doubtful(self, silhouettes: tuple[Silhouette, ...], chosen: list[Track | None], at_ms: int) -> None:
         """End tracks inside a merged blob, and both tracks where one has just vanished into the other's silhouette."""

@@ -14,7 +14,7 @@ from clients.robot.hiding import hider as hider_module
 from clients.robot.hiding.background import learn_background
 from clients.robot.hiding.cut import Cut
 from clients.robot.hiding.hider import BUFFER_DEFAULT_MS, Hider, Kept, Output, Reason, Withheld
-from clients.robot.hiding.segmentation import Segmented, Silhouette
+from clients.robot.hiding.segmentation import EMPTY_MAX_PX, Labels, Segmented, Silhouette
 
 SHAPE = (40, 60)
 EVERY_MS = 100
@@ -47,6 +47,7 @@ class Stage:
         self.hider = Hider(learn_background([self.depth] * 5), **options)
         self.outputs: list[Output] = []
         self.sequence = 0
+        self.labels: Labels | None = None
 
     def frame(self, at_ms: int, places: list[Place]) -> None:
         silhouettes = tuple(
@@ -62,7 +63,7 @@ class Stage:
             )
             for i, p in enumerate(places)
         )
-        self._segmented = Segmented(silhouettes, None)
+        self._segmented = Segmented(silhouettes, self.labels)
         self.sequence += 1
         self.outputs += self.hider.push_frame(Frame(at_ms, self.sequence, self.depth))
 
@@ -269,3 +270,12 @@ def test_a_storm_of_readings_between_two_frames_settles_nothing_and_costs_no_mem
         alias, sighting = read(f"tag-{i % 20}", i // 10, 2.5, rng)
         assert stage.hider.push_sighting(alias, sighting) == []
     assert stage.hider.matcher.held_count <= 20 * 10
+
+
+@pytest.mark.parametrize(("stray_px", "alone"), [(0, True), (EMPTY_MAX_PX - 1, True), (EMPTY_MAX_PX, False)])
+def test_who_is_cut_off_by_the_pictures_edge_is_in_the_picture_too(stage: Stage, stray_px: int, alone: bool) -> None:
+    stage.labels = np.zeros((20, 30), dtype=np.int32)
+    stage.labels.flat[:stray_px] = -1
+    stage.labels[-2:] = 1
+    stage.play({at: [stroll(at)] for at in times(0, 14)}, worn("ann", 0, 14))
+    assert {kept.alone for kept in stage.kept("ann")} == {alone}

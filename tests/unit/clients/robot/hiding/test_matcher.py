@@ -232,3 +232,22 @@ def test_a_storm_of_tags_pushes_out_those_heard_longest_ago() -> None:
     assert matcher.held_count == TAGS_MAX_COUNT
     assert matcher.has_distance("tag-999")
     assert not matcher.has_distance("tag-0")
+
+
+def test_strangers_never_push_out_a_tag_of_the_roster() -> None:
+    matcher = Matcher()
+    matcher.add_sighting("ann", reading(0, 2.5))
+    for i in range(4 * TAGS_MAX_COUNT):
+        matcher.add_sighting(f"stranger-{i}", reading(i, 2.5), known=False)
+    assert matcher.has_distance("ann")
+    assert matcher.has_distance(f"stranger-{4 * TAGS_MAX_COUNT - 1}")
+    assert matcher.held_count == TAGS_MAX_COUNT
+
+
+def test_where_the_rosters_tags_fill_all_room_a_stranger_finds_none() -> None:
+    matcher = Matcher()
+    for i in range(TAGS_MAX_COUNT):
+        matcher.add_sighting(f"tag-{i}", reading(i, 2.5))
+    matcher.add_sighting("stranger", reading(1_000, 2.5), known=False)
+    assert not matcher.has_distance("stranger")
+    assert matcher.has_distance("tag-0")

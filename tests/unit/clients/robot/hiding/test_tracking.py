@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
 from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.hiding.tracking import Tracker
 
@@ -45,3 +47,41 @@ def test_someone_lost_for_a_second_comes_back_as_somebody_new() -> None:
     (back,) = tracker.step((seen(0.0, 2.5),), 1_400)
     assert back is not None
     assert back.number == 2
+
+
+@pytest.mark.parametrize("apart_m", [0.3, 0.5])
+@pytest.mark.parametrize("gap", range(11, 30, 3))
+def test_two_who_cross_while_nobody_is_seen_are_never_exchanged(gap: int, apart_m: float) -> None:
+    for crossing in range(1, gap):
+        tracker = Tracker()
+        numbers: list[set[int]] = [set(), set()]
+        for step in range(-20, gap + 10):
+            if 0 < step < gap:
+                continue
+            x = (step - crossing) / 30
+            both = tracker.step((seen(x, 3.0), seen(-x, 3.0 + apart_m)), (step + 30) * 33)
+            for mine, track in zip(numbers, both, strict=True):
+                mine.update([track.number] if track is not None else [])
+        assert not numbers[0] & numbers[1]
+
+
+def test_after_a_gap_someone_who_may_be_either_of_two_is_somebody_new() -> None:
+    tracker = Tracker()
+    tracker.step((seen(-0.3, 3.0), seen(0.3, 3.0)), 0)
+    (only,) = tracker.step((seen(-0.2, 3.0),), 600)
+    assert only is not None
+    assert only.number == 3
+
+
+def test_of_two_who_come_back_where_one_was_neither_is_taken_for_the_one() -> None:
+    tracker = Tracker()
+    tracker.step((seen(0.0, 3.0),), 0)
+    back = tracker.step((seen(-0.3, 3.0), seen(0.3, 3.2)), 600)
+    assert {track.number for track in back if track is not None} == {2, 3}
+
+
+def test_a_person_alone_keeps_the_number_over_a_gap_and_so_do_two_far_apart() -> None:
+    tracker = Tracker()
+    tracker.step((seen(-2.0, 3.0), seen(2.0, 5.0)), 0)
+    back = tracker.step((seen(-1.9, 3.0), seen(2.1, 5.0)), 800)
+    assert [track.number for track in back if track is not None] == [1, 2]
