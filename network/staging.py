@@ -106,10 +106,12 @@ class Stage:
         """Let the registrar issue a card for a tag; return its one-time code."""
         uid_file = self.wallets / f"{alias}.uid"
         write_private(uid_file, uid)
-        answer = await run_command(
-            ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)]
-        )
-        uid_file.unlink()
+        try:
+            answer = await run_command(
+                ["card", "issue", *self.desk_arguments(), "--role", role, "--uid-file", str(uid_file)]
+            )
+        finally:
+            uid_file.unlink(missing_ok=True)  # also where no card was issued: a tag's UID never stays on disk
         return str(answer["code"])
 
     async def enrol_person(self, alias: str, uid: str) -> bool:
