@@ -4,7 +4,8 @@ The rule. A picture is kept only while the view of the registry is fresh, for a 
 to the purpose and the sensor holds, and was taken after that consent began and within its period. A no counts from the
 moment it is seen, and from then on nothing of the person goes to the chain that is not there yet, whenever it was
 taken. A sealed clip is recorded only by a view of a block that is later than its last picture; or, since an idle chain
-makes none, by one that was looked up `SETTLED_AFTER_MS` after it, when a no of that time is long final.
+makes none, by one that was looked up `SETTLED_AFTER_MS` after it, when a no of that time is long final, and after more
+than two thirds of the producers have shown that they know of nothing newer: one node may be cut off.
 
 The view is fresh while the header that proves it is at most `STALE_AFTER_MS` old by the robot's clock (or twice the
 chain's heartbeat, if that is longer), and not more than `CLOCK_AHEAD_MAX_MS` ahead of it: then a clock is wrong.
@@ -22,7 +23,7 @@ from typing import Any
 
 import structlog
 
-from clients.robot.registry import Reading, RegistryReader
+from clients.robot.registry import Majority, Reading, RegistryReader
 from clients.robot.rosters import RosterBook
 from clients.robot.spool import SpooledClip
 from consensus.errors import BlockRobotError
@@ -36,7 +37,7 @@ SETTLED_AFTER_MS = 5_000
 _PERSON_TAG = b"blockrobot/spooled-person"
 
 _NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
-"""Nobody who is asked takes the robot for a member any more: it was revoked, and will never read again."""
+"""The node does not take the robot for a member: if the others do not either, it was revoked and will not read again."""
 
 _log = structlog.get_logger("consents")
 
@@ -93,17 +94,20 @@ class Consents:
         reader: RegistryReader,
         roster: RosterBook,
         *,
+        majority: Majority,
         person_key: bytes,
-        stale_after_ms: int,
+        stale_after_ms: Callable[[], int],
         now_ms: Callable[[], int],
     ) -> None:
         self._reader = reader
+        self._majority = majority
         self._persons = {compute_person_tag(person_key, row.handle): row.handle for row in roster.rows}
         self._person_key = person_key
         self._stale_after_ms = stale_after_ms
         self._now_ms = now_ms
         self._view: Reading | None = None
-        self._looked_at_ms = 0
+        self._settled_at_ms = 0
+        self._waited_for: list[int] = []
         self._read_whole_at_ms = 0
         self._coming: set[tuple[bytes, str, str, int]] = set()
         self._begun_ms: dict[tuple[bytes, str, str, int], int] = {}
@@ -126,17 +130,32 @@ class Consents:
         known = self._view
         if looked_at_ms - self._read_whole_at_ms >= READ_WHOLE_EVERY_MS:
             known = None
+        settled = self._is_quorum_wanted(looked_at_ms) and await self._hear_quorum()
         found = await self._reader.read(known)
-        if looked_at_ms - found.timestamp_ms > self._stale_after_ms // 2:
+        if looked_at_ms - found.timestamp_ms > self._stale_after_ms() // 2:
             # This node may be cut off from the others and not know it.
             await self._reader.catch_up()
             found = await self._reader.read(known)
         if known is None or found.people is not known.people:
             self._read_whole_at_ms = looked_at_ms
-        self._view, self._looked_at_ms = found, looked_at_ms
+        self._view, self._failure = found, None
+        if settled:
+            self._settled_at_ms = looked_at_ms
         self.figures.readings += 1
         self._note_beginnings(found)
         self.on_change()
+
+    def _is_quorum_wanted(self, now_ms: int) -> bool:
+        """Tell whether something waits that no block has come for in all the time in which a no would be final."""
+        settled_ms = now_ms - SETTLED_AFTER_MS
+        return any(at_ms <= settled_ms and not self._knows_of(at_ms) for at_ms in self._waited_for)
+
+    async def _hear_quorum(self) -> bool:
+        try:
+            return await self._majority.hear_quorum()
+        except BlockRobotError as error:
+            _log.warning("quorum_unheard", code=error.code)
+            return False
 
     def _note_beginnings(self, view: Reading) -> None:
         """A consent that was seen before its height begins with the first block seen at or after it."""
@@ -155,12 +174,7 @@ class Consents:
         while True:
             await asyncio.sleep(REFRESH_EVERY_MS / 1000)
             try:
-                await self.refresh()
-            except BlockRobotError as error:
-                self.figures.failures += 1
-                _log.warning("registry_unread", code=error.code)
-                if error.code in _NO_ROBOT:
-                    self._failure, self._view = error, None
+                await self._read_again()
             except Exception:
                 # Whatever waits for a newer view must hear that there will be none.
                 self._failure, self._view = BlockRobotError("INTERNAL", "The registry cannot be read."), None
@@ -168,13 +182,26 @@ class Consents:
                 raise
             self.note_freshness()
 
+    async def _read_again(self) -> None:
+        try:
+            await self.refresh()
+        except BlockRobotError as error:
+            self.figures.failures += 1
+            _log.warning("registry_unread", code=error.code)
+            if error.code in _NO_ROBOT and await self._majority.is_turned_away():
+                self._failure, self._view = error, None
+
+    def raise_failure(self) -> None:
+        """Raise why the registry will not be read again, if that is so: SESSION_REFUSED and the like, INTERNAL."""
+        if self._failure is not None:
+            raise self._failure
+
     async def wait_fresh(self, timeout_ms: int) -> None:
         """Wait until `watch`, which must run beside, has seen a recent block. Raises REGISTRY_STALE if none comes."""
         try:
             async with asyncio.timeout(timeout_ms / 1000):
                 while not self.is_fresh():
-                    if self._failure is not None:
-                        raise self._failure
+                    self.raise_failure()
                     await self._news.wait()
         except TimeoutError:
             raise BlockRobotError("REGISTRY_STALE") from None
@@ -198,7 +225,7 @@ class Consents:
         """Tell whether the view may be acted on."""
         if self._view is None:
             return False
-        return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms
+        return -CLOCK_AHEAD_MAX_MS <= self._now_ms() - self._view.timestamp_ms <= self._stale_after_ms()
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the run so far."""
@@ -238,21 +265,32 @@ class Consents:
         A recording that is played faster than time has pictures of the future: there the sealing counts. Raises
         SESSION_REFUSED once the robot is no member any more, INTERNAL if reading failed for good.
         """
-        while not self._knows_of(min(clip.captured_until_ms, clip.decided_at_ms)):
-            if self._failure is not None:
-                raise self._failure
-            await self._news.wait()
         handle = self._persons.get(clip.person)
-        if handle is None:
-            return False
         ends = (clip.captured_from_ms, clip.captured_until_ms)
-        return not any(self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends)
+        while True:
+            await self._wait_to_know_of(min(clip.captured_until_ms, clip.decided_at_ms))
+            if handle is None:
+                return False
+            refusals = {self.find_refusal(handle, clip.purpose, clip.sensor, at_ms) for at_ms in ends}
+            if Refusal.STALE not in refusals:
+                return refusals == {None}
+            # The view turned stale since: that is no word of hers.
+            await self._news.wait()
+
+    async def _wait_to_know_of(self, at_ms: int) -> None:
+        self._waited_for.append(at_ms)
+        try:
+            while not self._knows_of(at_ms):
+                self.raise_failure()
+                await self._news.wait()
+        finally:
+            self._waited_for.remove(at_ms)
 
     def _knows_of(self, at_ms: int) -> bool:
         """Tell whether the view is fresh and shows every no that was said until then."""
         if self._view is None or not self.is_fresh():
             return False
-        return self._view.timestamp_ms >= at_ms or self._looked_at_ms >= at_ms + SETTLED_AFTER_MS
+        return self._view.timestamp_ms >= at_ms or self._settled_at_ms >= at_ms + SETTLED_AFTER_MS
 
 
 def _places(people: dict[bytes, Choices]) -> list[tuple[bytes, str, str, int]]:

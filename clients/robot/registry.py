@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT
+from clients.sdk.quorum import AskingClient, hear_quorum, is_turned_away
 from clients.sdk.trust import ProvedState
 from consensus.primitives.keys import PrivateKey
 from consensus.records.consents import CHANGES_KEY, IDENTITY_CHANGES_KEY, Choices, read_choices, row_key
@@ -27,6 +28,32 @@ class ProvingClient(Protocol):
 
     async def catch_up(self, key: PrivateKey) -> object:
         """Ask every node for the newest final header, and go on with the node that has it."""
+
+
+class Majority(Protocol):
+    """What several nodes say that one of them cannot vouch for."""
+
+    async def hear_quorum(self) -> bool:
+        """Tell whether a quorum of producers has answered, and nothing is read any more that is older than they say."""
+
+    async def is_turned_away(self) -> bool:
+        """Tell whether no node takes the robot for a member any more."""
+
+
+class NetworkMajority:
+    """The majority of a network's nodes, asked in the robot's session."""
+
+    def __init__(self, client: AskingClient, key: PrivateKey) -> None:
+        self._client = client
+        self._key = key
+
+    async def hear_quorum(self) -> bool:
+        """See `Majority`. Raises what reading raises."""
+        return await hear_quorum(self._client, self._key)
+
+    async def is_turned_away(self) -> bool:
+        """See `Majority`."""
+        return await is_turned_away(self._client, self._key)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from clients.robot.keeping import note_dropped
 from clients.robot.network import RobotNetwork
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
-from clients.robot.registry import RegistryReader
+from clients.robot.registry import NetworkMajority, RegistryReader
 from clients.robot.rosters import load_roster
 from clients.robot.sources.source import Source
 from clients.robot.spool import Spool
@@ -98,8 +98,9 @@ class _Run:
         self._consents = Consents(
             RegistryReader(client, self._identity.identity, self._roster.rows),
             self._roster,
+            majority=NetworkMajority(client, self._identity.identity),
             person_key=self._identity.spool,
-            stale_after_ms=compute_stale_after_ms(client.genesis.settings.heartbeat_ms),
+            stale_after_ms=lambda: compute_stale_after_ms(self._heartbeat_ms),
             now_ms=self._network.now_ms,
         )
         self.intake: dict[str, Any] = {}
@@ -113,7 +114,7 @@ class _Run:
         await self._consents.refresh()
         watch = asyncio.create_task(self._consents.watch())
         try:
-            await self._consents.wait_fresh(self._client.genesis.settings.heartbeat_ms + FRESH_WITHIN_MS)
+            await self._consents.wait_fresh(self._heartbeat_ms + FRESH_WITHIN_MS)
             return await self._play(source)
         finally:
             watch.cancel()
@@ -165,6 +166,11 @@ class _Run:
             self.intake = {**pipeline.intake_json(), **inputs.summary()}
             self._tell(statistics, last=True)
         return statistics
+
+    @property
+    def _heartbeat_ms(self) -> int:
+        """The heartbeat that is in force, as the chain proves it."""
+        return self._client.light_client.epoch.settings.heartbeat_ms
 
     @property
     def roster_rows(self) -> int:

@@ -417,13 +417,9 @@ class NetworkClient:
         NODE_UNREACHABLE and the like if none answers.
         """
 
-        async def ask(node: NodeAddress) -> Header:
-            content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
-            return self._trust.finality(read_answer(content, FinalityAnswer).finality)
-
         await self.find_nodes(key)
         nodes = self.nodes
-        asked = [self._through_epochs(node, ask) for node in nodes]
+        asked = [self._through_epochs(node, partial(self.node_header, key=key)) for node in nodes]
         answers = await asyncio.gather(*asked, return_exceptions=True)
         failures = [answer for answer in answers if isinstance(answer, BaseException)]
         for failure in failures:
@@ -432,6 +428,11 @@ class NetworkClient:
         heights = [-1 if isinstance(answer, BaseException) else answer.height for answer in answers]
         self._first = nodes[heights.index(max(heights))].name
         return self.light_client.header
+
+    async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
+        """Return the newest header that this one node proves final, and pin it. Raises PROOF_STALE if it lags."""
+        content = await self.ask_node(node, "GET", "/v1/finality", key=key, timeout_ms=CATCH_UP_TIMEOUT_MS)
+        return self._trust.finality(read_answer(content, FinalityAnswer).finality)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         """Return the proved values of up to 128 flat keys, all from one finalized state, in the session of `key`.

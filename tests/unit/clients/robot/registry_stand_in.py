@@ -30,6 +30,9 @@ class RegistryStandIn:
         self.asked: list[bytes] = []
         self.caught_up = 0
         self.idle = False
+        self.cut_off = False
+        self.others_serve = False
+        self.quorums_asked = 0
         self.state: dict[bytes, Any] = {IDENTITY_CHANGES_KEY: 1, CHANGES_KEY: 1}
         for number, row in enumerate(roster.rows):
             member = b"M%32d" % number
@@ -55,6 +58,17 @@ class RegistryStandIn:
 
     async def catch_up(self, key: PrivateKey) -> None:
         self.caught_up += 1
+
+    async def hear_quorum(self) -> bool:
+        """Whether a quorum answers. When the robot's own node is cut off, what the others have is seen by it."""
+        self.quorums_asked += 1
+        await asyncio.sleep(0.002)
+        if self.cut_off:
+            return False
+        return not self.failure
+
+    async def is_turned_away(self) -> bool:
+        return not self.others_serve
 
     def block(self) -> None:
         self.height += 1
@@ -93,4 +107,11 @@ def consents_on(registry: RegistryStandIn, roster: Roster, stale_after_ms: int =
     """The robot's view of that registry; nothing is read yet."""
     book = RosterBook(roster)
     reader = RegistryReader(registry, ROBOT, book.rows)
-    return Consents(reader, book, person_key=PERSON_KEY, stale_after_ms=stale_after_ms, now_ms=registry.now_ms)
+    return Consents(
+        reader,
+        book,
+        majority=registry,
+        person_key=PERSON_KEY,
+        stale_after_ms=lambda: stale_after_ms,
+        now_ms=registry.now_ms,
+    )

@@ -329,6 +329,85 @@ async def test_on_an_idle_chain_a_clip_waits_until_a_no_of_its_time_would_be_fin
 
 
 @story()
+async def test_what_a_node_says_that_is_cut_off_brings_no_clip_to_the_chain(ward: Ward) -> None:
+    """She says no on the other side of the cut; the robot's node knows nothing of it, and answers well."""
+    ward.registry.say(ANN)
+    await asyncio.sleep(1)
+    await ward.consents.refresh()
+    ward.registry.cut_off = ward.registry.idle = True
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(2)
+    asked = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    await asyncio.sleep(60 - 2)
+    assert not asked.done()
+    assert ward.consents.is_fresh(), "nor is the view old yet"
+    assert ward.registry.quorums_asked > 10
+    ward.registry.cut_off = ward.registry.idle = False
+    ward.registry.say(ANN, "withdrawn")
+    assert await asked is False
+    watch.cancel()
+
+
+@story()
+async def test_others_are_asked_only_while_a_clip_waits_that_no_block_came_for(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    watch = asyncio.create_task(ward.consents.watch())
+    await asyncio.sleep(30)
+    assert await ward.consents.may_record(ward.clip()) is True
+    ward.registry.idle = True
+    await asyncio.sleep(30)
+    assert ward.registry.quorums_asked == 0
+    assert await ward.consents.may_record(ward.clip()) is True
+    assert ward.registry.quorums_asked == 1
+    watch.cancel()
+
+
+@story()
+async def test_one_node_that_takes_the_robot_for_no_member_ends_nothing(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    await ward.consents.refresh()
+    watch = asyncio.create_task(ward.consents.watch())
+    ward.registry.failure, ward.registry.others_serve = "SESSION_REFUSED", True
+    asked = asyncio.create_task(ward.consents.may_record(ward.clip()))
+    await asyncio.sleep(5)
+    assert not asked.done()
+    assert ward.refusal() is None
+    ward.registry.failure = ""
+    assert await asked is True
+    watch.cancel()
+
+
+@story()
+async def test_a_robot_that_is_a_member_again_goes_on(ward: Ward) -> None:
+    ward.registry.say(ANN)
+    watch = asyncio.create_task(ward.consents.watch())
+    ward.registry.failure = "SESSION_REFUSED"
+    await asyncio.sleep(3)
+    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+        ward.consents.raise_failure()
+    ward.registry.failure = ""
+    await asyncio.sleep(2)
+    ward.consents.raise_failure()
+    assert await ward.consents.may_record(ward.clip()) is True
+    watch.cancel()
+
+
+@story()
+async def test_a_view_that_turns_stale_while_a_clip_is_judged_destroys_nothing(ward: Ward) -> None:
+    ward.registry.say(ANN, since_ms=virtual_now_ms() - DAY_MS)
+    await ward.consents.refresh()
+    sealed = ward.clip(until_ms=virtual_now_ms() - 1_000)
+    find, times = ward.consents.find_refusal, [Refusal.STALE]
+    ward.consents.find_refusal = lambda *told: times.pop() if times else find(*told)  # type: ignore[method-assign]
+    asked = asyncio.create_task(ward.consents.may_record(sealed))
+    await asyncio.sleep(0.1)
+    assert not asked.done()
+    watch = asyncio.create_task(ward.consents.watch())
+    assert await asked is True
+    watch.cancel()
+
+
+@story()
 async def test_a_clip_waits_out_a_registry_that_is_away_and_is_then_judged(ward: Ward) -> None:
     for handle in (ANN, BEN):
         ward.registry.say(handle, since_ms=virtual_now_ms() - DAY_MS)

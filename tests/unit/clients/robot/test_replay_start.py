@@ -50,6 +50,8 @@ class Start:
         monkeypatch.setattr(replay, "load_identity", lambda _: identity)
         monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
         monkeypatch.setattr(replay, "RobotNetwork", lambda *_: Network())
+        monkeypatch.setattr(replay, "NetworkMajority", lambda *_: self.registry)
+        monkeypatch.setattr(replay, "check_empty", lambda _: None, raising=False)  # too small a picture for it
         options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
         self.source = BagSource(bag)
         self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None)

@@ -1,0 +1,101 @@
+"""What one node cannot vouch for alone: that nothing newer is final, and that nobody takes a key for a member any more.
+
+Must never count a node for a producer but by the proved state, nor a node twice.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any, Protocol
+
+from clients.sdk.connections import NodeAddress
+from clients.sdk.known_nodes import NODES_MAX_COUNT
+from clients.sdk.trust import ProvedState
+from consensus.block import Header
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.light_client import LightClient
+from consensus.primitives.keys import PrivateKey
+from consensus.schedule import Schedule
+
+_NAMES = b"membership\x00nodes"
+_NODE = b"membership\x00node/"
+_TURNED_AWAY = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
+
+
+class AskingClient(Protocol):
+    """What is needed of `clients.sdk.http.NetworkClient`."""
+
+    genesis: Genesis
+    light_client: LightClient
+
+    @property
+    def nodes(self) -> tuple[NodeAddress, ...]:
+        """The nodes that are known."""
+
+    async def node_header(self, node: NodeAddress, key: PrivateKey) -> Header:
+        """Return the newest header that this node proves final, and pin it."""
+
+    async def state_values(self, keys: Any, key: PrivateKey) -> ProvedState:
+        """Return proved values of up to 128 flat keys."""
+
+
+async def hear_quorum(client: AskingClient, key: PrivateKey) -> bool:
+    """Tell whether a quorum of the producers has answered with a header that is not older than the pinned one.
+
+    What was final for some seconds is known to one of them, unless they have been cut apart in those very seconds; from
+    then on the client takes no older state from anybody. Does not wait for the rest. Raises what reading raises.
+    """
+    seats = await _seats(client, key)
+    epoch = client.light_client.epoch
+    missing = {seat for seat in epoch.producers if seat in seats.values()}
+    needed, heard = Schedule.of(epoch).quorum, set[bytes]()
+    if len(missing) < needed:
+        return False
+
+    async def ask(node: NodeAddress) -> bytes | None:
+        try:
+            await client.node_header(node, key)
+        except BlockRobotError:
+            return None
+        return seats[node.name]
+
+    asked = [asyncio.create_task(ask(node)) for node in client.nodes if seats.get(node.name) in missing]
+    try:
+        for answer in asyncio.as_completed(asked):
+            seat = await answer
+            if seat is not None:
+                heard.add(seat)
+            if len(heard) >= needed:
+                break
+    finally:
+        for task in asked:
+            task.cancel()
+        await asyncio.gather(*asked, return_exceptions=True)
+    return len(heard) >= needed and client.light_client.epoch.number == epoch.number
+
+
+async def is_turned_away(client: AskingClient, key: PrivateKey) -> bool:
+    """Tell whether no node serves this key, and more refuse it as no member than may be faulty."""
+
+    async def ask(node: NodeAddress) -> str:
+        try:
+            await client.node_header(node, key)
+        except BlockRobotError as error:
+            return error.code
+        return ""
+
+    codes = await asyncio.gather(*(ask(node) for node in client.nodes))
+    refusals = sum(code in _TURNED_AWAY for code in codes)
+    is_served = any(code not in _TURNED_AWAY | {"NODE_UNREACHABLE"} for code in codes)
+    return not is_served and refusals > Schedule.of(client.light_client.epoch).faults_tolerated
+
+
+async def _seats(client: AskingClient, key: PrivateKey) -> dict[str, bytes]:
+    """Return the producers' keys by the names of their nodes, as the state proves them, else as genesis has them."""
+    names: list[str] = ((await client.state_values([_NAMES], key)).values[_NAMES] or [])[:NODES_MAX_COUNT]
+    if not names:
+        return {node.name: node.producer_key for node in client.genesis.nodes if node.producer_key}
+    state = await client.state_values([_NODE + name.encode() for name in names], key)
+    entries = [entry for entry in state.values.values() if entry is not None and entry["status"] == "active"]
+    return {entry["name"]: entry["producer_key"] for entry in entries if entry["producer_key"]}

@@ -1,0 +1,108 @@
+"""What several nodes say together: a quorum of producers that knows of nothing newer, and nodes that turn a key away."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from clients.sdk.connections import NodeAddress
+from clients.sdk.quorum import hear_quorum, is_turned_away
+from clients.sdk.trust import ProvedState
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.settings import ChainSettings, Epoch
+from tests.unit.node.api.small_network import SUBJECT
+
+KEYS = [PrivateKey(bytes([number]) * 32).public_key for number in range(1, 6)]
+
+
+class Nodes:
+    """Nodes n0 to n4, the first four of them producers; each answers, or fails with a code."""
+
+    def __init__(self, *codes: str) -> None:
+        self.codes = {f"n{number}": code for number, code in enumerate(codes)}
+        self.nodes = tuple(NodeAddress(name, f"http://127.0.0.1/{name}") for name in self.codes)
+        self.light_client = SimpleNamespace(epoch=Epoch(0, tuple(KEYS[:4]), (), ChainSettings()))
+        entries = [
+            SimpleNamespace(name=f"n{number}", producer_key=key if number < 4 else b"")
+            for number, key in enumerate(KEYS)
+        ]
+        self.genesis = SimpleNamespace(nodes=entries)
+        self.state: dict[bytes, Any] = {}
+        self.on_ask = lambda: None
+
+    async def node_header(self, node: NodeAddress, key: PrivateKey) -> None:
+        self.on_ask()
+        if self.codes[node.name]:
+            raise BlockRobotError(self.codes[node.name])
+
+    async def state_values(self, keys: list[bytes], key: PrivateKey) -> ProvedState:
+        return ProvedState(1, 1, {flat: self.state.get(flat) for flat in keys})
+
+
+AWAY, BEHIND, REFUSED = "NODE_UNREACHABLE", "PROOF_STALE", "SESSION_REFUSED"
+
+
+@pytest.mark.parametrize(
+    ("codes", "expected"),
+    [
+        (("", "", "", "", ""), True),
+        (("", AWAY, "", "", AWAY), True),
+        (("", "", BEHIND, "", ""), True),
+        (("", "", AWAY, BEHIND, ""), False),  # n4 is no producer
+        (("", AWAY, AWAY, AWAY, AWAY), False),
+        (("", "", ""), True),
+        (("", ""), False),
+    ],
+)
+async def test_three_of_four_producers_are_a_quorum(codes: tuple[str, ...], expected: bool) -> None:
+    assert await hear_quorum(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
+
+
+async def test_who_produces_is_told_by_the_state_and_counts_once() -> None:
+    nodes = Nodes("", "", "", "", "")
+    nodes.state[b"membership\x00nodes"] = ["n0", "n1", "n2", "n3"]
+    for number, seat in enumerate((0, 0, 1, 2)):
+        row = {"name": f"n{number}", "producer_key": KEYS[seat], "status": "active" if number < 3 else "removed"}
+        nodes.state[b"membership\x00node/n%d" % number] = row
+    assert await hear_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
+    nodes.state[b"membership\x00node/n3"]["status"] = "active"
+    assert await hear_quorum(nodes, SUBJECT) is True  # type: ignore[arg-type]
+
+
+async def test_an_epoch_that_begins_meanwhile_makes_the_answers_worthless() -> None:
+    nodes = Nodes("", "", "", "")
+
+    def enter() -> None:
+        nodes.light_client.epoch = Epoch(1, tuple(KEYS[1:]), (), ChainSettings())
+
+    nodes.on_ask = enter
+    assert await hear_quorum(nodes, SUBJECT) is False  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("codes", "expected"),
+    [
+        ((REFUSED, REFUSED, REFUSED, REFUSED), True),
+        ((REFUSED, REFUSED, AWAY, AWAY), True),
+        ((REFUSED, AWAY, AWAY, AWAY), False),
+        ((REFUSED, REFUSED, REFUSED, ""), False),
+        ((REFUSED, REFUSED, REFUSED, BEHIND), False),
+        ((AWAY, AWAY, AWAY, AWAY), False),
+    ],
+)
+async def test_a_key_is_turned_away_when_nobody_serves_it(codes: tuple[str, ...], expected: bool) -> None:
+    assert await is_turned_away(Nodes(*codes), SUBJECT) is expected  # type: ignore[arg-type]
+
+
+async def test_over_real_nodes(nodes: Any) -> None:
+    """The small network's genesis: what its own producers' nodes answer, and a key that no node knows."""
+    client = nodes.client()
+    producers = {node.name for node in client.genesis.nodes if node.producer_key}
+    answering = len(producers & set(nodes.urls))
+    assert await client.newest_header(SUBJECT)
+    assert await hear_quorum(client, SUBJECT) is (answering >= client.genesis.schedule.quorum)
+    assert await is_turned_away(client, SUBJECT) is False
+    assert await is_turned_away(client, PrivateKey(bytes([77]) * 32)) is True
