@@ -1,13 +1,15 @@
 """The folder of a run of experiments. Must never delete anything that such a run did not put there.
 
 It bears a mark, which the running command keeps locked. A folder that is not empty is only taken if it bears the mark
-and holds nothing but what experiments write.
+and holds nothing but what experiments write, however deep: one file of another name, and nothing is removed.
 """
 
 from __future__ import annotations
 
 import contextlib
 import fcntl
+import os
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,6 +25,31 @@ _RESULTS = (
     *("process-map.dot", "process-map.svg", "process-map.png", SUMMARY_FILE, REPORT_FILE),
 )
 _PARTS = frozenset({*_RESULTS, "network", "wallets", "robots", "pictures"})
+_NODE = r"network/nodes/node-\d+/"
+_PART_FILES = re.compile(
+    "|".join(
+        (
+            r"pictures/[a-z0-9-]+/[0-9a-f]{16,64}/\d{8,}\.(?:depth\.png|png|rgb\.png|rgb\.jpg|label\.json|wav)",
+            r"wallets/[a-z0-9-]+\.(?:passphrase|wallet|words|uid)",
+            r"wallets/\.wallet-\w+",
+            r"robots/robot/(?:client\.pin|robot\.keys|roster\.sealed|open-visits|\.tmp-open-visits)",
+            r"robots/robot/\.client\.pin\.[0-9a-f]{8}",
+            r"robots/robot/spool/(?:\.tmp-)?[\w.-]+\.clip",
+            r"network/(?:genesis|cluster)\.(?:json|tmp)",
+            r"network/organisations/[a-z0-9-]+/(?:(?:admin|registrar|ca\.key|ca\.crt)\.(?:key|pem)|client\.pin)",
+            r"network/organisations/[a-z0-9-]+/(?:cards\.json|\.cards\.json\.tmp|organisation-entry\.json)",
+            r"network/organisations/[a-z0-9-]+/\.client\.pin\.[0-9a-f]{8}",
+            _NODE + r"(?:genesis\.json|directory\.json|node\.toml|operator\.token|owner\.lock)",
+            _NODE + r"(?:output\.log|node\.log(?:\.\d+)?|faults\.(?:json|tmp))",
+            _NODE + r"custody/custody\.sqlite3(?:-wal|-shm|-journal)?",
+            _NODE + r"erase-keys/erase-keys(?:\.new|\.tmp)?",
+            _NODE + r"journal/votes\.journal(?:\.new)?",
+            _NODE + r"keys/(?:(?:producer|custodian)\.key|tls\.(?:crt|key)\.pem)",
+            _NODE + r"ledger/(?:data\.mdb|lock\.mdb|owner\.lock)",
+        )
+    )
+)
+"""What an experiment writes below its own files; anything else there is somebody's."""
 
 
 @contextlib.contextmanager
@@ -54,8 +81,22 @@ def _check(out: Path) -> None:
             foreign.append(folder)
         elif folder.exists():
             foreign += [item for item in folder.iterdir() if item.name not in _PARTS or item.is_symlink()]
+            foreign += _foreign_below(folder)
     if foreign:
         raise BlockRobotError("FOLDER_NOT_EMPTY", f"{foreign[0]} is not of an experiment: {out} is left as it is.")
+
+
+def _foreign_below(folder: Path) -> list[Path]:
+    """Return what is in the folders of an experiment and no experiment writes; empty folders are nobody's."""
+    found = []
+    for place, folders, files in os.walk(folder):
+        here = Path(place)
+        found += [here / name for name in folders if here != folder and (here / name).is_symlink()]
+        for path in (here / name for name in files if here != folder):
+            ours = _PART_FILES.fullmatch(path.relative_to(folder).as_posix())
+            if ours is None or path.is_symlink():
+                found.append(path)
+    return found
 
 
 def make_experiment_folder(out: Path, name: str) -> Path:

@@ -11,6 +11,7 @@ from network.cluster import Cluster
 from network.demo.checks import Check
 from network.experiments.comparison import read_and_work_out
 from network.experiments.definitions import Experiment
+from network.experiments.out_folder import taken
 from tests.experiments.short_run import run_short
 
 SECONDS = 7.0
@@ -40,5 +41,7 @@ async def test_a_short_run_holds_and_leaves_log_map_tables_and_page(tmp_path: Pa
     assert forms[0].graph == forms[1].graph == forms[2].graph
     report = (folder / "report.html").read_text(encoding="utf-8")
     assert "corruption off-chain is detected, and the frame named" in report
+    with taken(tmp_path / "out"):  # it knows all that it wrote as its own
+        pass
     nodes = Cluster(folder / "network")
     assert [name for name in nodes.names if nodes.is_running(name)] == []

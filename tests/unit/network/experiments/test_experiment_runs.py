@@ -43,7 +43,14 @@ def earlier(out: Path) -> Path:
     (out / MARK).touch()
     (out / "summary.json").touch()
     (folder / "events.jsonl").touch()
-    (folder / "pictures").mkdir()
+    record = folder / "pictures" / "patient-a" / ("0a" * 32)
+    record.mkdir(parents=True)
+    (record / "00000012.png").touch()
+    (record / "00000012.depth.png").touch()
+    (folder / "network" / "nodes" / "node-1" / "ledger").mkdir(parents=True)
+    (folder / "network" / "nodes" / "node-1" / "ledger" / "data.mdb").touch()
+    (folder / "wallets").mkdir()
+    (folder / "wallets" / "patient-a.words").touch()
     return folder
 
 
@@ -61,9 +68,23 @@ def test_somebody_elses_folder_is_left_as_it_is(tmp_path: Path) -> None:
     assert [item.name for item in tmp_path.iterdir()] == ["thesis.txt"]
 
 
-@pytest.mark.parametrize("place", ["notes.txt", "experiment-1/notes.txt", "experiment-5"])
+@pytest.mark.parametrize(
+    "place",
+    [
+        "notes.txt",
+        "experiment-1/notes.txt",
+        "experiment-5",
+        "experiment-1/pictures/my-notes.txt",
+        "experiment-1/pictures/patient-a/chosen.png",
+        "experiment-1/wallets/patient-a.txt",
+        "experiment-1/robots/robot/spool/notes",
+        "experiment-1/network/organisations/hospital/letter.pdf",
+        "experiment-1/network/nodes/node-1/ledger/copy/data.mdb",
+    ],
+)
 def test_a_foreign_file_among_results_is_left_as_it_is(tmp_path: Path, place: str) -> None:
     earlier(tmp_path)
+    (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     (tmp_path / place).write_text("mine", encoding="utf-8")
     assert place.rsplit("/", maxsplit=1)[-1] in refused(tmp_path)
     assert (tmp_path / place).read_text(encoding="utf-8") == "mine"
@@ -74,8 +95,11 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     (tmp_path / "link").symlink_to(tmp_path / "real")
     assert "link" in refused(tmp_path / "link")
     folder = earlier(tmp_path / "out")
-    (folder / "wallets").symlink_to(tmp_path / "real")
-    assert "wallets" in refused(tmp_path / "out")
+    (folder / "robots").symlink_to(tmp_path / "real")
+    assert "robots" in refused(tmp_path / "out")
+    (folder / "robots").unlink()
+    (folder / "pictures" / "patient-b").symlink_to(tmp_path / "real")
+    assert "patient-b" in refused(tmp_path / "out")
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path: Path) -> None:
