@@ -54,7 +54,7 @@ def consent() -> None:
 
 def _tell(word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
     if as_json:
-        place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height}
+        place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
         print_json({"ok": True, **place, **more})
     else:
         console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
@@ -121,6 +121,8 @@ def _say_no(
     more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
     codes = _named(purposes, PURPOSES, "everything that you had given.")
     what = f"{line}: {codes} By: {_named(sensors, SENSORS, 'every sensor.')}"
+    if word.count == 0:
+        what = "Nothing of this was given. What you said before, and is still under way, counts no more."
     next_step = (
         "Robots see it within seconds and record nothing more of you for that; what waits in them is destroyed. "
         "What was recorded before stays until you erase it: blockrobot wallet records, then blockrobot wallet erase."

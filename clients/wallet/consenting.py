@@ -13,16 +13,21 @@ from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.records.consents import Step, find_consent, read_choices, row_key
-from consensus.records.sensors import require_sensor
+from consensus.records.sensors import SENSORS, require_sensor
 
 
 @dataclass(frozen=True, slots=True)
 class Word:
-    """What was said, final: its transaction, the block that holds it, and the height from which it holds."""
+    """What was said, final: its transaction, the block that holds it, and the height from which it holds.
+
+    `count` says how many choices it changed. One that takes back what nobody gave changes none, and still keeps a giving
+    that was said before, and is not final yet, from ever counting.
+    """
 
     txid: bytes
     height: int
     from_height: int
+    count: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +65,15 @@ class Consenting:
     ) -> Word:
         """Consent, in a period (0: no bound), from a height on (0: the block after the one that holds it).
 
-        Raises VALUE_INVALID for unknown codes, NOT_REGISTERED, CALL_REFUSED with the contract's code.
+        It names the newest block that this wallet can prove final, so that it cannot be held back until after a later
+        word. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED, CALL_REFUSED with the contract's code (WORD_OLDER
+        if something was said on another device meanwhile).
         """
+        self._check(purposes, sensors)
+        await self._wallet.require_registered()
+        seen = (await self._wallet.network.newest_header(self._wallet.keys.identity)).height
         period = round_period(from_ms, until_ms)
-        return await self._say("give", "given", purposes, sensors, *period, height)
+        return await self._say("give", "given", purposes, sensors, *period, height, seen)
 
     async def refuse(self, purposes: list[str], sensors: list[str]) -> Word:
         """Say no to purposes, by these sensors or (none named) by all. Raises as `give`."""
@@ -81,7 +91,8 @@ class Consenting:
             self._wallet.keys.identity, "consent", entry, [handle, purposes, sensors, *more]
         )
         (data,) = receipt.event_data("consent", event)
-        return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"])
+        count = data.get("count", len(purposes) * len(sensors or SENSORS))
+        return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
     def _check(self, purposes: list[str], sensors: list[str]) -> None:
         known = self._wallet.genesis.purposes

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 GIVEN = "given"
-STEPS_MAX_COUNT = 3
+STEPS_MAX_COUNT = 2
 _STEP_TYPES = [int, str, int, int, int]
 CHANGES_KEY = b"consent\x00changes"
 IDENTITY_CHANGES_KEY = b"identity\x00changes"

@@ -3,10 +3,12 @@
 of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
 since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`, `withdrawn`) holds. `since_ms` is the
 chain's time when a no was said, or since when a consent has held without a break; `from_ms` and `until_ms` are the period
-in which pictures may be taken (0: no bound). A row has at most what holds now, a no for the next block, and one giving
-that is still to come.
+in which pictures may be taken (0: no bound). A row has at most what holds now and one word that is still to come.
+said/handle -> the height of the block of her last word.
 
 A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
+It names the newest final block that she knew when she signed it, and counts only while she has said nothing since: a
+giving that somebody held back does not undo a later word. A no always counts, also where nothing was given.
 """
 
 HANDLE_BYTES = 32
@@ -70,19 +72,30 @@ def holding(steps: list, height: int) -> list | None:
 
 
 def say(row: dict, purpose: str, sensor: str, step: list):
-    """Put a new word in its place: it ends every giving that is still to come."""
+    """Put a new word behind what holds now: it ends every other that is still to come.
+
+    A giving that prolongs what holds keeps since when it has held.
+    """
     require(purpose in row or len(row) < PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "At most 16 purposes may be named.")
     sensors = row.get(purpose, {})
-    steps = sensors.get(sensor, [])
-    now = holding(steps, ctx.height)
-    kept = [other for other in steps if other[0] > ctx.height and other[0] < step[0] and other[1] != GIVEN]
-    if step[1] == GIVEN and now is not None and len(kept) == 0 and step[0] == ctx.height + 1:
-        if now[1] == GIVEN and (now[4] == 0 or now[4] > ctx.time):
-            step = [step[0], GIVEN, now[2], step[3], step[4]]
+    kept = []
+    now = holding(sensors.get(sensor, []), ctx.height)
     if now is not None:
-        kept = [now] + kept
+        kept = [now]
+        if step[1] == GIVEN and lasts_until(now, step[0]):
+            step = [step[0], GIVEN, max(now[2], now[3]), step[3], step[4]]
     sensors[sensor] = kept + [step]
     row[purpose] = sensors
+
+
+def lasts_until(now: list, height: int) -> bool:
+    """Tell whether what holds now is a consent whose period has begun and does not end before a later height.
+
+    When a block to come will be made nobody knows: an end counts as later than the next block, and than no other.
+    """
+    if now[1] != GIVEN or now[3] > ctx.time:
+        return False
+    return now[4] == 0 or (height == ctx.height + 1 and now[4] > ctx.time)
 
 
 def keep(handle: bytes, row: dict):
@@ -90,18 +103,27 @@ def keep(handle: bytes, row: dict):
     note_change()
 
 
+def note_word(handle: bytes):
+    state.put(b"said/" + handle, ctx.height)
+
+
+def check_newest(handle: bytes, seen: int):
+    """A giving answers all that its person has said: it was signed when her last word was final."""
+    require(0 <= seen and seen < ctx.height, "HEIGHT_WRONG", "The newest block that was known is an earlier one.")
+    newest = seen >= state.get(b"said/" + handle, 0)
+    require(newest, "WORD_OLDER", "Something was said after this was signed: look at what holds now and say it again.")
+
+
 def note_change():
     state.put(b"changes", state.get(b"changes", 0) + 1)
 
 
-def is_given(steps: list) -> bool:
-    """Tell whether there is a consent to withdraw: the last word is a giving."""
-    return len(steps) > 0 and steps[-1][1] == GIVEN
-
-
 @export
-def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: int, height: int):
-    """Consent to be recorded, from a height on (0: soon) and in a period. Who may call: the person of the handle."""
+def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: int, height: int, seen: int):
+    """Consent to be recorded, from a height on (0: soon) and in a period. Who may call: the person of the handle.
+
+    `seen` is the height of the newest final block that she knew: nothing was said after it.
+    """
     require_person(handle)
     check_purposes(purposes)
     check_sensors(sensors)
@@ -112,11 +134,13 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
         height = ctx.height + GIVING_AFTER_BLOCKS
     ahead = height > ctx.height and height <= ctx.height + AHEAD_MAX_BLOCKS
     require(ahead, "HEIGHT_WRONG", "A consent takes effect at a later block.")
+    check_newest(handle, seen)
     row = state.get(b"of/" + handle, {})
     for purpose in purposes:
         for sensor in sensors:
             say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms])
     keep(handle, row)
+    note_word(handle)
     emit("given", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": height})
 
 
@@ -134,26 +158,32 @@ def refuse(handle: bytes, purposes: list, sensors: list):
         for sensor in sensors:
             say(row, purpose, sensor, [ctx.height + 1, REFUSED, ctx.time, 0, 0])
     keep(handle, row)
+    note_word(handle)
     emit("refused", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
 
 
 @export
 def withdraw(handle: bytes, purposes: list, sensors: list):
-    """Take back what was given; no purpose or sensor named: every one. Who may call: the person of the handle."""
+    """Take back what was given; no purpose or sensor named: every one. Who may call: the person of the handle.
+
+    It counts where nothing was given, too: a giving that is still under way comes too late then.
+    """
     require_person(handle)
     check_purposes(purposes)
     check_sensors(sensors)
     row = state.get(b"of/" + handle, {})
     count = 0
     for purpose in row:
-        for sensor in row[purpose]:
-            named = (len(purposes) == 0 or purpose in purposes) and (len(sensors) == 0 or sensor in sensors)
-            if named and is_given(row[purpose][sensor]):
-                say(row, purpose, sensor, [ctx.height + 1, WITHDRAWN, ctx.time, 0, 0])
-                count += 1
-    require(count > 0, "CONSENT_MISSING", "Nothing of this was given.")
-    keep(handle, row)
-    emit("withdrawn", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
+        if len(purposes) == 0 or purpose in purposes:
+            for sensor in row[purpose]:
+                if (len(sensors) == 0 or sensor in sensors) and row[purpose][sensor][-1][1] == GIVEN:
+                    say(row, purpose, sensor, [ctx.height + 1, WITHDRAWN, ctx.time, 0, 0])
+                    count += 1
+    if count > 0:
+        keep(handle, row)
+    note_word(handle)
+    told = {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1, "count": count}
+    emit("withdrawn", told)
 
 
 @export
@@ -172,6 +202,7 @@ def end(handle: bytes):
     """Forget the choices of who is no member any more. Who may call: the contract `identity`."""
     require_identity()
     state.delete(b"of/" + handle)
+    state.delete(b"said/" + handle)
     note_change()
 
 

@@ -30,6 +30,8 @@ def anna(hospital: Hospital) -> Person:
 
 
 def _gas(hospital: Hospital, person: Person, entry: str, *arguments: object) -> int:
+    if entry == "give":
+        arguments = (*arguments, hospital.height)
     return hospital.must(person.identity, "consent", entry, person.handle, *arguments).gas_used
 
 
@@ -56,13 +58,23 @@ def test_1_it_is_possible_at_any_time(hospital: Hospital, anna: Person) -> None:
 
 
 def test_2_it_takes_no_more_than_giving_did(hospital: Hospital, anna: Person) -> None:
-    given = _gas(hospital, anna, "give", *EVERYTHING, 0, 0, 0)
+    _gas(hospital, anna, "give", *EVERYTHING, 0, 0, 0)
     taken = _gas(hospital, anna, "withdraw", [], [])
-    assert taken < CALL_GAS_MAX // 2
-    assert given < CALL_GAS_MAX // 2
+    given = _gas(hospital, anna, "give", *EVERYTHING, 0, 0, 0)
+    assert taken <= given < CALL_GAS_MAX // 2, "over the same choices"
     parameters = {name: len(consent.commands[name].params) for name in ("give", "withdraw")}
     assert parameters["withdraw"] < parameters["give"]
     assert "consent withdraw" in CliRunner().invoke(consent, ["--help"]).output
+
+
+def test_2_nobody_must_know_what_stands_there_to_say_no(hospital: Hospital, anna: Person) -> None:
+    """Taking back what is not given, or not yet final, is no mistake; and a giving that comes late does not count."""
+    late = hospital.sign(anna.identity, "consent", "give", anna.handle, ["research"], ["rgb"], 0, 0, 0, hospital.height)
+    for _ in range(3):
+        _gas(hospital, anna, "withdraw", [], [])
+    assert hospital.block([late])[0].code == "WORD_OLDER"
+    hospital.block([])
+    assert _allowed(hospital, anna) == []
 
 
 def test_3_nobody_stands_in_the_way(hospital: Hospital, anna: Person) -> None:
@@ -70,8 +82,12 @@ def test_3_nobody_stands_in_the_way(hospital: Hospital, anna: Person) -> None:
     assert "consent" in GOVERNING
     _gas(hospital, anna, "withdraw", [], [])
     for key in (hospital.admin, hospital.registrar, hospital.robot.identity, *hospital.custodians):
-        for entry, arguments in (("give", [*EVERYTHING, 0, 0, 0]), ("begin", [["care"]]), ("end", [])):
-            assert not hospital.send(key, "consent", entry, anna.handle, *arguments).ok
+        for entry, arguments, code in (
+            ("give", [*EVERYTHING, 0, 0, 0, hospital.height], "NOT_THE_MEMBER"),
+            ("begin", [["care"]], "NOT_THE_IDENTITY_CONTRACT"),
+            ("end", [], "NOT_THE_IDENTITY_CONTRACT"),
+        ):
+            assert hospital.send(key, "consent", entry, anna.handle, *arguments).code == code
     hospital.block([])
     assert _allowed(hospital, anna) == []
 

@@ -54,8 +54,9 @@ def consent_story(hospital: Hospital, anna: Person, ben: Person) -> None:
         (["research"], ["x-ray"], 0, 0, 0),
         (["research"], ["audio"], 1, 0, 0),
     ):
-        hospital.send(anna.identity, "consent", "give", anna.handle, *arguments)
-    hospital.send(ben.identity, "consent", "give", anna.handle, ["care"], ["depth"], 0, 0, 0)
+        hospital.send(anna.identity, "consent", "give", anna.handle, *arguments, hospital.height)
+    hospital.send(ben.identity, "consent", "give", anna.handle, ["care"], ["depth"], 0, 0, 0, hospital.height)
+    hospital.send(anna.identity, "consent", "give", anna.handle, ["care"], ["depth"], 0, 0, 0, 0)
     hospital.must(anna.identity, "consent", "refuse", anna.handle, ["demo"], [])
     hospital.view("consent", "allowed", anna.handle, "care", "rgb")
     hospital.view("consent", "choices", anna.handle)

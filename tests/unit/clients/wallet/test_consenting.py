@@ -6,6 +6,7 @@ import inspect
 import json
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -48,6 +49,9 @@ class HospitalNetwork:
         return final_receipt(
             receipt, height=self.hospital.height, index=0, block_id=bytes(32), timestamp_ms=self.hospital.time_ms
         ).require_ok()
+
+    async def newest_header(self, key: PrivateKey) -> SimpleNamespace:
+        return SimpleNamespace(height=self.hospital.height)
 
     async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
         found = {flat: self.hospital.state.get(flat) for flat in keys}
@@ -213,10 +217,42 @@ def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[
             "period_until_ms": None,
         }
     ]
-    assert json.loads(run("withdraw", "--json").output)["status"] == "withdrawn"
-    again = run("withdraw", "--json")
-    assert (again.exit_code, json.loads(again.output)["error"]["code"]) == (1, "CALL_REFUSED")
-    assert "CONSENT_MISSING" in again.output
+    for count in (1, 0):
+        taken = json.loads(run("withdraw", "--json").output)
+        assert (taken["status"], taken["count"]) == ("withdrawn", count)
+    wrong = run("give", "--purpose", "care", "--height", "1", "--json")
+    assert (wrong.exit_code, json.loads(wrong.output)["error"]["code"]) == (1, "CALL_REFUSED")
+    assert "HEIGHT_WRONG" in wrong.output
+
+
+async def test_a_giving_names_what_the_wallet_knew_so_it_cannot_come_after_a_later_no(house: House) -> None:
+    """She gives, it is not final in time; she takes back what is not there yet; then the giving comes after all."""
+    held_back: list[tuple[Any, ...]] = []
+
+    class LostError(Exception):
+        pass
+
+    async def lose(*arguments: Any) -> FinalReceipt:
+        held_back.append(arguments)
+        raise LostError
+
+    house.wallet.network.call = lose  # type: ignore[method-assign, assignment]
+    with pytest.raises(LostError):
+        await house.consenting.give(["care"], ["depth"])
+    del house.wallet.network.call
+    assert (await house.consenting.withdraw([], [])).count == 0
+    key, contract, entry, arguments = held_back[0]
+    assert house.hospital.send(key, contract, entry, *arguments).code == "WORD_OLDER"
+    assert await house.rows() == {}
+    await house.consenting.give(["care"], ["depth"])
+    house.hospital.block([])
+    assert await house.rows() == {("care", "depth"): (True, "given")}
+
+
+def test_taking_back_what_was_not_given_says_what_it_did(run: Callable[..., Any]) -> None:
+    taken = run("withdraw")
+    assert taken.exit_code == 0
+    assert "Nothing of this was given." in taken.output
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("identity", "remove_organisation", lambda _: ["ward"], set()),
     ("identity", "add_custodian", lambda _: [bytes(33), "node", "ward"], set()),
     ("identity", "remove_custodians", lambda _: [[]], set()),
-    ("consent", "give", lambda s: [s.anna.handle, ["care"], ["rgb"], 0, 0, 0], {"anna"}),
+    ("consent", "give", lambda s: [s.anna.handle, ["care"], ["rgb"], 0, 0, 0, 0], {"anna"}),
     ("consent", "refuse", lambda s: [s.anna.handle, ["care"], []], {"anna"}),
     ("consent", "withdraw", lambda s: [s.anna.handle, [], []], {"anna"}),
     ("consent", "begin", lambda s: [s.anna.handle, ["care"]], set()),
