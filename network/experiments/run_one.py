@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.bag import make_bag
+from clients.robot.event_log import IMAGE_RETRIEVE
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
@@ -23,6 +24,7 @@ from network.demo.checks import CheckList
 from network.demo.processes import LongCommand
 from network.demo.scene_truth import covered_frames
 from network.experiments.comparison import Reading, work_out
+from network.experiments.coverage import are_covered_frames, frames_by_tag, total
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.log_files import read_log
@@ -171,54 +173,66 @@ class ExperimentRun:
         command = LongCommand([*arguments, "--events", str(log)], progress, self._guard.watch_process)
         self.outcome.robot = await command.run(scenario.duration_s + AFTER_RECORDING_MAX_S)
         self.outcome.reading = work_out("ours", await asyncio.to_thread(read_log, log))
-        self._check_frames()
+        self._check_frames(self.outcome.reading)
         self._check_log(self.outcome.reading)
 
-    def _check_frames(self) -> None:
+    def _check_frames(self, reading: Reading) -> None:
+        """Hold each tag's frames in the log against the scenario, and the robot's own counts against the log."""
         frames, experiment = self.outcome.robot["frames"], self.outcome.experiment
         scenario = self.outcome.scenario
+        arrived = {event.sequence for event in reading.table.of_activity(IMAGE_RETRIEVE)}
         self._checks.add(
             "every frame of the camera arrived",
-            ok=frames["published"] == scenario.frame_count,
-            detail=f"{frames['published']} of {scenario.frame_count}",
+            ok=arrived == set(range(scenario.frame_count)),
+            detail=f"{len(arrived)} of {scenario.frame_count}",
         )
+        tags = frames_by_tag(reading.table)
         owners = set(scenario.tagged_aliases) & set(experiment.people)
-        expected = sum(len(covered_frames(scenario, alias)) for alias in owners)
+        expected = {alias: covered_frames(scenario, alias) for alias in owners}
+        covered, kept = total(tag.paired for tag in tags.values()), total(tag.kept for tag in tags.values())
+        withheld, lost = total(tag.withheld for tag in tags.values()), total(tag.lost for tag in tags.values())
         self._checks.add(
             "the frames around each registered tag's readings were paired, and no others",
-            ok=frames["covered"] == expected,
-            detail=f"{frames['covered']} frames and owners, {expected} by the scenario's own readings",
+            ok=are_covered_frames(tags.values(), expected),
+            detail=f"{len(tags)} tags with {covered} frames, {total(expected.values())} by the scenario's own readings",
         )
         self._checks.add(
             "no frame that should be kept is lost",
-            ok=frames["lost"] == 0 and frames["covered"] == frames["kept"] + frames["withheld"],
-            detail=f"covered {frames['covered']} = kept {frames['kept']} + withheld {frames['withheld']}",
+            ok=all(tag.is_settled for tag in tags.values()),
+            detail=f"covered {covered} = kept {kept} + withheld {withheld}, of each tag; {lost} lost",
         )
-        share, limit = frames["withheld"] / max(1, frames["covered"]), WITHHELD_MAX_SHARE[experiment.number]
+        share, limit = withheld / max(1, covered), WITHHELD_MAX_SHARE[experiment.number]
         reasons = ", ".join(f"{reason} {count}" for reason, count in frames["withheld_reasons"].items()) or "none"
         self._checks.add(
             f"at most {100 * limit:.0f} % were withheld, each with its reason",
-            ok=share <= limit and sum(frames["withheld_reasons"].values()) == frames["withheld"],
+            ok=share <= limit and sum(frames["withheld_reasons"].values()) == withheld,
             detail=f"{100 * share:.1f} %: {reasons}",
+        )
+        said = tuple(frames[name] for name in ("published", "covered", "kept", "withheld", "lost"))
+        self._checks.add(
+            "what the robot says of its frames is what its log shows",
+            ok=said == (len(arrived), covered, kept, withheld, lost),
+            detail=f"covered {said[1]}, kept {said[2]}, withheld {said[3]}, lost {said[4]}",
         )
 
     def _check_log(self, reading: Reading) -> None:
-        """Hold the event log against what the robot said and the scenario knows."""
-        frames = self.outcome.robot["frames"]
+        """Hold the event log's ways against the frames that it says were kept."""
         pairs = {pair: tally.absolute for pair, tally in reading.graph.pairs.items()}
-        kept = frames["kept"]
+        kept = total(tag.kept for tag in frames_by_tag(reading.table).values())
         stored = pairs.get(("IMAGE_PAIRED", "DATABASE_PERSISTANCE"), 0)
         final = pairs.get(("DATABASE_PERSISTANCE", "BLOCKCHAIN_TRANSACTION"), 0)
         seen = reading.figures.frames_published
         self._checks.add(
             "the event log tells each kept frame's whole way: received, paired, stored, on the chain",
-            ok=stored == final == kept and seen == reading.figures.frames_received == frames["published"],
+            ok=stored == final == kept and seen == reading.figures.frames_received,
             detail=f"{stored} stored after pairing, {final} on the chain after storing, {kept} kept",
         )
 
     async def _look(self) -> None:
         post = PostStage(self.stage, self.outcome.scenario, self._folder / "pictures", self._checks, self._tell)
-        self.outcome.belongings = await post.look(self.outcome.experiment.people, self.outcome.robot["frames"]["kept"])
+        assert self.outcome.reading is not None  # the stages run in order, and end where one fails
+        kept = total(tag.kept for tag in frames_by_tag(self.outcome.reading.table).values())
+        self.outcome.belongings = await post.look(self.outcome.experiment.people, kept)
         if self.outcome.experiment.corrupts:
             await post.corrupt_and_verify(self.outcome.belongings)
         else:
