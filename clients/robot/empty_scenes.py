@@ -1,7 +1,7 @@
 """Banks of empty frames, one for each viewpoint of a robot: recorded, looked at and approved by a person, expiring.
 
-What is in a bank is shown in every rendition, so nobody may be in it. A bank must never be used unapproved, changed
-after its approval, or after its time.
+What is published of a bank can stand behind every rendition, so nobody may be in it. A bank must never be used
+unapproved, changed after its approval, or after its time; and frames in which something moves must never be used at all.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import msgspec
 import numpy as np
+import numpy.typing as npt
 
 from clients.robot.events import Depth, check_depth
 from clients.robot.hiding.background import empty_bank
@@ -23,17 +24,23 @@ from consensus.errors import BlockRobotError
 FOLDER = "empty-scenes"
 FRAMES_MIN_COUNT = 8
 FRAMES_MAX_COUNT = 45
+PUBLISHED_MAX_COUNT = 8
 VALID_DEFAULT_DAYS = 30
 VALID_MAX_DAYS = 365
 NAME_MAX_CHARS = 40
 DAY_MS = 24 * 60 * 60 * 1000
-# Something moved where a pixel's depth at the beginning and at the end differ by this much, over an area like a hand's.
+# Something moved where a pixel differs by this much from the median of all frames, over an area like a head's at 5 m.
 MOVED_MIN_MM = 150
 MOVED_SHARE = 0.05
-MOVED_MAX_PX = 350  # at half resolution: about a head at 5 m
+SELDOM_SHARE = 0.5  # measured in fewer frames than this, a pixel is usually out of range
+MOVED_MAX_SHARE = 350 / (320 * 240)
 
 _SCENE = "scene.json"
 _PREVIEW = "preview.png"
+_PREVIEW_COLUMNS = 5
+_BESIDE = np.ones((3, 3), dtype=np.uint8)
+
+Mask = npt.NDArray[np.uint8]
 
 
 class _Stored(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -64,7 +71,7 @@ class EmptyScene:
 
     @property
     def preview(self) -> Path:
-        """The picture that a person looks at before approving: first, middle and last frame, and what changed."""
+        """The picture that a person looks at before approving: all frames that are published, and what changed most."""
         return self.folder / _PREVIEW
 
     def state(self, now_ms: int) -> str:
@@ -86,9 +93,7 @@ def record_scene(robot: Path, viewpoint: str, frames: Sequence[Depth], now_ms: i
         raise BlockRobotError("BACKGROUND_INVALID", f"There are {len(frames)} frames; {FRAMES_MIN_COUNT} are needed.")
     step = max(1, len(frames) // FRAMES_MAX_COUNT)
     chosen = [check_depth(frame, shape=frames[0].shape[:2]) for frame in frames[::step][:FRAMES_MAX_COUNT]]
-    moved = moved_px(chosen)
-    if moved > MOVED_MAX_PX:
-        raise BlockRobotError("BACKGROUND_INVALID", f"Something moved in {4 * moved} pixels: the scene was not empty.")
+    check_empty(chosen)
     pngs = [frame.png for frame in empty_bank(chosen)]
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     for old in folder.glob("*.png"):
@@ -160,21 +165,63 @@ def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
     return [decode_depth_png(png) for png in pngs]
 
 
+def published_frames(frames: Sequence[Depth]) -> list[Depth]:
+    """Return the empty frames that become public, spread over all: those that the preview shows."""
+    count = min(PUBLISHED_MAX_COUNT, len(frames))
+    return [frames[number * len(frames) // count] for number in range(count)]
+
+
+def check_empty(frames: Sequence[Depth]) -> None:
+    """Raise BACKGROUND_INVALID for frames in which something moves; who stands still in all is for a person to see."""
+    changed = _most_changed(frames)[1]
+    if _largest_px(changed) > MOVED_MAX_SHARE * changed.size:
+        told = f"Something moved in {4 * _largest_px(changed)} pixels: the scene was not empty."
+        raise BlockRobotError("BACKGROUND_INVALID", told)
+
+
 def moved_px(frames: Sequence[Depth]) -> int:
-    """Return how many half-resolution pixels changed between the first and the last third: the largest such piece."""
-    third = max(1, len(frames) // 3)
-    first, last = (
-        np.median(np.stack([f[::2, ::2] for f in part]), axis=0) for part in (frames[:third], frames[-third:])
-    )
-    difference = np.abs(first - last)
-    changed = (first > 0) & (last > 0) & (difference > np.maximum(MOVED_MIN_MM, MOVED_SHARE * np.minimum(first, last)))
-    count, _, stats, _ = cv2.connectedComponentsWithStats(changed.astype(np.uint8), connectivity=8)
+    """Return how many half-resolution pixels of one piece differ most, in any frame, from the median of all."""
+    return _largest_px(_most_changed(frames)[1])
+
+
+def _most_changed(frames: Sequence[Depth]) -> tuple[int, Mask]:
+    """Return which frame differs from the median of all in the largest piece, and where, at half resolution.
+
+    A pixel differs too where only few frames measure anything: somebody in front of what is out of range.
+    """
+    halves = np.stack([frame[::2, ::2] for frame in frames])
+    measured = np.count_nonzero(halves, axis=0)
+    usual = np.take_along_axis(np.sort(halves, axis=0), (len(frames) - 1 - measured // 2)[None], axis=0)[0]
+    seldom = measured < SELDOM_SHARE * len(frames)
+    usual[seldom] = 0
+    # Edges waver by a pixel, so a pixel may be as near or far as what is usual beside it.
+    near = cv2.erode(np.where(usual > 0, usual, np.uint16(65_535)), _BESIDE).astype(np.float32)
+    far = cv2.dilate(usual, _BESIDE).astype(np.float32)
+    low, high = near - np.maximum(MOVED_MIN_MM, MOVED_SHARE * near), far + np.maximum(MOVED_MIN_MM, MOVED_SHARE * far)
+    worst: tuple[int, Mask] = (0, np.zeros(halves.shape[1:], dtype=np.uint8))
+    for number, half in enumerate(halves):
+        differs = (half > 0) & (usual > 0) & ((half < low) | (half > high))
+        appeared = cv2.morphologyEx(((half > 0) & seldom).view(np.uint8), cv2.MORPH_OPEN, _BESIDE)
+        changed = np.asarray(differs | (np.asarray(appeared) > 0), dtype=np.uint8)
+        if number == 0 or _largest_px(changed) > _largest_px(worst[1]):
+            worst = (number, changed)
+    return worst
+
+
+def _largest_px(changed: Mask) -> int:
+    count, _, stats, _ = cv2.connectedComponentsWithStats(changed, connectivity=8)
     return int(np.asarray(stats)[1:, cv2.CC_STAT_AREA].max()) if count > 1 else 0
 
 
 def _preview(frames: Sequence[Depth]) -> bytes:
-    shown = np.hstack([frames[0], frames[len(frames) // 2], frames[-1]])
-    return colourise(shown)
+    """Return one picture: every published frame, then the frame that changed most, and only what changed in it."""
+    number, changed = _most_changed(frames)
+    height, width = frames[0].shape
+    where = np.asarray(cv2.resize(changed, (width, height), interpolation=cv2.INTER_NEAREST)) > 0
+    shown = [*published_frames(frames), frames[number], np.where(where, frames[number], np.uint16(0))]
+    shown += [np.zeros_like(frames[0])] * (-len(shown) % _PREVIEW_COLUMNS)
+    rows = [np.hstack(shown[i : i + _PREVIEW_COLUMNS]) for i in range(0, len(shown), _PREVIEW_COLUMNS)]
+    return colourise(np.ascontiguousarray(np.vstack(rows)))
 
 
 def _folder(robot: Path, viewpoint: str) -> Path:

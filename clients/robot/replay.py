@@ -16,7 +16,7 @@ import cv2
 
 from clients.robot.consents import Consents, compute_stale_after_ms
 from clients.robot.delivery import Delivery
-from clients.robot.empty_scenes import approved_frames
+from clients.robot.empty_scenes import approved_frames, check_empty, published_frames
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
@@ -38,7 +38,6 @@ from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from consensus.genesis import Genesis
 
 SENSOR_NAME = "depth"
-EMPTY_FRAMES_KEPT_COUNT = 8
 FRESH_WITHIN_MS = 30_000
 """How long a run waits for a recent block at most, beyond the chain's heartbeat."""
 
@@ -50,7 +49,8 @@ _PROGRESS_EVERY_S = 0.25
 class ReplayOptions:
     """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
 
-    With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's.
+    With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
+    checked for what moves in them.
     """
 
     roster: Path
@@ -122,7 +122,8 @@ class _Run:
     async def _play(self, source: Source) -> RunStatistics:
         viewpoint, now_ms = self._options.viewpoint, self._network.now_ms()
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
-        bank = tuple(empty_bank(empty)[:EMPTY_FRAMES_KEPT_COUNT])
+        check_empty(empty)
+        bank = tuple(empty_bank(published_frames(empty)))
         hider = Hider(learn_background(empty), focal_px=source.focal_px or FOCAL_DEFAULT_PX)
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
@@ -203,7 +204,8 @@ async def replay_recording(
     """Replay a source through the robot in `folder` and return its summary once all its records are final.
 
     `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
-    Raises EMPTY_SCENE_MISSING, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the network refuses for good.
+    Raises EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the network refuses
+    for good.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)

@@ -4,19 +4,26 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from clients.robot.empty_scenes import (
     DAY_MS,
+    PUBLISHED_MAX_COUNT,
     approve_scene,
     approved_frames,
+    check_empty,
     find_scene,
     list_scenes,
     moved_px,
+    published_frames,
     record_scene,
 )
 from clients.robot.events import Depth
+from clients.robot.scenario import Scenario
+from clients.robot.synthetic.render import Renderer
+from clients.sdk.picture import LEGEND_HEIGHT_PX
 from consensus.errors import BlockRobotError
 
 NOW_MS = 1_700_000_000_000
@@ -39,6 +46,32 @@ def code_of(call: object, *arguments: object, **named: object) -> str:
     with pytest.raises(BlockRobotError) as refused:
         call(*arguments, **named)
     return refused.value.code
+
+
+@pytest.mark.parametrize("present", [range(1, 8), range(8), range(20, 23), range(44, 45), range(30, 45)])
+@pytest.mark.parametrize("out_of_range", [False, True])
+def test_a_passer_by_in_a_few_frames_of_many_is_refused(tmp_path: Path, present: range, out_of_range: bool) -> None:
+    frames = empty_frames(45)
+    for number, frame in enumerate(frames):
+        if out_of_range:
+            frame[10:115, 30:110] = 0
+        if number in present:
+            frame[20:110, 50:70] = 2000
+    assert code_of(record_scene, tmp_path, "ward-3", frames, NOW_MS) == "BACKGROUND_INVALID"
+    assert code_of(check_empty, frames) == "BACKGROUND_INVALID"
+
+
+def test_the_preview_shows_every_frame_that_is_published_and_what_changed(tmp_path: Path) -> None:
+    frames = empty_frames(45)
+    frames[3][10:15, 10:15] = 1000
+    scene = record_scene(tmp_path, "ward-3", frames, NOW_MS)
+    shown = cv2.imread(str(scene.preview))
+    assert shown is not None
+    assert shown.shape[:2] == (2 * 120 + LEGEND_HEIGHT_PX, 5 * 160)
+    assert len(published_frames(frames)) == PUBLISHED_MAX_COUNT
+    changed = shown[120:240, 4 * 160 :]
+    background = changed[60, 60]
+    assert 20 <= np.count_nonzero((changed != background).any(axis=2)) <= 40
 
 
 def test_a_bank_is_used_once_a_person_has_approved_it(tmp_path: Path) -> None:
@@ -95,3 +128,16 @@ def test_what_is_missing_is_said(tmp_path: Path) -> None:
     assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
     (scene.folder / "scene.json").write_bytes(b"{")
     assert code_of(find_scene, tmp_path, "ward-3") == "BACKGROUND_INVALID"
+
+
+@pytest.mark.parametrize("count", [1, 3, 30])
+def test_the_noise_of_a_small_camera_is_no_movement(small_scenario: Scenario, count: int) -> None:
+    renderer = Renderer(small_scenario)
+    check_empty([renderer.empty_frame(number) for number in range(count)])
+
+
+def test_people_in_frames_said_to_be_empty_are_refused(small_scenario: Scenario) -> None:
+    renderer = Renderer(small_scenario)
+    frames = [renderer.empty_frame(number) for number in range(12)]
+    frames[5] = renderer.frame(2)
+    assert code_of(check_empty, frames) == "BACKGROUND_INVALID"

@@ -60,3 +60,20 @@ def test_what_a_moved_robot_sees_is_withheld_and_said_so(moving: Renderer) -> No
     reasons = {output.sequence: output.reason for output in outputs if isinstance(output, Withheld)}
     assert Counter(reason for index, reason in reasons.items() if index >= 50) == Counter({Reason.MOVED: 2})
     assert Reason.MOVED not in {reason for index, reason in reasons.items() if index < 50}
+
+
+@pytest.mark.parametrize("width", [80, 160, 320])
+def test_a_small_camera_knows_its_scene_again(small_scenario: Scenario, width: int) -> None:
+    scale = width / small_scenario.width
+    camera = {"width": width, "height": width * 3 // 4, "focal_px": small_scenario.focal_px * scale}
+    renderer = Renderer(replace(small_scenario, **camera))
+    background = learned(renderer)
+    assert all(fits(background, renderer.frame(index)) for index in range(6))
+
+
+def test_a_small_camera_that_was_turned_does_not_know_the_scene_again() -> None:
+    small = replace(scene(moving=True), width=160, height=120, focal_px=131.25)
+    renderer = Renderer(small)
+    background = learned(renderer)
+    assert fits(background, renderer.frame(5))
+    assert not fits(background, renderer.frame(55))
