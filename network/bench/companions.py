@@ -1,7 +1,8 @@
 """Judges the cues for a companion in the same silhouette on scenes that the model has not seen, with the truth at hand.
 
-Figures for each kind of companion and of single person, per frame and per track. It must never take its scenes from
-the seeds of training, and it counts every silhouette that holds two people, whatever the segmentation called it.
+Figures for each kind of companion and of single person, per frame and per track, of what a robot makes of its frames:
+segmentation, then the watch that pools its suspicion. It must never take its scenes from the seeds of training, and it
+counts every silhouette that holds more than a trace of a second person, whatever the robot called it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from clients.robot.hiding.background import learn_background
-from clients.robot.hiding.companion import Trees, measure, shipped_model
+from clients.robot.hiding.companion import measure
+from clients.robot.hiding.companion_watch import CompanionWatch
 from clients.robot.hiding.segmentation import segment
 from clients.robot.scenario import Manner, Scenario
 from clients.robot.synthetic.render import Renderer
@@ -24,8 +26,8 @@ from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.conditions import build_result, measure_conditions
 
 BACKGROUND_FRAMES_COUNT = 7
-SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it holds a companion
-ALONE_SHARE = 0.015  # up to here it holds one person
+SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it is a companion to learn from
+ALONE_SHARE = 0.015  # up to here it holds one person; from here on it is judged as two
 SEED_STRIDE = 1_000_000  # the bench's seed 0 draws scenes from 1,000,000 on; training stays below
 SEEDS_A_KIND = 100_000
 SINGLE_FACTOR = 4  # a rate of 1 % asks for more of them
@@ -62,15 +64,21 @@ class Observed:
     cues: npt.NDArray[np.float64]
 
 
-def observe(scenario: Scenario, frames: Iterable[int]) -> Iterator[Observed]:
-    """Yield the silhouettes of some frames of a scene; what is mostly nobody's, such as a door, is left out."""
+def observe(scenario: Scenario, frames: Iterable[int], watch: CompanionWatch | None = None) -> Iterator[Observed]:
+    """Yield the silhouettes of some frames of a scene; what is mostly nobody's, such as a door, is left out.
+
+    With a `watch`, which sees all silhouettes, the trouble is what a robot would say; the frames are then in time order.
+    """
     renderer = Renderer(scenario)
     background = learn_background([renderer.empty_frame(i) for i in range(BACKGROUND_FRAMES_COUNT)])
     for index in frames:
         truth = renderer.truth(index)
         found = segment(truth.depth, background, scenario.focal_px)
         half = np.ascontiguousarray(truth.depth[::2, ::2])
-        for silhouette in found.silhouettes:
+        seen = found.silhouettes
+        if watch is not None:
+            seen = watch.step(seen, round(index * 1000 / scenario.frame_rate))
+        for silhouette in seen:
             assert found.labels is not None
             left, top, width, height = silhouette.box
             box = (slice(top, top + height), slice(left, left + width))
@@ -90,20 +98,20 @@ def _look(job: tuple[str, Stratum, Manner | None, bool | None, int]) -> tuple[st
     rng = np.random.default_rng([seed, 0x10CC])
     first = int(rng.integers(scenario.frame_count - TRACK_FRAMES_COUNT * TRACK_STEP_FRAMES))
     frames = range(first, first + TRACK_FRAMES_COUNT * TRACK_STEP_FRAMES, TRACK_STEP_FRAMES)
-    return name, seed, list(observe(scenario, frames))
+    return name, seed, list(observe(scenario, frames, CompanionWatch()))
 
 
 def judge_companions(
-    seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None, model: Trees | None = None
+    seed: int = 1, *, scenes: int = SCENES_DEFAULT_COUNT, workers: int | None = None
 ) -> dict[str, Any]:
     """Return how often companions are found and single people taken for two: one object as every measurement has.
 
     `scenes` scenes of each kind are judged, four times as many of single people without aid.
-    Under `strata` each kind: `merged_frames` and `merged_tracks` are the shares
-    of silhouettes that are withheld as merged, frame by frame and with a track's log-odds averaged; `shown_share` is
-    that of silhouettes of two people that would be shown, `split_share` those that are of one person after all.
+    Under `strata` each kind, as a robot with the shipped model withholds it: `merged_frames` is the share of silhouettes
+    that are withheld as merged, `merged_tracks` that of followed people of whom any is; `shown_share` is the share of
+    silhouettes of two people that would be shown (`faint_shown` of them with less than 6 % of the second), and
+    `split_share` that of silhouettes of one person after all.
     """
-    trees = model or shipped_model()
     conditions = measure_conditions(nodes=0, seed=seed, scenes_a_kind=scenes, frames_a_scene=TRACK_FRAMES_COUNT)
     jobs = [
         (*kind, SEED_STRIDE * (seed + 1) + SEEDS_A_KIND * number + scene)
@@ -112,8 +120,8 @@ def judge_companions(
     ]
     with ProcessPoolExecutor(workers or os.cpu_count() or 1) as pool:
         seen = list(pool.map(_look, jobs, chunksize=4))
-    companions = {kind[0]: rates(kind[0], seen, trees, pairs=True) for kind in COMPANIONS}
-    singles = {kind[0]: rates(kind[0], seen, trees, pairs=False) for kind in SINGLES}
+    companions = {kind[0]: rates(kind[0], seen, pairs=True) for kind in COMPANIONS}
+    singles = {kind[0]: rates(kind[0], seen, pairs=False) for kind in SINGLES}
     met = goals_met(companions, singles)
     every = {**companions, **singles}
     figures = {f"{name.replace(' ', '_')}_merged": kind["merged_frames"] for name, kind in every.items()}
@@ -121,9 +129,7 @@ def judge_companions(
     return {**result, "strata": every}
 
 
-def rates(
-    name: str, seen: list[tuple[str, int, list[Observed]]], trees: Trees, *, pairs: bool
-) -> dict[str, float | int | None]:
+def rates(name: str, seen: list[tuple[str, int, list[Observed]]], *, pairs: bool) -> dict[str, float | int | None]:
     """Return the figures of one kind: of its silhouettes that hold two people, or one."""
     tracks: dict[tuple[int, int], list[Observed]] = {}
     split = total = 0
@@ -132,22 +138,22 @@ def rates(
             continue
         for one in observed:
             total += 1
-            if (one.second_share >= SECOND_PERSON_SHARE) if pairs else (one.second_share <= ALONE_SHARE):
+            if (one.second_share >= ALONE_SHARE) if pairs else (one.second_share <= ALONE_SHARE):
                 tracks.setdefault((seed, one.person), []).append(one)
             else:
                 split += 1
     frames = [one for track in tracks.values() for one in track]
-    pooled = [float(np.mean([trees.log_odds(one.cues) for one in track])) for track in tracks.values()]
     merged = [one.trouble == "merged" for one in frames]
     figures: dict[str, float | int | None] = {
         "frames": len(frames),
         "tracks": len(tracks),
         "merged_frames": _share(merged),
-        "merged_tracks": _share([odds > trees.suspect for odds in pooled]),
+        "merged_tracks": _share([any(one.trouble == "merged" for one in track) for track in tracks.values()]),
     }
     if pairs:
         figures["split_share"] = round(split / total, 4) if total else None
         figures["shown_share"] = _share([one.trouble == "" for one in frames])
+        figures["faint_shown"] = sum(one.trouble == "" and one.second_share < SECOND_PERSON_SHARE for one in frames)
     else:
         figures["withheld_frames"] = _share([one.trouble != "" for one in frames])
     return figures

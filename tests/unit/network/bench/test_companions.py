@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from clients.robot.hiding.companion import CUES, Trees, shipped_model, trees_of
+from clients.robot.hiding.companion import CUES, trees_of
+from clients.robot.hiding.companion_watch import CompanionWatch
+from clients.robot.hiding.segmentation import Silhouette
 from clients.robot.synthetic.scenes import draw_scene
 from network.bench import companion_training as training
+from network.bench import companions
 from network.bench.companions import SEED_STRIDE, Observed, goals_met, observe, rates
 
 
 def seen(share: float, trouble: str = "", person: int = 1) -> Observed:
     return Observed(0, person, share, trouble, np.zeros(len(CUES)))
-
-
-@pytest.fixture
-def trees() -> Trees:
-    return shipped_model()
 
 
 def test_a_pairs_silhouettes_hold_the_pair_and_a_single_persons_do_not() -> None:
@@ -30,21 +29,57 @@ def test_a_pairs_silhouettes_hold_the_pair_and_a_single_persons_do_not() -> None
     assert len(single.cues) == len(CUES)
 
 
-def test_pairs_are_found_where_merged_and_shown_where_nothing_is_said(trees: Trees) -> None:
+def test_pairs_are_found_where_merged_and_shown_where_nothing_is_said() -> None:
     looks = [("embrace", 1, [seen(0.4, "merged"), seen(0.4, "contact"), seen(0.3), seen(0.0)])]
-    figures = rates("embrace", looks, trees, pairs=True)
+    figures = rates("embrace", looks, pairs=True)
     assert (figures["frames"], figures["tracks"]) == (3, 1)
     assert figures["merged_frames"] == pytest.approx(1 / 3, abs=1e-3)
     assert figures["shown_share"] == pytest.approx(1 / 3, abs=1e-3)
     assert figures["split_share"] == 0.25
 
 
-def test_single_people_are_counted_by_track_and_others_kinds_left_out(trees: Trees) -> None:
+def test_a_second_person_of_two_percent_that_is_shown_is_counted() -> None:
+    figures = rates("embrace", [("embrace", 1, [seen(0.02), seen(0.3), seen(0.4, "merged"), seen(0.01)])], pairs=True)
+    assert (figures["frames"], figures["faint_shown"], figures["split_share"]) == (3, 1, 0.25)
+    assert figures["shown_share"] == pytest.approx(2 / 3, abs=1e-3)
+
+
+def test_what_is_judged_is_what_the_watch_says_not_a_frame_by_itself() -> None:
+    """A pool that began with a suspicion stays suspected for a while, though the frames look like one person."""
+
+    class Suspecting(CompanionWatch):
+        def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> tuple[Silhouette, ...]:
+            first = tuple(replace(one, companion_odds=8.0) for one in silhouettes) if at_ms == 4_000 else silhouettes
+            return super().step(first, at_ms)
+
+    scenario = draw_scene(3, "single")
+    alone = [one.trouble for one in observe(scenario, [40, 41])]
+    assert alone == ["", ""]
+    assert [one.trouble for one in observe(scenario, [40, 41], CompanionWatch())] == alone
+    assert [one.trouble for one in observe(scenario, [40, 41], Suspecting())] == ["merged", "merged"]
+
+
+def test_the_command_judges_the_watch(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every silhouette of a scene goes through one watch, in time order."""
+    times: list[int] = []
+    really = CompanionWatch.step
+
+    def noting(self: CompanionWatch, seen: tuple[Silhouette, ...], at_ms: int) -> tuple[Silhouette, ...]:
+        times.append(at_ms)
+        return really(self, seen, at_ms)
+
+    monkeypatch.setattr(CompanionWatch, "step", noting)
+    companions._look(("single", "single", None, None, SEED_STRIDE))
+    assert len(times) == companions.TRACK_FRAMES_COUNT
+    assert times == sorted(times)
+
+
+def test_single_people_are_counted_by_track_and_others_kinds_left_out() -> None:
     looks = [("single", 1, [seen(0.0), seen(0.0, "merged", 2)]), ("stick", 2, [seen(0.0, "merged")])]
-    figures = rates("single", looks, trees, pairs=False)
+    figures = rates("single", looks, pairs=False)
     assert (figures["frames"], figures["tracks"]) == (2, 2)
     assert (figures["merged_frames"], figures["withheld_frames"]) == (0.5, 0.5)
-    assert rates("bed", looks, trees, pairs=False)["merged_frames"] is None
+    assert rates("bed", looks, pairs=False)["merged_frames"] is None
 
 
 def test_goals_are_met_only_where_every_kind_meets_them() -> None:
