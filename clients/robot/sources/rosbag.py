@@ -14,6 +14,8 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from clients.robot.events import AudioClip, ColourFrame, Depth, Frame, Label, Refused, SourceEvent
 from clients.robot.sources.field_map import header_ms, read_path
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, decode_colour, decode_depth, refuse
@@ -23,7 +25,9 @@ from clients.robot.sources.source import NS_PER_MS, Clock, happened_ms, play_eve
 from clients.robot.sources.topics import AudioTopic, LabelTopic, TagTopic, Topics
 from consensus.errors import BlockRobotError
 
-EMPTY_FRAMES_MAX_COUNT = 300
+EMPTY_FRAMES_READ_MAX_COUNT = 300
+EMPTY_FRAMES_MAX_COUNT = 64
+EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
 LABEL_MAX_CHARS = 256
 AUDIO_MAX_MS = 10_000
 AUDIO_MAX_BYTES = 900_000
@@ -165,8 +169,12 @@ class BagSource:
             yield Refused(received_ms, "sighting", reason)
 
     def _depths(self, recording: Recording, topic: str, seconds: tuple[float, float] | None) -> list[Depth]:
-        """Return the usable frames of a topic that are of the first one's size, within `seconds` if given."""
+        """Return the usable frames of a topic that are of the first one's size, within `seconds` if given.
+
+        Of many no more than so many frames and bytes, spread evenly over those that were read.
+        """
         frames: list[Depth] = []
+        usable, step = 0, 1
         first_ns: int | None = None
         try:
             for message in recording.messages([topic]):
@@ -180,9 +188,14 @@ class BagSource:
                     depth = decode_depth(recording.decode(message))
                 except BlockRobotError:
                     continue
-                if not frames or depth.shape == frames[0].shape:
+                if frames and depth.shape != frames[0].shape:
+                    continue
+                if usable % step == 0:
                     frames.append(depth)
-                if len(frames) == EMPTY_FRAMES_MAX_COUNT:
+                if len(frames) > max(1, min(EMPTY_FRAMES_MAX_COUNT, EMPTY_FRAMES_MAX_BYTES // depth.nbytes)):
+                    frames, step = frames[::2], 2 * step
+                usable += 1
+                if usable == EMPTY_FRAMES_READ_MAX_COUNT:
                     break
         except BlockRobotError:
             if not frames:  # what stands before the break is as good as ever
@@ -237,8 +250,7 @@ def _label(topic: LabelTopic, content: Any, at_ms: int, sequence: int, received_
 
 def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> AudioClip:
     """Return samples as they stand, or those of a WAV file."""
-    samples = read_path(content, topic.data)
-    data = samples.tobytes() if hasattr(samples, "tobytes") else bytes(samples)
+    data = _sound_bytes(read_path(content, topic.data))
     rate, channels = topic.rate_hz, topic.channels
     if data.startswith(b"RIFF"):
         try:
@@ -255,6 +267,19 @@ def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_
     if clip.ends_ms - clip.at_ms > AUDIO_MAX_MS or len(data) > AUDIO_MAX_BYTES:
         raise refuse("size", "A stretch of sound is longer than ten seconds, or larger than 900 kB.")
     return clip
+
+
+def _sound_bytes(samples: Any) -> bytes:
+    """Return bytes, an array of octets or 16-bit samples, or a list of octets, as they stand in the message."""
+    if isinstance(samples, bytes | bytearray):
+        found = bytes(samples)
+    elif isinstance(samples, np.ndarray) and samples.dtype.kind in "iu" and samples.dtype.itemsize <= 2:
+        found = samples.tobytes()
+    elif isinstance(samples, list) and all(type(one) is int and 0 <= one <= 255 for one in samples):
+        found = bytes(samples)
+    else:
+        raise refuse("field", "The sound is no bytes and no 16-bit samples.")
+    return found
 
 
 def _missing(sentence: str, recording: Recording) -> BlockRobotError:

@@ -11,6 +11,7 @@ import pytest
 
 from clients.robot.bag import DEPTH_TOPIC, EMPTY_TOPIC
 from clients.robot.events import Facing, Frame, Refused, Sighting
+from clients.robot.sources import rosbag
 from clients.robot.sources.rosbag import BagSource, EmptyScene
 from clients.robot.sources.topics import Topics, parse_topics
 from consensus.errors import BlockRobotError
@@ -196,6 +197,23 @@ def test_empty_scenes_come_from_a_topic_a_stretch_or_another_recording(tmp_path:
     assert [depth[0, 0] for depth in elsewhere.empty_frames()] == [1501]
     other_depth = BagSource(with_topic, topics=topics_of(), empty=EmptyScene(recording=without))
     assert len(other_depth.empty_frames()) == 5
+
+
+@pytest.mark.parametrize(
+    ("limit", "most", "expected"),
+    [
+        ("EMPTY_FRAMES_MAX_COUNT", 4, [0, 4, 8]),
+        ("EMPTY_FRAMES_MAX_BYTES", 3 * DEPTH.nbytes, [0, 4, 8]),
+        ("EMPTY_FRAMES_MAX_BYTES", 1, [0]),
+        ("EMPTY_FRAMES_READ_MAX_COUNT", 3, [0, 1, 2]),
+    ],
+)
+def test_empty_frames_are_bounded_in_number_and_bytes_and_spread_over_the_stretch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int, expected: list[int]
+) -> None:
+    monkeypatch.setattr(rosbag, limit, most)
+    path = make(tmp_path, more=[Topic(EMPTY_TOPIC, IMAGE, [(i, image(DEPTH + i)) for i in range(10)])])
+    assert [int(depth[0, 0]) - 1500 for depth in BagSource(path, topics=topics_of()).empty_frames()] == expected
 
 
 def test_without_an_empty_scene_the_refusal_says_how_to_choose_one(tmp_path: Path) -> None:

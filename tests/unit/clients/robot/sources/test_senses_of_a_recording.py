@@ -27,13 +27,15 @@ SOUND = TAGS + "[audio]\ntopic = '/sound'\nrate_hz = 8000\nchannels = 2\n"
 DEPTH = np.full((4, 6), 1500, np.uint16)
 
 
-def read(folder: Path, text: str, *topics: Topic, kind: str = "mcap") -> list[SourceEvent]:
+def read(folder: Path, text: str, *topics: Topic, kind: str = "mcap", types: Any = None) -> list[SourceEvent]:
     folder.mkdir(exist_ok=True)
     always = [
         Topic(DEPTH_TOPIC, "sensor_msgs/msg/Image", [(0, image(DEPTH))]),
         Topic("/tags", "std_msgs/msg/String", [(0, {"data": "E1"})]),
     ]
-    events = BagSource(record(folder / "bag", kind, [*always, *topics], TYPES), topics=parse_topics(text)).events()
+    events = BagSource(
+        record(folder / "bag", kind, [*always, *topics], types or TYPES), topics=parse_topics(text)
+    ).events()
     return [event for event in events if isinstance(event, ColourFrame | Label | AudioClip | Refused)]
 
 
@@ -91,6 +93,26 @@ def test_samples_are_what_the_file_says_and_a_wav_file_is_what_it_says_itself(tm
 )
 def test_sound_that_is_not_whole_is_refused(tmp_path: Path, data: bytes, reason: str) -> None:
     assert read(tmp_path, SOUND, sound(data)) == [Refused(START_MS + 9, "audio", reason)]
+
+
+@pytest.mark.parametrize(
+    ("type_name", "value"),
+    [
+        ("string", "sound"),
+        ("float32", 0.5),
+        ("int32", 16_000),
+        ("uint32", 2**32 - 1),
+        ("bool", True),
+        ("float32[]", np.zeros(4, np.float32)),
+        ("string[]", ["a", "b"]),
+    ],
+)
+def test_a_field_that_holds_no_sound_is_refused_and_nothing_is_made_of_it(
+    tmp_path: Path, type_name: str, value: Any
+) -> None:
+    types = {"ward_msgs/msg/Odd": f"std_msgs/Header header\n{type_name} data"}
+    odd = Topic("/sound", "ward_msgs/msg/Odd", [(9, {"header": stamp(START_MS), "data": value})])
+    assert read(tmp_path, SOUND, odd, types=types) == [Refused(START_MS + 9, "audio", "field")]
 
 
 def test_colour_is_registered_only_if_the_user_says_so(tmp_path: Path) -> None:
