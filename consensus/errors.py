@@ -168,7 +168,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("EMPTY_SCENE_MISSING", 400, "There are no frames of the scene without people.", "Choose some with --empty-seconds A..B, --empty-topic TOPIC or --empty RECORDING."),
     ErrorEntry("FRAMES_UNUSABLE", 400, "Too many messages in a row could not be used.", "See the reasons in the run's summary; check the camera's and the reader's settings."),
     ErrorEntry("BACKGROUND_NOT_FOUND", 404, "There are no empty frames of this viewpoint.", "Record some with `blockrobot robot background record RECORDING --viewpoint NAME`, or see `blockrobot robot background list`."),
-    ErrorEntry("BACKGROUND_INVALID", 400, "The empty frames of this viewpoint cannot be used.", "Record them again, with nobody in the picture, for some seconds."),
+    ErrorEntry("BACKGROUND_INVALID", 400, "The empty frames cannot be used.", "Record some seconds with nobody in the picture, or choose others with --empty-seconds A..B."),
     ErrorEntry("BACKGROUND_NOT_APPROVED", 403, "Nobody has approved the empty frames of this viewpoint as they are.", "Look at their preview, then `blockrobot robot background approve NAME --by PERSON`."),
     ErrorEntry("BACKGROUND_EXPIRED", 403, "The approval of this viewpoint's empty frames is over.", "Record the empty scene anew, or approve what there is again."),
     ErrorEntry("EXTRA_MISSING", 501, "This needs a package that is not installed.", "Install the extra that the message names, e.g. `pip install blockrobot[attack]`."),

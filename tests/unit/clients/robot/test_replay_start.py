@@ -51,7 +51,6 @@ class Start:
         monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
         monkeypatch.setattr(replay, "RobotNetwork", lambda *_: Network())
         monkeypatch.setattr(replay, "NetworkMajority", lambda *_: self.registry)
-        monkeypatch.setattr(replay, "check_empty", lambda _: None, raising=False)  # too small a picture for it
         options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
         self.source = BagSource(bag)
         self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None)
@@ -97,5 +96,23 @@ def test_where_no_block_comes_the_run_ends_before_a_frame_is_read(
         with pytest.raises(BlockRobotError, match=code):
             await working
         assert virtual_now_ms() - began_ms <= HEARTBEAT_MS + FRESH_WITHIN_MS + 1_000
+
+    begin(tmp_path, small_bag, monkeypatch, story)
+
+
+def test_empty_frames_with_somebody_in_them_end_the_run_before_they_are_published(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Network, "publish_empty_frames", lambda *_: pytest.fail("somebody became public"))
+
+    async def story(start: Start) -> None:
+        start.registry.block()
+        start.registry.idle = False
+        empty = start.source.empty_frames() * 4
+        somebody = empty[0].copy()
+        somebody[20:110, 60:80] = 1_000
+        monkeypatch.setattr(start.source, "empty_frames", lambda: [*empty, somebody])
+        with pytest.raises(BlockRobotError, match="BACKGROUND_INVALID"):
+            await start.run.work(start.source)
 
     begin(tmp_path, small_bag, monkeypatch, story)
