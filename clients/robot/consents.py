@@ -244,11 +244,18 @@ class Consents:
         consent = self._consent(self._view, handle, purpose, sensor)
         if consent is None:
             return Refusal.NO_CONSENT
-        began_ms = max(
-            consent.since_ms, consent.from_ms, self._begun_ms.get((handle, purpose, sensor, consent.height), 0)
-        )
+        began_ms = self._began_ms(handle, purpose, sensor, consent)
         ended = consent.until_ms and taken_at_ms >= consent.until_ms
         return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
+
+    def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
+        """Return since when the consent that holds by the last view holds without a break, None if none does."""
+        consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)
+        return None if consent is None else self._began_ms(handle, purpose, sensor, consent)
+
+    def _began_ms(self, handle: bytes, purpose: str, sensor: str, consent: Step) -> int:
+        begun_ms = self._begun_ms.get((handle, purpose, sensor, consent.height), 0)
+        return max(consent.since_ms, consent.from_ms, begun_ms)
 
     @staticmethod
     def _consent(view: Reading, handle: bytes, purpose: str, sensor: str) -> Step | None:

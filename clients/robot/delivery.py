@@ -24,6 +24,9 @@ from consensus.transaction import Transaction
 
 SUBMIT_DELAY_MAX_MS = 500
 DELIVERIES_AT_ONCE_MAX_COUNT = 8
+CLIPS_LOADED_MAX_COUNT = 32
+"""How many clips are in memory at once, of up to 4 MiB each; the others wait on disk."""
+
 RETRY_FIRST_MS = 200
 RETRY_MAX_MS = 5_000
 OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
@@ -98,8 +101,10 @@ class Delivery:
         self._may_record = may_record
         self._on_dropped = on_dropped
         self._delay_max_ms = 0 if at_once else SUBMIT_DELAY_MAX_MS
+        self._loaded = asyncio.Semaphore(CLIPS_LOADED_MAX_COUNT)
         self._slots = asyncio.Semaphore(DELIVERIES_AT_ONCE_MAX_COUNT)
         self._announcements: dict[bytes, asyncio.Task[None]] = {}
+        self._known_visits: set[bytes] = set()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self.failure: BaseException | None = None
         self.overdue_count = 0
@@ -122,6 +127,10 @@ class Delivery:
             self._announcements[owner] = asyncio.create_task(self._open_visit(clip_or_visit))
         return self._announcements[owner]
 
+    def has_announced(self, owner: bytes) -> bool:
+        """Tell whether this run has seen the visit's announcement final."""
+        return owner in self._known_visits
+
     async def _announced(self, clip: SpooledClip) -> None:
         """Wait until the clip's visit is announced. Raises ConsentEnded, if this clip's has ended."""
         while True:
@@ -138,6 +147,7 @@ class Delivery:
     async def _open_visit(self, clip: SpooledClip) -> None:
         arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
         await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
+        self._known_visits.add(clip.owner)
 
     async def close_visit(self, owner: bytes, record_count: int) -> None:
         """Say on the chain how many records the visit has, so that a missing tail is noticed.
@@ -205,7 +215,10 @@ class Delivery:
             return transaction.txid, submitted
 
     async def _deliver(self, name: str) -> None:
-        clip = self._spool.get(name)
+        async with self._loaded:
+            await self._deliver_loaded(name, self._spool.get(name))
+
+    async def _deliver_loaded(self, name: str, clip: SpooledClip) -> None:
         try:
             txid, submitted = await self._record(clip)
         except BlockRobotError as error:

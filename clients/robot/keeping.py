@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.consents import Consents, Refusal
-from clients.robot.event_log import IMAGE_WITHHELD, EventLog
+from clients.robot.event_log import IMAGE_WITHHELD, SENSE_WITHHELD, EventLog
 from clients.robot.hiding.hider import Kept, Withheld
 from clients.robot.open_visits import OpenVisits
 from clients.robot.spool import SpooledClip
@@ -45,8 +45,7 @@ class Keeper:
         self._now_ms = now_ms
         self.sensor = sensor
         self.people: dict[str, RosterRow] = {}
-        self._kept: set[str] = set()
-        consents.on_change = self.drop_refused
+        self._kept: dict[str, int | None] = {}  # since when she consented to what was kept first of her visit
 
     def admits(self, row: RosterRow, read_at_ms: int) -> bool:
         """Tell whether a tag that was read then (by the camera's clock) counts as known; count it if not."""
@@ -69,7 +68,7 @@ class Keeper:
         """Take one verdict of the hider; return the clips that it fills."""
         refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
         if isinstance(output, Kept) and refusal is None:
-            self._kept.add(output.alias)
+            self._kept.setdefault(output.alias, self._find_beginning(self.people[output.alias]))
             return self._batcher.add_kept(output, self._now_ms())
         may_tell = refusal is None or refusal is Refusal.STALE
         reason = str(output.reason) if isinstance(output, Withheld) and may_tell else str(refusal)
@@ -102,14 +101,22 @@ class Keeper:
         return None
 
     def drop_refused(self) -> None:
-        """Forget what waits for a clip of whoever does not consent any more, and end the visit that it belongs to."""
+        """To be called after each reading: forget what waits for a clip of whoever does not consent any more.
+
+        The visit that it belongs to ends here; also that of whoever said no and yes again between two readings.
+        """
         for alias, row in self.people.items():
-            if self._find_refusal(row, self._now_ms()) is Refusal.NO_CONSENT:
+            refusal = self._find_refusal(row, self._now_ms())
+            if refusal is Refusal.NO_CONSENT:
                 for frame in self._batcher.drop(alias):
                     self._note_withheld(frame.sequence, alias, str(Refusal.NO_CONSENT))
-                if alias in self._kept:
-                    self._kept.discard(alias)
-                    self._visits.forget(alias)
+            is_broken = alias in self._kept and self._kept[alias] != self._find_beginning(row)
+            if refusal is not Refusal.STALE and is_broken:
+                del self._kept[alias]
+                self._visits.forget(alias)
+
+    def _find_beginning(self, row: RosterRow) -> int | None:
+        return self._consents.find_beginning(row.handle, self._purpose, self.sensor)
 
     def _find_refusal(self, row: RosterRow, taken_at_ms: int) -> Refusal | None:
         return self._consents.find_refusal(row.handle, self._purpose, self.sensor, taken_at_ms)
@@ -131,6 +138,9 @@ def note_dropped(
     consents.figures.clips_dropped += 1
     open_visits.lower(clip.owner)
     reason = str(Refusal.NO_CONSENT)
+    for sensor, sense in statistics.senses.items():
+        for sequence, _ in (dropped := sense.clip_dropped(clip.upload.record_id, reason)).frames:
+            log.write(now_ms, SENSE_WITHHELD, f"{sensor}-{sequence}", alias=dropped.alias, reason=reason)
     sealed = statistics.clip_dropped(clip.upload.record_id, reason)
     for sequence, _ in sealed.frames:
         log.write(now_ms, IMAGE_WITHHELD, f"frame-{sequence}", alias=sealed.alias, reason=reason)

@@ -85,6 +85,7 @@ class Pipeline:
         self._open_visits = open_visits
         self._spool = spool
         self._delivery = delivery
+        self._consents = consents
         self._statistics = statistics
         self._log = log
         self._batcher = Batcher(clip_ms)
@@ -125,20 +126,18 @@ class Pipeline:
         """Work through a stream to its end and return when every record is final and every visit closed.
 
         That includes what a robot that was killed left behind: its clips are delivered, then its visits closed. In a
-        `live` stream events come when they are received, so that time passes also while none comes.
+        `live` stream events come when they are received, so that time passes also while none comes. Raises what stops
+        the robot for good, also while nothing comes: a full spool, a member key that was revoked.
         """
         for name in self._spool.names():
             self._delivery.start(name)
         beside = asyncio.create_task(self._pass_time()) if live else None
         try:
-            async for arrived in events:
-                if beside is not None and beside.done():
-                    beside.result()
+            async for arrived in events if beside is None else _while_running(beside, events):
+                self._consents.raise_failure()
                 async with self._busy:
                     self._taken_count += 1
                     await self._take(arrived)
-            if beside is not None and beside.done():
-                beside.result()
         finally:
             if beside is not None:
                 beside.cancel()
@@ -149,7 +148,9 @@ class Pipeline:
         self._deliver(self._senses.settle(final=True))
         await self._delivery.drain()
         for owner, record_count in self._open_visits.counts.items():
-            await self._delivery.close_visit(owner, record_count)
+            # Of a visit that was destroyed whole before anybody heard of it the chain must not hear by its closing.
+            if record_count > 0 or self._delivery.has_announced(owner):
+                await self._delivery.close_visit(owner, record_count)
             self._open_visits.forget(owner)
 
     def intake_json(self) -> dict[str, Any]:
@@ -173,6 +174,7 @@ class Pipeline:
         while True:
             idle, before, at_ms = not self._busy.locked(), self._taken_count, self._now_ms()
             await asyncio.sleep(QUIET_S)
+            self._consents.raise_failure()
             if not idle or self._busy.locked() or self._taken_count != before:
                 continue  # what is still to be worked on may have been received before
             async with self._busy:
@@ -310,6 +312,31 @@ class Pipeline:
             encoding=ENCODING_PNG16,
             pixels=b"",
         )
+
+
+async def _while_running(
+    beside: asyncio.Task[None], events: AsyncIterator[Event | Sense]
+) -> AsyncIterator[Event | Sense]:
+    """Yield the events; raise as soon as the task beside them fails, though no event comes any more."""
+    coming: asyncio.Task[Event | Sense | None] | None = None
+
+    async def next_one() -> Event | Sense | None:
+        return await anext(events, None)
+
+    try:
+        while True:
+            coming = asyncio.create_task(next_one())
+            await asyncio.wait({coming, beside}, return_when=asyncio.FIRST_COMPLETED)
+            if beside.done():
+                beside.result()
+            arrived = await coming
+            if arrived is None:
+                return
+            yield arrived
+    finally:
+        if coming is not None and not coming.done():
+            coming.cancel()
+            await asyncio.gather(coming, return_exceptions=True)
 
 
 def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) -> None:

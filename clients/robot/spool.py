@@ -83,11 +83,14 @@ class Spool:
         return name
 
     def get(self, name: str) -> SpooledClip:
-        """Read a clip. Raises SPOOL_DAMAGED if it was changed or is another's."""
+        """Read a clip. Raises SPOOL_DAMAGED if it was changed, is another's or of another version."""
+        content = read_sealed(self._folder / name, self._key)
         try:
-            return decode(read_sealed(self._folder / name, self._key), SpooledClip)
-        except (ValueError, TypeError):
-            raise BlockRobotError("SPOOL_DAMAGED", f"The spooled clip {name} was changed on disk.") from None
+            return decode(content, SpooledClip)
+        except (BlockRobotError, ValueError, TypeError):
+            # It is as this robot sealed it, so nobody changed it.
+            told = f"The spooled clip {name} is of another version of the robot, which can deliver it."
+            raise BlockRobotError("SPOOL_DAMAGED", told) from None
 
     def remove(self, name: str) -> None:
         """Forget a delivered clip."""

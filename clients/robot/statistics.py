@@ -65,8 +65,6 @@ class RunStatistics:
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
         """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
-        for sense in self.senses.values():
-            sense.clip_dropped(record_id, reason)
         sealed = self.sealed.pop(record_id, SealedFrames())
         self.add_withheld(reason, len(sealed.frames))
         return sealed

@@ -14,10 +14,13 @@ from clients.robot.consents import STALE_AFTER_MS
 from clients.robot.event_log import read_events
 from clients.robot.events import Frame, SourceEvent
 from clients.robot.scenario import parse_scenario
+from clients.robot.spool import Spool
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata
 from tests.unit.clients.robot.test_pipeline import ANN, UID, Robot, roster
+from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual, virtual_now_ms
 
 WALK = """
@@ -158,6 +161,7 @@ def test_consent_that_is_withdrawn_while_sealed_clips_wait_for_the_network_leave
     assert (counts["lost"], counts["kept"]) == (0, 0)
     assert robot.consents.figures.clips_dropped >= 1
     assert robot.open_visits.counts == {}
+    assert robot.network.times("close_visit") == [], "a visit that nobody heard of leaves no trace"
 
 
 def test_a_robot_that_restarts_asks_again_for_what_it_had_sealed(tmp_path: Path, walk_bag: Path) -> None:
@@ -234,3 +238,55 @@ def test_a_registry_that_is_away_for_a_minute_costs_nothing(tmp_path: Path, walk
     assert counts["lost"] == 0
     assert "registry-stale" not in counts["withheld_reasons"]
     assert robot.told() == counts["withheld_reasons"]
+
+
+def test_a_break_that_the_robot_does_not_see_costs_the_owner_no_tail(tmp_path: Path, walk_bag: Path) -> None:
+    """No and yes between two readings: what waits of before is destroyed, what follows is a visit of its own."""
+
+    def break_off(robot: Meddled) -> None:
+        robot.registry.say(robot.handle(), "withdrawn")
+        robot.registry.say(robot.handle())
+
+    robot = meddled(tmp_path, walk_bag, break_off, after_frames=8, pause_s=0.0)
+    per_owner = {owner: list(robot.network.records.values()).count(owner) for owner in robot.network.visits}
+    assert robot.network.closed == per_owner
+    assert robot.statistics.frames_json()["lost"] == 0
+
+
+@pytest.mark.parametrize("after_frames", [3, 15])
+def test_a_robot_whose_key_was_revoked_stops_also_while_nothing_is_to_be_recorded(
+    tmp_path: Path, walk_bag: Path, after_frames: int
+) -> None:
+    """The camera falls silent for good: only the robot itself can notice."""
+
+    def revoke(robot: Meddled) -> None:
+        robot.registry.failure = "SESSION_REFUSED"
+
+    class Live(Meddled):
+        live = True
+
+    async def main() -> None:
+        robot = Live(tmp_path, walk_bag, roster(), purposes=("research",))
+        robot.act, robot.after_frames, robot.pause_s = revoke, after_frames, 10**6
+        began_ms = virtual_now_ms()
+        with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+            await robot.run()
+        assert virtual_now_ms() - began_ms < 10_000
+
+    run_virtual(main())
+
+
+def test_what_fails_while_the_camera_is_silent_ends_the_run(tmp_path: Path, walk_bag: Path) -> None:
+    class Live(Meddled):
+        live = True
+
+    async def main() -> None:
+        robot = Live(tmp_path, walk_bag, roster())
+        robot.act, robot.after_frames, robot.pause_s = lambda _: None, 15, 10**6
+        robot.spool = Spool(tmp_path / "spool", KEY, max_bytes=10)
+        began_ms = virtual_now_ms()
+        with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
+            await robot.run()
+        assert virtual_now_ms() - began_ms < 60_000
+
+    run_virtual(main())

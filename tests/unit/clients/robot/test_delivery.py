@@ -13,6 +13,7 @@ import msgspec
 import pytest
 
 from clients.robot.delivery import (
+    CLIPS_LOADED_MAX_COUNT,
     DELIVERIES_AT_ONCE_MAX_COUNT,
     RETRY_MAX_MS,
     SUBMIT_DELAY_MAX_MS,
@@ -100,6 +101,8 @@ class FakeNetwork:
         elif transaction.body.entry == "close_visit":
             if arguments[0] in self.closed:
                 return "VISIT_CLOSED"
+            if arguments[0] not in self.visits:
+                return "VISIT_UNKNOWN"
             self.closed[arguments[0]] = arguments[1]
         else:
             record_id, owner = arguments[0], arguments[1]
@@ -340,6 +343,41 @@ def test_a_visit_that_was_never_announced_needs_no_closing(tmp_path: Path) -> No
 
     run_virtual(main())
     assert run.network.times("close_visit") != []
+
+
+def test_what_was_announced_is_known_once_it_is_final(tmp_path: Path) -> None:
+    run = Run(tmp_path)
+    owner = run.spool.get(run.names[0]).owner
+    assert run_virtual(run.deliver_all()).has_announced(owner)
+    assert not run.delivery().has_announced(owner)
+
+
+def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: Path) -> None:
+    """Clips wait for the registry one after another; only so many are read beforehand."""
+    run = Run(tmp_path, clips=3 * CLIPS_LOADED_MAX_COUNT)
+    loaded: list[str] = []
+    get = run.spool.get
+    run.spool.get = lambda name: loaded.append(name) or get(name)  # type: ignore[method-assign,func-returns-value]
+
+    async def main() -> None:
+        heard = asyncio.Event()
+
+        async def may_record(_: SpooledClip) -> bool:
+            await heard.wait()
+            return True
+
+        run.may_record = may_record  # type: ignore[method-assign]
+        delivery = run.delivery()
+        for name in run.names:
+            delivery.start(name)
+        await asyncio.sleep(60)
+        assert loaded == run.names[:CLIPS_LOADED_MAX_COUNT]
+        heard.set()
+        await delivery.drain()
+        await delivery.stop()
+
+    run_virtual(main())
+    assert (len(run.network.records), run.spool.names()) == (len(run.names), [])
 
 
 @pytest.mark.parametrize("code", ["BUCKET_WRONG", "EXPIRY_WRONG"])

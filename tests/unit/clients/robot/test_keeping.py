@@ -55,6 +55,7 @@ class Desk:
             sensor="depth",
             now_ms=virtual_now_ms,
         )
+        self.consents.on_change = self.keeper.drop_refused
         self.keeper.people = {"ann": row(ANN), "ben": row(BEN)}
 
     def kept(self, sequence: int, alias: str = "ann", taken_at_ms: int | None = None) -> list[ReadyClip]:
@@ -174,6 +175,24 @@ def test_whoever_consents_again_is_in_a_new_visit(tmp_path: Path) -> None:
     at_the_desk(tmp_path, story)
 
 
+def test_a_no_and_a_yes_between_two_readings_end_the_visit_too(tmp_path: Path) -> None:
+    async def story(desk: Desk) -> None:
+        desk.kept(1)
+        first = desk.visits.chain_for("ann", row(ANN), virtual_now_ms())
+        await asyncio.sleep(1)
+        await desk.consents.refresh()
+        assert desk.visits.chain_for("ann", row(ANN), virtual_now_ms()) is first, "nothing was said"
+        desk.registry.say(ANN, "withdrawn")
+        desk.registry.say(ANN)
+        await desk.consents.refresh()
+        await asyncio.sleep(0.01)
+        desk.kept(2)
+        assert desk.flush() == {"ann": ([2], {})}
+        assert desk.visits.chain_for("ann", row(ANN), virtual_now_ms()).owner != first.owner
+
+    at_the_desk(tmp_path, story)
+
+
 def test_a_no_to_one_sensor_leaves_the_visit_of_another_alone(tmp_path: Path) -> None:
     """A keeper that never kept anything of her ends nothing."""
 
@@ -266,5 +285,13 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         assert desk.logged() == [("frame-5", "ann", "no-consent"), ("frame-6", "ann", "no-consent")]
         assert desk.consents.summary()["clips_dropped"] == 3
         assert visits.counts == {sealed.owner: 0}
+        sound = RunStatistics(window_ms=5_000)
+        desk.statistics.senses["audio"] = sound
+        sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")
+        note_dropped(clip(8), desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
+        assert (sound.withheld, desk.statistics.withheld) == ({"no-consent": 1}, {"no-consent": 2})
+        desk.log.flush()
+        told = [event for event in read_events(desk.log_path) if event["activity"] == "SENSE_WITHHELD"]
+        assert [(event["case"], event["alias"]) for event in told] == [("audio-3", "ann")]
 
     at_the_desk(tmp_path, story)

@@ -10,10 +10,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
+from clients.robot.sealed_file import seal_content
 from clients.robot.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
 from consensus.records.clips import ClipUpload
 
 KEY = bytes(range(32))
@@ -117,6 +120,16 @@ def test_a_clip_that_somebody_deleted_is_damage_and_no_crash(tmp_path: Path) -> 
 def test_another_robots_key_opens_nothing(tmp_path: Path) -> None:
     name = Spool(tmp_path, KEY).put(clip())
     assert refusal(Spool(tmp_path, bytes(32)), name) == "SPOOL_DAMAGED"
+
+
+def test_a_clip_of_another_version_is_not_called_changed(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, KEY)
+    name = spool.put(clip())
+    fields = msgspec.msgpack.decode(encode(clip()))
+    (tmp_path / name).write_bytes(seal_content(name, KEY, msgspec.msgpack.encode(fields[:-3])))
+    with pytest.raises(BlockRobotError, match="another version") as caught:
+        spool.get(name)
+    assert caught.value.code == "SPOOL_DAMAGED"
 
 
 def refusal(spool: Spool, name: str) -> str:
