@@ -1,7 +1,9 @@
 """Draws what the matcher has to judge: half a minute of people in view and one tag's readings, with the truth.
 
 The figures of a draw are fixed by its seed and number alone, so that any share of them can be drawn by any process.
-Must never use what the matcher assumes: people, errors and antennas are drawn here in their own right.
+The plain settings draw errors and antennas from the distributions that the matcher assumes: its figures there are the
+best case. Those with `weak_fronts`, another bias or drift, `outliers` or `ranges_off` are off its assumptions. Must never
+read the matcher's own constants: who changes them there must not change what is drawn here.
 """
 
 from __future__ import annotations
@@ -20,11 +22,14 @@ FRAME_EVERY_MS = 100
 MISSED_SHARE = 0.3
 STANDING_SHARE = 0.4
 BIAS_SIGMA_M = 0.15
+OUTLIER_SHARE, OUTLIER_MAX_M = 0.1, 4.0  # reflections: a reading that is too far by up to so much
+RANGE_SCALE_SIGMA, RANGE_NOISE_M = 0.03, 0.10  # a camera's range: a factor of each person's, and noise of each frame's
 NEAREST_M, FARTHEST_M = 0.8, 6.0
 DRIFT_S = 2.0
 # How often the antenna that faces as the camera does hears a tag: Beta of each draw. Who is aside stands in front of
 # the robot but beside the picture, and keeps at the range of somebody in view as others do.
 FRONT_SHARES = {"present": (18, 2), "absent": (4, 16), "behind": (2, 18), "aside": (18, 2)}
+WEAK_FRONT_SHARES = {"present": (12, 4), "absent": (6, 10), "behind": (4, 12), "aside": (12, 4)}
 
 Bearer = Literal["present", "absent", "behind", "aside"]
 Array = npt.NDArray[np.float64]
@@ -44,6 +49,11 @@ class Setting:
     drifting: bool = False
     facing: bool = True
     distance: bool = True
+    bias_sigma_m: float = BIAS_SIGMA_M
+    drift_s: float = DRIFT_S
+    weak_fronts: bool = False
+    outliers: bool = False
+    ranges_off: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +83,9 @@ def draw(setting: Setting, seed: int, number: int) -> Drawn:
         owner = -1
         worn, others = _beside(rng, near) if setting.bearer == "aside" else _walk(rng), ranges
     gaps = [float(np.abs(worn - other).mean()) for other in others]
-    tracks = tuple(_track(i + 1, values) for i, values in enumerate(ranges))
     readings = _readings(rng, setting, worn)
+    seen = [_as_measured(rng, values) if setting.ranges_off else values for values in ranges]
+    tracks = tuple(_track(i + 1, values) for i, values in enumerate(seen))
     return Drawn(setting, tracks, readings, owner + 1 if owner >= 0 else None, min(gaps, default=np.inf))
 
 
@@ -108,6 +119,12 @@ def _reflect(ranges: Array) -> Array:
     return np.asarray(NEAREST_M + width - np.abs(np.mod(ranges - NEAREST_M, 2 * width) - width))
 
 
+def _as_measured(rng: np.random.Generator, ranges: Array) -> Array:
+    """Return ranges as a camera gives them: off by a factor, and by a little more in each frame."""
+    factor = 1 + float(rng.normal(0, RANGE_SCALE_SIGMA))
+    return np.asarray(ranges * factor + rng.normal(0, RANGE_NOISE_M, size=ranges.size))
+
+
 def _track(number: int, ranges: Array) -> Track:
     track = Track(number, 0, TRACK_MS, 0.0, float(ranges[-1]))
     track.times, track.ranges = list(_TIMES_MS), ranges.tolist()
@@ -119,10 +136,13 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[
     asked = np.arange(rng.uniform(0, every_ms), TRACK_MS, every_ms)
     times = np.floor(asked[rng.random(asked.size) >= MISSED_SHARE]).astype(np.int64)
     true_sigma = setting.sigma_m * (2 if setting.understated else 1)
-    noise = _drifting(rng, times) if setting.drifting else rng.normal(size=times.size)
+    noise = _drifting(rng, times, setting.drift_s) if setting.drifting else rng.normal(size=times.size)
     ranges = np.interp(times / 1000, _TIMES_S, worn)
-    distances = np.maximum(0.05, ranges + float(rng.normal(0, BIAS_SIGMA_M)) + true_sigma * noise)
-    front = rng.random(times.size) < rng.beta(*FRONT_SHARES[setting.bearer])
+    distances = np.maximum(0.05, ranges + float(rng.normal(0, setting.bias_sigma_m)) + true_sigma * noise)
+    shares = WEAK_FRONT_SHARES if setting.weak_fronts else FRONT_SHARES
+    front = rng.random(times.size) < rng.beta(*shares[setting.bearer])
+    if setting.outliers:
+        distances += rng.uniform(0, OUTLIER_MAX_M, times.size) * (rng.random(times.size) < OUTLIER_SHARE)
     made = []
     for at, distance, ahead in zip(times.tolist(), distances.tolist(), front.tolist(), strict=True):
         facing = (Facing.FRONT if ahead else Facing.BACK) if setting.facing else Facing.UNKNOWN
@@ -131,13 +151,13 @@ def _readings(rng: np.random.Generator, setting: Setting, worn: Array) -> tuple[
     return tuple(made)
 
 
-def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64]) -> Array:
-    """Return errors of standard deviation 1 whose correlation falls to 1/e in `DRIFT_S`."""
+def _drifting(rng: np.random.Generator, times: npt.NDArray[np.int64], drift_s: float) -> Array:
+    """Return errors of standard deviation 1 whose correlation falls to 1/e in `drift_s`."""
     fresh = rng.normal(size=times.size)
     values = np.empty(times.size)
     before, last = 0.0, None
     for i, at in enumerate(times.tolist()):
-        kept = 0.0 if last is None else float(np.exp(-(at - last) / 1000 / DRIFT_S))
+        kept = 0.0 if last is None else float(np.exp(-(at - last) / 1000 / drift_s))
         before = kept * before + float(np.sqrt(1 - kept * kept)) * float(fresh[i])
         values[i], last = before, at
     return values

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from clients.robot.events import Facing
+from network.bench import matcher as matcher_module
 from network.bench.matcher import (
+    GROUPS,
     Outcome,
     gap_name,
     headline,
@@ -21,7 +24,7 @@ from network.bench.matcher import (
     upper_bound,
 )
 from network.bench.matcher_cost import measure_cost
-from network.bench.matcher_draws import TRACK_MS, Drawn, Setting, draw
+from network.bench.matcher_draws import TRACK_MS, Bearer, Drawn, Setting, draw
 from network.cli.bench_commands import bench
 
 EASY = Setting(rate_hz=5, sigma_m=0.3, people=2, bearer="present")
@@ -77,6 +80,55 @@ def test_who_is_behind_the_robot_is_heard_behind_and_who_is_in_view_in_front() -
     assert front("present") > 0.85
     assert front("aside") > 0.85
     assert front("behind") < 0.15
+
+
+def errors_of(setting: Setting, seed: int) -> list[list[float]]:
+    made = []
+    for i in range(60):
+        d = draw(setting, seed, i)
+        made.append([(r.distance_m or 0) - (d.tracks[0].range_at(r.middle_ms) or 0) for r in d.readings])
+    return made
+
+
+def test_draws_off_the_matchers_assumptions_are_off_them() -> None:
+    """Weaker antennas, a larger bias, drift over longer, reflections, and a camera whose ranges are not the truth."""
+
+    def front(bearer: Bearer, *, weak: bool) -> float:
+        setting = Setting(2, 0.3, 2, bearer, weak_fronts=weak)
+        readings = [r for i in range(60) for r in draw(setting, 4, i).readings]
+        return sum(r.facing is Facing.FRONT for r in readings) / len(readings)
+
+    assert front("present", weak=True) == pytest.approx(0.75, abs=0.05)
+    assert front("behind", weak=True) == pytest.approx(0.25, abs=0.05)
+    plain = Setting(5, 0.3, 1, "present")
+    biases = [float(np.median(errors)) for errors in errors_of(replace(plain, bias_sigma_m=0.4), 5)]
+    assert np.std(biases) == pytest.approx(0.4, rel=0.2)
+    far = [max(errors) for errors in errors_of(replace(plain, outliers=True), 5)]
+    assert np.median(far) > 2.0
+    assert np.median([max(errors) for errors in errors_of(plain, 5)]) < 1.2
+    exact, measured = draw(plain, 5, 1), draw(replace(plain, ranges_off=True), 5, 1)
+    off = np.subtract(measured.tracks[0].ranges, exact.tracks[0].ranges)
+    assert 0.05 < np.std(off) < 0.3
+    assert exact.readings == measured.readings
+
+
+def test_drift_over_longer_keeps_errors_alike_for_longer() -> None:
+    def likeness(drift_s: float) -> float:
+        pairs: list[tuple[float, float]] = []
+        for errors in errors_of(Setting(5, 0.5, 1, "present", drifting=True, drift_s=drift_s, bias_sigma_m=0.0), 3):
+            pairs += zip(errors[:-14], errors[14:], strict=True)  # about four seconds later
+        return float(np.corrcoef(*zip(*pairs, strict=True))[0, 1])
+
+    assert likeness(6.0) > likeness(2.0) + 0.15
+
+
+def test_groups_that_were_added_change_no_draw_of_the_first_six(monkeypatch: pytest.MonkeyPatch) -> None:
+    numbers: list[int] = []
+    monkeypatch.setattr(matcher_module, "draw", lambda *of: numbers.append(of[2]) or draw(*of))  # type: ignore[func-returns-value]
+    for group in GROUPS:
+        matcher_module._judge_chunk((group, 0, 2, 1))
+    assert numbers[:12] == [0, 6, 1, 7, 2, 8, 3, 9, 4, 10, 5, 11]
+    assert len(set(numbers)) == len(numbers)
 
 
 def test_readings_can_lack_facing_or_distance() -> None:
