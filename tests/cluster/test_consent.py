@@ -97,6 +97,8 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
         word = await progress.withdrawing
         (choice,) = (await Consenting(wallet).choices()).rows
         reports = await wallet.records()
+        idle = await Consenting(wallet).withdraw([], [])
+        again = await Consenting(wallet).give(["demo"], ["depth"])
 
     frames = summary["frames"]
     assert rows == summary["roster_rows"] == 1
@@ -105,6 +107,7 @@ async def test_what_is_taken_back_while_the_robot_runs_is_recorded_no_more(
     assert frames["withheld_reasons"]["no-consent"] > 0
     assert (choice.holds, choice.last.status, choice.last.height) == (False, "withdrawn", word.from_height)
     assert _frame_count(reports) == frames["kept"]
+    assert (idle.count, again.count) == (0, 1), "who has seen her own no final gives again at once"
     taken_ms = [entry.metadata.ended_at_ms for report in reports for entry in report.records]
     assert taken_ms
     assert max(taken_ms) < choice.last.since_ms, "nothing of her was taken at or after the moment of her word"
