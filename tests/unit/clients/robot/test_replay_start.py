@@ -45,7 +45,8 @@ class Start:
         settings = ChainSettings(heartbeat_ms=HEARTBEAT_MS)
         client: Any = self.registry
         client.genesis = SimpleNamespace(chain_id=CHAIN, settings=settings)
-        client.light_client = SimpleNamespace(epoch=SimpleNamespace(settings=settings))
+        self.epoch = SimpleNamespace(settings=settings)
+        client.light_client = SimpleNamespace(epoch=self.epoch)
         identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
         monkeypatch.setattr(replay, "load_identity", lambda _: identity)
         monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
@@ -114,5 +115,19 @@ def test_empty_frames_with_somebody_in_them_end_the_run_before_they_are_publishe
         monkeypatch.setattr(start.source, "empty_frames", lambda: [*empty, somebody])
         with pytest.raises(BlockRobotError, match="BACKGROUND_INVALID"):
             await start.run.work(start.source)
+
+    begin(tmp_path, small_bag, monkeypatch, story)
+
+
+def test_a_heartbeat_that_the_organisations_raised_counts_as_it_is_in_force(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else an idle chain would look dead to its robots."""
+
+    async def story(start: Start) -> None:
+        start.epoch.settings = ChainSettings(heartbeat_ms=HOUR_MS)
+        statistics = await start.run.work(start.source)
+        assert "registry-stale" not in statistics.frames_json()["withheld_reasons"]
+        assert start.run.consent_figures["stale_times"] == 0
 
     begin(tmp_path, small_bag, monkeypatch, story)
