@@ -1,7 +1,7 @@
 """Follows silhouettes from frame to frame in plan view. Pure.
 
 A track is one person for certain, or it ends: where two people may have been exchanged, both tracks end and new
-ones begin, so that no tag stays bound across a doubt.
+ones begin. A tag must never stay bound across a doubt.
 """
 
 from __future__ import annotations
