@@ -52,6 +52,7 @@ def goals(figures: dict[str, Any]) -> dict[str, bool]:
         "reid_rate <= chance_rate + 0.05": at_most("reid_rate", (figures["chance_rate"] or 0.0) + GOAL_REID),
         "wrong_owner_rate == 0": at_most("wrong_owner_rate", 0.0),
         "foreign_share_max <= 0.001": at_most("foreign_share_max", GOAL_FOREIGN_SHARE),
+        "reid_foreign_share_max <= 0.001": at_most("reid_foreign_share_max", GOAL_FOREIGN_SHARE),
         "owner_pixels_kept >= 0.97": (figures["owner_pixels_kept"] or 0.0) >= GOAL_KEPT,
         "frame_ms <= 10": at_most("frame_ms", GOAL_FRAME_MS),
     }
@@ -159,6 +160,8 @@ def _reid(gaits: Sequence[GaitReport]) -> dict[str, Any]:
         "reid_no_hiding": rate(NONE),
         "reid_blur": rate(BLUR),
         "reid_clips": clips,
+        "reid_released_rate": share_of(sum(r.released for r in gaits), sum(r.frames for r in gaits)),
+        "reid_foreign_share_max": round(max(r.foreign_share for r in gaits), 5) if gaits else None,
         "reid_nothing_recovered": share_of(sum(report.blind.get(OURS, 0) for report in gaits), clips),
     }
 

@@ -1,7 +1,8 @@
 """Re-identification by silhouette and gait: who was the other person, told from what an attacker recovers over time.
 
 The attacker has walks of everyone of a population, with true silhouettes, and may only guess where they recover
-nothing. Must never count such a guess as more or less than chance.
+nothing. What is shown of a probe is what the robot's own hider released. Must never count a guess without a silhouette
+as more or less than chance.
 """
 
 from __future__ import annotations
@@ -12,19 +13,24 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from clients.robot.events import Mask
+from clients.robot.events import Depth, Mask
+from clients.robot.hiding.hider import Kept
 from clients.robot.scenario import Person, published_run_1
+from clients.robot.synthetic.corridor import Labels
 from network.bench.hiding.attacks import BLUR, CONTROL, NONE, ON_OURS, OURS
 from network.bench.hiding.features import Floats
 from network.bench.hiding.hand_made import by_difference
 from network.bench.hiding.learned import LearnedAttacker, require_learning
-from network.bench.hiding.play import Stage, owner_cut
+from network.bench.hiding.play import VISIBLE_MIN_PX, Stage, owner_cut, placed, release
 from network.bench.hiding.scenes import Scene
 from network.bench.hiding.views import View, blur_others, half_view, show_owner_only
 
 WALK_S = 6.0
 FRAMES_A_SECOND = 6
-GALLERY_WALKS, PROBE_WALKS = 3, 2
+PROBE_S = 12.0  # readings tell in some seconds whose silhouette it is; what was before is released with it
+PROBES = ("apart", "crossing", "close")
+GALLERY_WALKS = 6  # two of each
+PROBE_WALKS = len(PROBES)
 CLIP_FRAMES_COUNT = 12
 PORTRAIT = (16, 24)  # width, height of a silhouette scaled to its own height
 RECOVERED_MIN_PX = 150  # at half resolution; less is nothing
@@ -34,13 +40,19 @@ EVERY_PX = 2
 
 @dataclass(slots=True)
 class GaitReport:
-    """For each way of hiding: right guesses (a guess without a silhouette counts 1/people) and clips."""
+    """For each way of hiding: right guesses (a guess without a silhouette counts 1/people) and clips.
+
+    Of the probes' frames: how many there were and were released, and the largest share of the other that any shows.
+    """
 
     seed: int
     people: int
     right: dict[str, float] = field(default_factory=dict)
     clips: dict[str, int] = field(default_factory=dict)
     blind: dict[str, int] = field(default_factory=dict)
+    frames: int = 0
+    released: int = 0
+    foreign_share: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +78,7 @@ def judge_gait(seed: int, people: int, attackers: Mapping[str, LearnedAttacker])
     report = GaitReport(seed, people)
     for number in range(people):
         for walk in range(GALLERY_WALKS, GALLERY_WALKS + PROBE_WALKS):
-            for way, clips in _recovered(population, number, walk, attackers).items():
+            for way, clips in _recovered(population, number, walk, attackers, report).items():
                 for clip in clips:
                     report.clips[way] = report.clips.get(way, 0) + 1
                     if _is_blind(clip):
@@ -92,26 +104,33 @@ def _build(rng: np.random.Generator) -> Person:
 
 
 def _scene(population: list[Person], number: int, walk: int) -> Scene:
-    """Return a walk of one person beside a standing owner with a tag."""
+    """Return a walk of one person and a standing owner with a tag: apart, crossing before and behind, or close by."""
     rng = np.random.default_rng([round(1e6 * population[0].height_m), number, walk])
-    turns = np.arange(0.0, WALK_S + 0.1, 1.5)
-    near, far = rng.uniform(2.0, 2.4), rng.uniform(3.4, 3.9)
-    x, away = rng.uniform(0.45, 0.75), bool(rng.integers(2))
-    path = tuple((float(t), float(x), float(far if (i % 2) != away else near)) for i, t in enumerate(turns))
-    other = replace(population[number], path=path)
+    kind, length_s = PROBES[walk % len(PROBES)], WALK_S if walk < GALLERY_WALKS else PROBE_S
     stand = (float(rng.uniform(-0.9, -0.6)), float(rng.uniform(2.2, 3.2)))
+    near, far = float(rng.uniform(2.0, 2.4)), float(rng.uniform(3.4, 3.9))
+    x, away = float(rng.uniform(0.45, 0.75)), bool(rng.integers(2))
+    path = []
+    for i, at_s in enumerate(np.arange(0.0, length_s + 0.1, 1.5).tolist()):
+        there = (i % 2) != away
+        if kind == "crossing":  # past the owner's place and back, nearer or farther than the owner
+            z = stand[1] + (1.0 if walk % 2 else -0.8)
+            path.append((at_s, x if there else stand[0] - 0.5, max(1.6, z)))
+        else:
+            path.append((at_s, stand[0] + 0.6 if kind == "close" else x, far if there else near))
+    other = replace(population[number], path=tuple(path))
     owner = Person(
         alias="owner",
         height_m=1.7,
         girth=1.0,
         cadence=1.0,
-        path=((0.0, *stand), (WALK_S, stand[0] + 0.1, stand[1] + 0.2)),
-        readings_s=(0.5,),
-        also_every_s=0.5,
+        path=((0.0, *stand), (length_s, stand[0] + 0.1, stand[1] + 0.2)),
+        readings_s=(0.5, length_s - 0.1),
+        also_every_s=0.2,
     )
     base = published_run_1()
     scenario = replace(
-        base, name="gait", duration_s=WALK_S, seed=int(rng.integers(2**31)), people=(owner, other), digest=""
+        base, name="gait", duration_s=length_s, seed=int(rng.integers(2**31)), people=(owner, other), digest=""
     )
     return Scene(number, walk, "gait", scenario)
 
@@ -138,25 +157,40 @@ def _known(population: list[Person], number: int, walk: int) -> list[_Clip]:
 
 
 def _recovered(
-    population: list[Person], number: int, walk: int, attackers: Mapping[str, LearnedAttacker]
+    population: list[Person], number: int, walk: int, attackers: Mapping[str, LearnedAttacker], report: GaitReport
 ) -> dict[str, list[_Clip]]:
-    """Return clips of what is recovered of a walk; frames that the robot would withhold are missing from ours."""
+    """Return clips of what is recovered of a walk; frames that the robot withheld are missing from ours and control.
+
+    Notes in the report how many were released, and how much of the other is in them.
+    """
     scene = _scene(population, number, walk)
     stage = Stage(scene)
     control = stage.control("owner")
     rng = np.random.default_rng([scene.scenario.seed, 0xC1])
     found: dict[str, tuple[list[Mask], list[float]]] = {way: ([], []) for way in (NONE, BLUR, OURS, CONTROL)}
-    for index in _indices(stage):
-        depth, labels = stage.renderer.frame_with_truth(index)
-        alone, alone_labels = control.frame_with_truth(index)
+    frames: dict[int, tuple[Depth, Labels]] = {}
+
+    def see(index: int, depth: Depth, labels: Labels) -> None:
+        frames[index] = depth, labels
+
+    outputs = release(stage, _indices(stage), see)
+    report.frames += len(frames)
+    released = {output.sequence: output for output in outputs if isinstance(output, Kept)}
+    for index, (depth, labels) in frames.items():
         empty = stage.empty[int(rng.integers(len(stage.empty)))]
         owner = labels == 1
         pictures = {NONE: (depth, owner), BLUR: (blur_others(depth, labels > 1), owner)}
-        kept = owner_cut(stage, depth, labels, 1, troubled=False)
-        alone_kept = owner_cut(stage, alone, alone_labels, 1, troubled=True)
-        if kept is not None and alone_kept is not None:
+        if index in released:
+            kept = placed(released[index], depth.shape)
+            others_px = int(np.count_nonzero(labels > 1))
+            report.released += 1
+            if others_px >= VISIBLE_MIN_PX:
+                shown = int(np.count_nonzero((labels > 1) & (kept > 0))) / others_px
+                report.foreign_share = max(report.foreign_share, shown)
             pictures[OURS] = (show_owner_only(kept, empty), kept > 0)
-            pictures[CONTROL] = (show_owner_only(alone_kept, empty), alone_kept > 0)
+            alone_kept = owner_cut(stage, *control.frame_with_truth(index), 1, troubled=True)
+            if alone_kept is not None:
+                pictures[CONTROL] = (show_owner_only(alone_kept, empty), alone_kept > 0)
         for way, (picture, own) in pictures.items():
             view = half_view(picture, stage.background.depth, own)
             mask = _largest(by_difference(view) if way in {NONE, BLUR} else _likely(view, attackers[ON_OURS]))

@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import time
 from collections import Counter
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import cv2
@@ -110,25 +111,37 @@ def sightings(scene: Scene) -> list[tuple[int, str, Sighting]]:
     return made
 
 
-def play(stage: Stage, timed: Timed | None = None) -> Played:
-    """Run a scene through the robot's hider and judge every verdict against the truth."""
+def release(stage: Stage, indices: Iterable[int], see: Callable[[int, Depth, Labels], None]) -> list[Output]:
+    """Run frames of a scene and all its readings, as they arrive, through the robot's hider; return its verdicts.
+
+    `see` is told of each frame and its truth before the hider gets it.
+    """
     hider = Hider(stage.background, focal_px=stage.focal_px)
     waiting = sightings(stage.scene)[::-1]
-    truths: dict[int, Labels] = {}
     outputs: list[Output] = []
-    for index in stage.frame_indices():
+    for index in indices:
         depth, labels = stage.renderer.frame_with_truth(index)
-        truths[index] = labels.copy()
+        see(index, depth, labels)
         at_ms = stage.at_ms(index)
-        if timed is not None:
-            timed.step(depth, at_ms)
         while waiting and waiting[-1][0] <= at_ms:
             outputs += hider.push_sighting(*waiting.pop()[1:])
         outputs += hider.push_frame(Frame(at_ms, index, depth))
     for _, alias, seen in reversed(waiting):
         outputs += hider.push_sighting(alias, seen)
     outputs += hider.flush()
-    return _judge(stage.scene, outputs, truths)
+    return outputs
+
+
+def play(stage: Stage, timed: Timed | None = None) -> Played:
+    """Run a scene through the robot's hider and judge every verdict against the truth."""
+    truths: dict[int, Labels] = {}
+
+    def see(index: int, depth: Depth, labels: Labels) -> None:
+        truths[index] = labels.copy()
+        if timed is not None:
+            timed.step(depth, stage.at_ms(index))
+
+    return _judge(stage.scene, release(stage, stage.frame_indices(), see), truths)
 
 
 def _judge(scene: Scene, outputs: list[Output], truths: dict[int, Labels]) -> Played:

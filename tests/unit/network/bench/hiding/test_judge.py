@@ -152,6 +152,13 @@ def _noting(run: list[str], name: str, really: Callable[..., Any]) -> Callable[.
     return noted
 
 
+def test_a_released_walk_that_shows_the_other_misses_a_goal() -> None:
+    walks = GaitReport(1, 4, right={OURS: 2.0}, clips={OURS: 8}, frames=72, released=36, foreign_share=0.95)
+    figures = summarise([report(n, "apart", 0.2, 0.2) for n in range(20)], [walks], seed=1)
+    assert (figures["reid_released_rate"], figures["reid_foreign_share_max"]) == (0.5, 0.95)
+    assert [goal for goal, met in figures["goals"].items() if not met] == ["reid_foreign_share_max <= 0.001"]
+
+
 def test_no_scene_to_learn_from_is_judged() -> None:
     learning, judging = (draw_scenes(1, 14, purpose) for purpose in (LEARNING, JUDGING))
     assert not {s.scenario.seed for s in learning} & {s.scenario.seed for s in judging}
