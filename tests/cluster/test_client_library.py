@@ -8,7 +8,9 @@ import pytest
 
 from clients.sdk import NetworkClient
 from clients.sdk.pin import open_pin
+from clients.sdk.quorum import hear_quorum, is_turned_away
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from tests.cluster.network_under_test import NetworkUnderTest
 
 
@@ -51,3 +53,15 @@ async def test_a_view_is_answered_and_an_unknown_one_is_refused(network: Network
         with pytest.raises(BlockRobotError) as refusal:
             await client.query("records", "nothing", [], network.registrar)
         assert refusal.value.code == "TRANSACTION_CONTRACT_UNKNOWN"
+
+
+async def test_a_quorum_is_heard_over_one_node_that_is_gone_and_not_over_two(network: NetworkUnderTest) -> None:
+    async with NetworkClient(network.genesis) as client:
+        await client.submit_and_wait(network.transaction())
+        assert await hear_quorum(client, network.registrar)
+        network.cluster.kill(network.names[0])
+        assert await hear_quorum(client, network.registrar)
+        network.cluster.kill(network.names[1])
+        assert not await hear_quorum(client, network.registrar)
+        assert not await is_turned_away(client, network.registrar)
+        assert await is_turned_away(client, PrivateKey(bytes([77]) * 32))
