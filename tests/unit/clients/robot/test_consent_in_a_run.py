@@ -240,17 +240,18 @@ def test_a_registry_that_is_away_for_a_minute_costs_nothing(tmp_path: Path, walk
     assert robot.told() == counts["withheld_reasons"]
 
 
-def test_a_break_that_the_robot_does_not_see_costs_the_owner_no_tail(tmp_path: Path, walk_bag: Path) -> None:
-    """No and yes between two readings: what waits of before is destroyed, what follows is a visit of its own."""
-
+def test_of_a_break_between_two_readings_what_was_taken_before_it_is_dropped(tmp_path: Path, walk_bag: Path) -> None:
     def break_off(robot: Meddled) -> None:
         robot.registry.say(robot.handle(), "withdrawn")
         robot.registry.say(robot.handle())
 
     robot = meddled(tmp_path, walk_bag, break_off, after_frames=8, pause_s=0.0)
+    counts = robot.statistics.frames_json()
+    assert (counts["kept"], counts["withheld_reasons"]["outside-consent"], counts["lost"]) == (8, 7, 0), (
+        "the eighth is of that moment"
+    )
     per_owner = {owner: list(robot.network.records.values()).count(owner) for owner in robot.network.visits}
     assert robot.network.closed == per_owner
-    assert robot.statistics.frames_json()["lost"] == 0
 
 
 @pytest.mark.parametrize("after_frames", [3, 15])
