@@ -193,3 +193,15 @@ def test_a_frame_of_another_size_is_refused(clip: Clip) -> None:
         hider.push_frame(Frame(0, 0, np.zeros((100, 100), np.uint16)))
     with pytest.raises(BlockRobotError, match="FRAME_INVALID"):
         hider.push_frame(Frame(0, 0, np.zeros((480, 640), np.float32)))  # type: ignore[arg-type]
+
+
+def test_somebody_cut_off_by_the_pictures_edge_means_that_nobody_is_alone(clip: Clip) -> None:
+    mine = [(alias, sighting) for alias, sighting in clip.sightings if alias == "patient-a"]
+    alone = {o.sequence for o in play(clip, mine)[0] if isinstance(o, Kept) and o.alone}
+    assert alone
+    frames = []
+    for frame in clip.frames:
+        depth = frame.depth.copy()
+        depth[200:440, :22] = 2_600
+        frames.append(replace(frame, depth=depth))
+    assert not [o for o in play(replace(clip, frames=frames), mine)[0] if isinstance(o, Kept) and o.alone]
