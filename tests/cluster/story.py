@@ -291,8 +291,8 @@ class Story:
                 await client.read_all_from(name, self._owners)
         self.report("acknowledged_count", self.told_count)
         self.report("reads_count", len(self.history.reads))
-        assert self.history.violations() == []
-        assert self.history.unread(honest) == []
+        for found in (self.history.violations(), self.history.unread(honest)):
+            assert not found, "\n".join(found)
         assert await self.accused() <= set(liars)
 
     async def accused(self) -> set[str]:

@@ -128,6 +128,8 @@ def test_a_call_that_an_upgrade_overtook_is_compared_with_the_version_that_refus
 
 def test_who_stops_waiting_is_told_what_was_sent(chain: Consortium, monkeypatch: pytest.MonkeyPatch) -> None:
     sent: list[str] = []
+    # Where the tests run in the background of a shell without job control, interrupts are ignored from the start.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
 
     async def wait(_client: AskedClient, transaction: Transaction) -> FinalReceipt:
         sent.append(transaction.txid.hex())
@@ -136,7 +138,10 @@ def test_who_stops_waiting_is_told_what_was_sent(chain: Consortium, monkeypatch:
         raise AssertionError("it was stopped")
 
     monkeypatch.setattr(AskedClient, "submit_and_wait", wait)
-    result = run("call", "settings", "propose", "heartbeat_ms", "9000", "--as", "org-01")
+    try:
+        result = run("call", "settings", "propose", "heartbeat_ms", "9000", "--as", "org-01")
+    finally:
+        signal.signal(signal.SIGINT, before)
     assert (result.exit_code, result.stdout) == (1, "")
     assert f"it may still become final: txid {sent[0]}" in result.stderr
 
