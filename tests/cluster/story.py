@@ -61,6 +61,8 @@ class Client:
     key: PrivateKey = field(default_factory=_new_key)
     owner: bytes = b""
     bucket_ms: int = 0
+    read_pin: bytes = b""
+    read_height: int = 0
     refused: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -155,9 +157,13 @@ class Client:
         await self.client.find_nodes(self.key)
         genesis, url = self.network.genesis, self.network.url(node)
         own = [write.record_id for write in self.history.writes if write.client == self.label]
-        async with NetworkClient(genesis, {node: url}, pinned=self.client.pinned) as reader:
+        if self.client.light_client.header.height >= self.read_height:
+            self.read_pin = self.client.pinned
+        async with NetworkClient(genesis, {node: url}, pinned=self.read_pin) as reader:
             for start in range(0, max(1, len(own)), _PROOF_KEYS_COUNT):
                 await self.read(reader, node, owners, own[start : start + _PROOF_KEYS_COUNT])
+            # What one node has shown no other may be behind: empty blocks become final at different moments.
+            self.read_pin, self.read_height = reader.pinned, reader.light_client.header.height
 
 
 class Story:
