@@ -123,6 +123,7 @@ class Keeper:
 
     def _note_withheld(self, sequence: int, alias: str, reason: str) -> None:
         self._statistics.add_withheld(reason)
+        self._statistics.forget_decided(alias, sequence)
         self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason)
 
 

@@ -116,6 +116,8 @@ class Pipeline:
         self.admission = Admission()
         self._busy = asyncio.Lock()
         self._taken_count = 0
+        self._came_at_ms = 0  # when what is being worked on came, however busy the robot was then
+        self._live = False
         consents.camera_offset_ms = lambda: self.admission.clocks.camera_offset_ms
 
     def _drop_refused(self) -> None:
@@ -131,16 +133,19 @@ class Pipeline:
         """
         for name in self._spool.names():
             self._delivery.start(name)
+        self._live = live
         beside = asyncio.create_task(self._pass_time()) if live else None
         try:
             async for arrived in events if beside is None else _while_running(beside, events):
                 self._consents.raise_failure()
                 async with self._busy:
                     self._taken_count += 1
+                    self._came_at_ms = self._find_arrival(arrived)
                     await self._take(arrived)
         finally:
             if beside is not None:
                 beside.cancel()
+        self._came_at_ms = self._now_ms()
         self.admission.clocks.flush()
         self._tell_intake()
         self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
@@ -156,6 +161,11 @@ class Pipeline:
     def intake_json(self) -> dict[str, Any]:
         """Return what was found of the clocks, and how much was turned away, late or thinned."""
         return self.admission.as_json(self._hider.pairing)
+
+    def _find_arrival(self, arrived: Event | Sense) -> int:
+        """Return when an event came: by the host's stamp in a live stream, else when it is taken up."""
+        now = self._now_ms()
+        return min(now, arrived.received_at_ms or now) if self._live else now
 
     async def _take(self, arrived: Event | Sense) -> None:
         if not isinstance(arrived, Frame | Sighting):
@@ -178,6 +188,7 @@ class Pipeline:
             if not idle or self._busy.locked() or self._taken_count != before:
                 continue  # what is still to be worked on may have been received before
             async with self._busy:
+                self._came_at_ms = self._now_ms()
                 outputs = self._hider.advance(at_ms - self.admission.clocks.camera_offset_ms)
                 self._seal([*self._sort(outputs), *self._batcher.close_idle(self._now_ms())])
                 self._deliver(self._senses.settle())
@@ -246,6 +257,8 @@ class Pipeline:
                 for alias in output.owners:
                     self._log.write(now, IMAGE_PAIRED, case, alias=alias)
             else:
+                if isinstance(output, Kept):
+                    self._statistics.frame_decided(output.alias, output.sequence, self._came_at_ms)
                 ready.extend(self._keeper.take(output))
         return ready
 
@@ -345,7 +358,8 @@ def note_delivered(done: Delivered, statistics: RunStatistics, log: EventLog) ->
     The record's id is not logged: beside the aliases of a frame it would tell which owners on the chain were together.
     """
     sealed = statistics.delivered(done)
-    for sequence, _ in sealed.frames:
+    for (sequence, _), decided_at_ms in zip(sealed.frames, sealed.decided_at_ms, strict=True):
         case = f"frame-{sequence}"
         log.write(done.submitted_at_ms, DATABASE_PERSISTANCE, case, alias=sealed.alias)
-        log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case, alias=sealed.alias)
+        told = {} if decided_at_ms is None else {"decided_at_ms": decided_at_ms}
+        log.write(done.final_at_ms, BLOCKCHAIN_TRANSACTION, case, alias=sealed.alias, **told)

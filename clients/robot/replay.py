@@ -179,6 +179,11 @@ class _Run:
         return len(self._consents)
 
     @property
+    def spool_peak_bytes(self) -> int:
+        """The most that waited in the spool at once."""
+        return self._spool.peak_bytes
+
+    @property
     def consent_figures(self) -> dict[str, Any]:
         """What the summary says of consents."""
         return self._consents.summary()
@@ -221,6 +226,7 @@ async def replay_recording(
         "intake": run.intake,
         "records": statistics.records_final,
         "stored_bytes": statistics.stored_bytes,
+        "spool_peak_bytes": run.spool_peak_bytes,
         "final_gap_max_s": _longest_gap_s(statistics.final_times_ms),
     }
 

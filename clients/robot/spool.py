@@ -60,6 +60,7 @@ class Spool:
             _wipe(leftover)
         waiting = (path for path in folder.glob(f"*{_SUFFIX}") if path.stem.isdecimal())
         self._sizes = {path.name: path.stat().st_size for path in waiting}
+        self.peak_bytes = self.size_bytes
         self._next = max((int(name.split(".")[0]) for name in self._sizes), default=0) + 1
 
     @property
@@ -79,6 +80,7 @@ class Spool:
             raise BlockRobotError("SPOOL_FULL", f"The spool holds {self.size_bytes} bytes already.")
         write_durably(self._folder / name, sealed)
         self._sizes[name] = len(sealed)
+        self.peak_bytes = max(self.peak_bytes, self.size_bytes)
         self._next += 1
         return name
 

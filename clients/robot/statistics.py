@@ -27,10 +27,14 @@ def summarise_ms(values: list[float]) -> dict[str, float]:
 
 @dataclass(frozen=True, slots=True)
 class SealedFrames:
-    """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner."""
+    """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner.
+
+    `decided_at_ms` says of each frame when it was settled that it is kept, None where that is not known.
+    """
 
     alias: str = ""
     frames: tuple[tuple[int, int], ...] = ()
+    decided_at_ms: tuple[int | None, ...] = ()
 
 
 @dataclass(slots=True)
@@ -48,20 +52,31 @@ class RunStatistics:
     sealed: dict[bytes, SealedFrames] = field(default_factory=dict)
     frame_to_final_ms: list[float] = field(default_factory=list)
     arrival_to_final_ms: list[float] = field(default_factory=list)
+    decided_to_final_ms: list[float] = field(default_factory=list)
     submit_to_final_ms: list[float] = field(default_factory=list)
     final_times_ms: list[int] = field(default_factory=list)
     senses: dict[str, RunStatistics] = field(default_factory=dict)
     let_go: int = 0
     """Of another sense: how many could not wait for a verdict, for lack of memory."""
+    _decided: dict[tuple[str, int], int] = field(default_factory=dict)
 
     def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
         """Note when a frame came in."""
         self.published += 1
         self.arrivals_ms[sequence] = arrived_at_ms
 
+    def frame_decided(self, alias: str, sequence: int, decided_at_ms: int) -> None:
+        """Note when it was settled that a frame is kept for an owner: when what settled it had come, busy or not."""
+        self._decided[alias, sequence] = decided_at_ms
+
+    def forget_decided(self, alias: str, sequence: int) -> None:
+        """Note that a frame is not kept after all."""
+        self._decided.pop((alias, sequence), None)
+
     def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
         """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
-        self.sealed[record_id] = SealedFrames(alias, tuple(frames))
+        decided = tuple(self._decided.pop((alias, sequence), None) for sequence, _ in frames)
+        self.sealed[record_id] = SealedFrames(alias, tuple(frames), decided)
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
         """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
@@ -89,6 +104,7 @@ class RunStatistics:
         for sequence, captured_at_ms in frames:
             self.frame_to_final_ms.append(done.final_at_ms - (captured_at_ms + self.window_ms))
             self.arrival_to_final_ms.append(done.final_at_ms - self.arrivals_ms[sequence])
+        self.decided_to_final_ms.extend(done.final_at_ms - at_ms for at_ms in sealed.decided_at_ms if at_ms is not None)
         return sealed
 
     @property
@@ -113,9 +129,14 @@ class RunStatistics:
         return {sensor: {**sense.frames_json(), "let_go": sense.let_go} for sensor, sense in came.items()}
 
     def latency_json(self) -> dict[str, Any]:
-        """Return the distributions of the three latencies."""
+        """Return the distributions of the latencies.
+
+        `frame_to_final` counts from the end of the pairing window, `decided_to_final` from when hiding had settled the
+        frame too.
+        """
         return {
             "frame_to_final": summarise_ms(self.frame_to_final_ms),
+            "decided_to_final": summarise_ms(self.decided_to_final_ms),
             "arrival_to_final": summarise_ms(self.arrival_to_final_ms),
             "submit_to_final": summarise_ms(self.submit_to_final_ms),
         }

@@ -78,6 +78,16 @@ def test_a_removed_clip_is_gone_and_removing_it_twice_is_harmless(tmp_path: Path
     assert (spool.names(), spool.size_bytes, list(tmp_path.iterdir())) == ([], 0, [])
 
 
+def test_the_spool_knows_the_most_that_ever_waited(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, bytes(32))
+    names = [spool.put(clip(number)) for number in range(3)]
+    most = spool.size_bytes
+    for name in names:
+        spool.remove(name)
+    spool.put(clip(4))
+    assert 0 < spool.size_bytes < spool.peak_bytes == most
+
+
 def test_the_file_tells_neither_owner_nor_purpose(tmp_path: Path) -> None:
     spool = Spool(tmp_path, KEY)
     data = (tmp_path / spool.put(clip())).read_bytes()

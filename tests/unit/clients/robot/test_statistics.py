@@ -42,6 +42,19 @@ def test_latencies_are_measured_from_what_they_say() -> None:
     assert latency["submit_to_final"]["max"] == 50.0
 
 
+def test_how_long_a_frame_took_counts_from_when_it_was_decided() -> None:
+    """Of what was decided and dropped afterwards nothing is counted."""
+    statistics = RunStatistics(window_ms=5_000, covered=3)
+    for sequence in (1, 2, 3):
+        statistics.frame_arrived(sequence, 1_000)
+        statistics.frame_decided("tag-a", sequence, 6_000 + 100 * sequence)
+    statistics.forget_decided("tag-a", 3)
+    statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000), (2, 1_033), (3, 1_066)], "tag-a")
+    deliver(statistics, 7, 6_400)
+    assert statistics.decided_to_final_ms == [300, 200]
+    assert statistics.latency_json()["decided_to_final"]["max"] == 300.0
+
+
 def test_a_clip_of_the_run_before_is_a_record_but_no_frame_of_this_run() -> None:
     statistics = RunStatistics(window_ms=5_000)
     deliver(statistics, 3, 2_000)
