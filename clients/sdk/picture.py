@@ -53,6 +53,12 @@ def decode_depth_png(png: bytes) -> Depth:
     return np.array(_decode(png, size[::-1], np.uint16), dtype=np.uint16)
 
 
+def decode_colour_png(png: bytes) -> npt.NDArray[np.uint8]:
+    """Return the pixels of an 8-bit colour PNG without transparency; raises RENDITION_CORRUPTED for anything else."""
+    width, height = _check_png(png, _RGB)
+    return np.array(_decode(png, (height, width, 3), np.uint8), dtype=np.uint8)
+
+
 def paint_colour(width: int, height: int, box: tuple[int, int, int, int], pixels_png: bytes) -> bytes:
     """Return a colour PNG of a whole frame, grey but for the owner's colour pixels in their `box` (x, y, width, height).
 
@@ -150,6 +156,7 @@ class _Kind:
 
 _GREY = _Kind(16, 0, 2, "of 16-bit grey")
 _RGBA = _Kind(8, 6, 4, "of 8-bit colour with transparency")
+_RGB = _Kind(8, 2, 3, "of 8-bit colour")
 
 
 def _check_png(png: bytes, kind: _Kind) -> tuple[int, int]:

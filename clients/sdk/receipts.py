@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from clients.sdk.answers import EvidenceDocument
 from consensus.block import ContractEvent, Receipt
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
@@ -12,7 +13,10 @@ from consensus.primitives.encoding import decode_value
 
 @dataclass(frozen=True, slots=True)
 class FinalReceipt:
-    """What became of a transaction, proved final. `ok` is False if the contract refused; then `code` says why."""
+    """What became of a transaction, proved final. `ok` is False if the contract refused; then `code` says why.
+
+    `evidence` is what proved it, for who wants to hand the proof on.
+    """
 
     txid: bytes
     height: int
@@ -25,6 +29,7 @@ class FinalReceipt:
     line: int | None
     gas_used: int
     events: tuple[ContractEvent, ...]
+    evidence: EvidenceDocument | None = field(default=None, repr=False, compare=False)
 
     def require_ok(self) -> FinalReceipt:
         """Return the receipt itself. Raises CALL_REFUSED with the contract's code if the call failed."""
@@ -38,7 +43,15 @@ class FinalReceipt:
         return [decode_value(event.data) for event in self.events if (event.contract, event.name) == (contract, name)]
 
 
-def final_receipt(receipt: Receipt, *, height: int, index: int, block_id: bytes, timestamp_ms: int) -> FinalReceipt:
+def final_receipt(
+    receipt: Receipt,
+    *,
+    height: int,
+    index: int,
+    block_id: bytes,
+    timestamp_ms: int,
+    evidence: EvidenceDocument | None = None,
+) -> FinalReceipt:
     """Join a proved receipt with the place where it was proved to stand."""
     return FinalReceipt(
         txid=receipt.txid,
@@ -52,4 +65,5 @@ def final_receipt(receipt: Receipt, *, height: int, index: int, block_id: bytes,
         line=receipt.line,
         gas_used=receipt.gas_used,
         events=receipt.events,
+        evidence=evidence,
     )

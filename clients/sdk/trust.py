@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from clients.sdk.answers import (
@@ -35,11 +35,15 @@ HEADERS_MAX_COUNT = 256
 
 @dataclass(frozen=True, slots=True)
 class ProvedState:
-    """Proved values by flat key (None where the key is proved absent), and the block whose state they are of."""
+    """Proved values by flat key (None where the key is proved absent), and the block whose state they are of.
+
+    `answer` is what proved them, for who wants to hand the proofs on.
+    """
 
     height: int
     timestamp_ms: int
     values: dict[bytes, Any]
+    answer: ProofsAnswer | None = field(default=None, repr=False, compare=False)
 
 
 class Trust:
@@ -101,7 +105,7 @@ class Trust:
             value = None if document.value is None else read_hex(document.value)
             verify_proof(header.state_root, key, value, decode(read_hex(document.proof), Proof))
             values[key] = None if value is None else decode_value(value)
-        return ProvedState(height=header.height, timestamp_ms=header.timestamp_ms, values=values)
+        return ProvedState(header.height, header.timestamp_ms, values, answer)
 
     def receipt(self, evidence: EvidenceDocument, txid: bytes, index: int) -> FinalReceipt:
         """Check that the receipt of this transaction stands in a final block. Raises PROOF_INVALID and the like."""
@@ -116,7 +120,12 @@ class Trust:
         if not verify_merkle_proof(header.transactions_root, leaf, index, evidence.count, path):
             raise BlockRobotError("PROOF_INVALID", "The transaction does not stand in the block of its receipt.")
         return final_receipt(
-            receipt, height=header.height, index=index, block_id=block_id, timestamp_ms=header.timestamp_ms
+            receipt,
+            height=header.height,
+            index=index,
+            block_id=block_id,
+            timestamp_ms=header.timestamp_ms,
+            evidence=evidence,
         )
 
     def _follow(self, evidence: EvidenceDocument) -> tuple[Header, bytes]:

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 from clients.sdk.connections import NodeAddress
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
+from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, check_clip_download
-from consensus.records.commitments import frame_commitment
+from consensus.records.commitments import commitment_leaf, derive_salt
 from consensus.records.envelopes import open_data_key, open_frame
 from consensus.records.renditions import Rendition, decode_rendition
 
@@ -30,20 +31,25 @@ _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
 
 @dataclass(frozen=True, slots=True)
 class FrameView:
-    """One frame of a record as it was found: `rendition` is there only if every check passed."""
+    """One frame of a record as it was found: `rendition` is there only if every check passed.
+
+    `salt` opens the frame's commitment, and nothing else.
+    """
 
     index: int
     status: str
     rendition: Rendition | None
+    salt: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordView:
-    """A record with all its frames, and the custodians whose copies were used."""
+    """A record with all its frames, the custodians whose copies were used, and the leaves under its commitment."""
 
     entry: RecordEntry
     frames: tuple[FrameView, ...]
     custodians: tuple[str, ...]
+    commitment_leaves: tuple[bytes, ...] = ()
 
     @property
     def corrupted(self) -> list[int]:
@@ -73,10 +79,11 @@ class Viewing:
         """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
         frames: dict[int, FrameView] = {}
         used: list[str] = []
+        leaves: list[bytes] = []
         refusal: BlockRobotError | None = None
         for custodian in self._wallet.network.custody.custodians:
             try:
-                found = await self._view_at(custodian, entry, access_id)
+                found, leaves = await self._view_at(custodian, entry, access_id)
             except BlockRobotError as error:
                 refusal = error
                 continue
@@ -89,13 +96,17 @@ class Viewing:
         if not frames:
             raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
         ordered = tuple(frames[index] for index in sorted(frames))
-        return RecordView(entry=entry, frames=ordered, custodians=tuple(used))
+        return RecordView(entry, ordered, tuple(used), tuple(leaves))
 
-    async def _view_at(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> list[FrameView]:
+    async def _view_at(
+        self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes
+    ) -> tuple[list[FrameView], list[bytes]]:
+        """Return the frames as this custodian has them, and the leaves, which are the same whoever sends them."""
         clip = await self._download(custodian, entry, access_id)
         state = entry.state
         damaged = set(check_clip_download(clip, state["commitment_root"], state["ciphertext_root"]))
-        return [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
+        frames = [self._open(entry, clip, index, damaged=index in damaged) for index in range(len(clip.frames))]
+        return frames, clip.commitment_leaves
 
     async def _download(self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes) -> ClipDownload:
         """Fetch a clip from one custodian, giving one that follows the chain late some time to see the final request."""
@@ -121,13 +132,14 @@ class Viewing:
         try:
             data_key = open_data_key(self._wallet.keys.sealing, frame.sealed_key)
             plaintext = open_frame(data_key, entry.record_id, index, frame.ciphertext)
-            if frame_commitment(data_key, index, plaintext) != clip.commitment_leaves[index]:
+            salt = derive_salt(data_key)
+            if commitment_leaf(salt, index, sha256(plaintext)) != clip.commitment_leaves[index]:
                 raise BlockRobotError("RENDITION_CORRUPTED")
             rendition = decode_rendition(plaintext)
         except BlockRobotError:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
         status = STATUS_OK if rendition.pixels else STATUS_NOTICE
-        return FrameView(index=index, status=status, rendition=rendition)
+        return FrameView(index=index, status=status, rendition=rendition, salt=salt)
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""

@@ -9,7 +9,7 @@ from io import BytesIO
 import msgspec
 import pytest
 
-from clients.wallet.pictures import sense_file
+from clients.sdk.rendition_files import sense_file
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import Rendition, decode_rendition, encode_rendition
 
