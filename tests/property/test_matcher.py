@@ -120,3 +120,44 @@ def test_a_storm_of_readings_is_held_within_bounds(scene, times) -> None:
     tracks, _ = scene
     storm = [Sighting(at, at, "", i % 7, Facing.FRONT, -50.0, 2.0 + i % 3, 0.3) for i, at in enumerate(times)]
     assert weigh(tracks, storm).held_count <= LAST_MS // 100 + 1
+
+
+def weigh_by_frames(tracks: list[Track], readings: list[Sighting], unfollowed: set[int], late: list[int]) -> Matcher:
+    """Play frames at 10 Hz, some with somebody in view who is not followed; each reading comes so many frames late."""
+    arrivals = [(reading.middle_ms + 100 * n, reading) for reading, n in zip(readings, late, strict=True)]
+    waiting = sorted(arrivals, key=lambda arrival: arrival[0])
+    matcher = Matcher()
+    for one in tracks:
+        matcher.add_track(one)
+    for at_ms in range(0, LAST_MS + 100, 100):
+        while waiting and waiting[0][0] <= at_ms:
+            matcher.add_sighting("tag", waiting.pop(0)[1])
+        if at_ms in unfollowed:
+            matcher.note_unfollowed(at_ms)
+        matcher.advance(at_ms)
+    for _, reading in waiting:
+        matcher.add_sighting("tag", reading)
+    matcher.advance(LAST_MS)
+    return matcher
+
+
+clouded_frames = st.sets(st.integers(0, LAST_MS // 100).map(lambda n: 100 * n), max_size=40)
+
+
+@settings(deadline=None, max_examples=60)
+@given(scenes(), clouded_frames, st.data())
+def test_a_reading_beside_somebody_unfollowed_counts_the_same_in_time_and_late(scene, unfollowed, data) -> None:
+    tracks, readings = scene
+    late = data.draw(st.lists(st.integers(0, 30), min_size=len(readings), max_size=len(readings)))
+    in_time = weigh_by_frames(tracks, readings, unfollowed, [0] * len(readings))
+    delayed = weigh_by_frames(tracks, readings, unfollowed, late)
+    assert delayed.log_odds("tag") == in_time.log_odds("tag")
+    assert bound(delayed, tracks) == bound(in_time, tracks)
+
+
+@settings(deadline=None, max_examples=60)
+@given(scenes())
+def test_while_somebody_in_view_is_not_followed_nothing_is_bound(scene) -> None:
+    tracks, readings = scene
+    always = set(range(0, LAST_MS + 100, 100))
+    assert bound(weigh_by_frames(tracks, readings, always, [0] * len(readings)), tracks) == set()

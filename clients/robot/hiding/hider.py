@@ -171,6 +171,8 @@ class Hider:
                     seen.troubles[track.number] = silhouette.trouble
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
+            if seen.merged:
+                self.matcher.note_unfollowed(frame.captured_at_ms)
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._take(decided)]

@@ -1,8 +1,9 @@
 """Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
 
 A binding needs log-odds of 9.2 and ends below 0. It must never bind without distance: from such readings one person
-in the picture cannot be told from another, nor from someone outside it. Readings are weighed in the order in which
-they were taken, whatever the order in which they came.
+in the picture cannot be told from another, nor from someone outside it; nor while somebody is in view who is not
+followed, since the bearer may be that one. Readings are weighed in the order in which they were taken, whatever the
+order in which they came.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from typing import NamedTuple
 
 from clients.robot.events import Facing, Sighting
 from clients.robot.hiding.likelihood import FILTERS, Belief, Step, log_antenna, log_evidence, log_sum, take
-from clients.robot.hiding.tracking import Track
+from clients.robot.hiding.tracking import NEAREST_RANGE_MS, Track
 
 PRIOR_ABSENT = 0.3
 BIND_LOG_ODDS = 9.2
@@ -124,7 +125,20 @@ class Matcher:
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
         self._waiting: set[str] = set()
+        self._clouds: list[tuple[int, int]] = []
         self._now_ms: int | None = None
+
+    def note_unfollowed(self, at_ms: int) -> None:
+        """Take notice that somebody in this frame is not followed; call in time order, before `advance` to that time.
+
+        Readings taken beside such a frame bind nobody: whoever stands merged with another, or was just parted from him,
+        has no track to stand for him, and the tag would go to the next best one. They can still end a binding.
+        """
+        # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
+        after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
+        if self._clouds and self._clouds[-1][1] >= after_ms:
+            after_ms, _ = self._clouds.pop()
+        self._clouds.append((after_ms, at_ms + NEAREST_RANGE_MS))
 
     def add_track(self, track: Track) -> None:
         """Take notice of a track; asking again does nothing."""
@@ -198,6 +212,7 @@ class Matcher:
     def forget_before(self, at_ms: int) -> None:
         """Drop ended tracks, and tags that were not heard, that can no longer matter."""
         horizon = at_ms - EVIDENCE_MS
+        del self._clouds[: bisect_left(self._clouds, horizon - LET_GO_MS, key=lambda cloud: cloud[1])]
         gone = [n for n, track in self._tracks.items() if track.seen_ms < horizon]
         for number in gone:
             del self._tracks[number]
@@ -235,22 +250,33 @@ class Matcher:
                 tag.checkpoints.append((tag.weighed, dict(tag.standings)))
 
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
-        """Take one reading into account for every track that was followed when it was taken."""
+        """Take one reading into account for every track that was followed when it was taken.
+
+        Where somebody in view was not followed it counts for bound tracks alone.
+        """
         at_ms = reading.middle_ms
+        clouded = self._is_clouded(at_ms)
         steps: dict[int, Step] = {}
         for number, track in self._tracks.items():
             person_m = track.range_at(at_ms)
             if person_m is None:
                 continue
             old = tag.standings.get(number) or _Standing()
+            if clouded and not old.bound:
+                continue
             if reading.distance_m is not None and reading.sigma_m is not None:
                 old = _compare(old, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
             front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
             tag.standings[number] = old._replace(front=old.front + front, back=old.back + back)
-        self._decide(tag, at_ms)
+        self._decide(tag, at_ms, may_bind=not clouded)
 
-    def _decide(self, tag: _Tag, at_ms: int) -> None:
-        """Weigh the tracks in view against each other and absence, and bind or unbind."""
+    def _is_clouded(self, at_ms: int) -> bool:
+        """Tell whether somebody was in view, beside that time, who was not followed."""
+        place = bisect_left(self._clouds, at_ms, key=lambda cloud: cloud[1])
+        return place < len(self._clouds) and self._clouds[place][0] < at_ms
+
+    def _decide(self, tag: _Tag, at_ms: int, *, may_bind: bool) -> None:
+        """Weigh the tracks in view against each other and absence, and bind (if that may be) or unbind."""
         tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.standings]
         ratios = {track.number: tag.standings[track.number].ratio() for track in tracks}
         for track in tracks:
@@ -261,7 +287,7 @@ class Matcher:
             odds = _log_odds(ratios[track.number], rivals)
             bound = standing.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
-                bound = odds >= BIND_LOG_ODDS or (bound and odds >= UNBIND_LOG_ODDS)
+                bound = (may_bind and odds >= BIND_LOG_ODDS) or (bound and odds >= UNBIND_LOG_ODDS)
             tag.standings[track.number] = standing._replace(odds=odds, bound=bound)
 
 

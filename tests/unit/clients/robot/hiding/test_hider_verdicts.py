@@ -218,6 +218,18 @@ def test_a_merged_blob_is_nobodys_and_the_bearer_is_known_again_after_it(stage: 
     assert len([k for k in stage.kept("ann") if k.captured_at_ms >= 13_000]) > 100
 
 
+def test_who_was_just_parted_from_the_bearer_is_not_shown_while_the_bearer_still_counts_as_merged(stage: Stage) -> None:
+    """Only the other has a track then, at nearly the bearer's own range."""
+
+    def places(at: int) -> list[Place]:
+        if at < 2_000:
+            return [Place(0.0, stroll(at).z_m, "merged")]
+        return [Place(0.0, stroll(at).z_m, "merged" if at < 9_000 else ""), stroll(at + 150, x_m=1.2)]
+
+    stage.play({at: places(at) for at in times(0, 14)}, worn("ann", 0, 14))
+    assert {kept.cut.x for kept in stage.kept("ann")} <= {1}
+
+
 def test_readings_without_distance_never_suffice_though_only_one_is_in_view(stage: Stage) -> None:
     rng = np.random.default_rng(4)
     stage.play({at: [stroll(at)] for at in times(0, 9)}, [read("ann", at, None, rng) for at in range(0, 9_000, 300)])

@@ -83,6 +83,34 @@ def test_a_binding_ends_when_the_readings_turn_against_it() -> None:
     assert matcher.bound_track("tag", [1]) is None
 
 
+def beside_somebody_unfollowed(matcher: Matcher, readings: list[Sighting]) -> None:
+    for sighting in readings:
+        matcher.add_sighting("tag", sighting)
+        matcher.note_unfollowed(sighting.middle_ms)
+        matcher.advance(sighting.middle_ms)
+
+
+def test_readings_beside_somebody_who_is_not_followed_bind_nobody_and_later_ones_do() -> None:
+    track, matcher = walker(1, 2.5, seconds=30), Matcher()
+    matcher.add_track(track)
+    readings = worn_by(track, np.random.default_rng(12))
+    beside_somebody_unfollowed(matcher, readings[:30])
+    assert matcher.bound_track("tag", [1]) is None
+    for sighting in readings[30:]:
+        matcher.add_sighting("tag", sighting)
+        matcher.advance(sighting.middle_ms)
+    assert matcher.bound_track("tag", [1]) == 1
+
+
+def test_readings_beside_somebody_who_is_not_followed_can_still_end_a_binding() -> None:
+    track = walker(1, 2.5, seconds=30)
+    matcher = bind([track], [s for s in worn_by(track, np.random.default_rng(1)) if s.first_seen_ms < 10_000])
+    beside_somebody_unfollowed(matcher, [reading(at, 2.5) for at in range(10_000, 11_000, 250)])
+    assert matcher.bound_track("tag", [1]) == 1
+    beside_somebody_unfollowed(matcher, [reading(at, 6.0, Facing.BACK) for at in range(11_000, 20_000, 250)])
+    assert matcher.bound_track("tag", [1]) is None
+
+
 def test_old_tracks_and_readings_are_forgotten() -> None:
     track = walker(1, 2.5)
     matcher = bind([track], worn_by(track, np.random.default_rng(2)))
