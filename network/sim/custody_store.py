@@ -22,9 +22,11 @@ from node.offchain.store import (
     FramePlace,
     FrameRow,
     Grant,
+    Leftovers,
     OutboxRow,
     OutboxStatus,
     RecordFacts,
+    StoreCounts,
 )
 
 Pause = Callable[[], Awaitable[None]]
@@ -266,6 +268,33 @@ class MemoryCustodyStore:
         for slot in sorted(frame.slot for frames in self._frames.values() for frame in frames.values()):
             yield slot
 
+    async def records_with_frames(self) -> AsyncIterator[bytes]:
+        """See `CustodyStore.records_with_frames`."""
+        self._require_open()
+        for record_id in sorted(record_id for record_id, frames in self._frames.items() if frames):
+            yield record_id
+
+    async def counts(self) -> StoreCounts:
+        """See `CustodyStore.counts`."""
+        self._require_open()
+        clips = [clip.status for clip in self._clips.values()]
+        owed = [row.status for row in self._outbox.values()]
+        return StoreCounts(
+            staged=clips.count("staged"),
+            confirmed=clips.count("confirmed"),
+            erased=clips.count("erased"),
+            frames=sum(len(kept) for kept in self._frames.values()),
+            missing=len(self._missing),
+            owed=owed.count("ready"),
+            owed_erasures=owed.count("erasing"),
+            size_bytes=None,
+        )
+
+    async def leftovers(self) -> Leftovers:
+        """See `CustodyStore.leftovers`; there are no files."""
+        self._require_open()
+        return Leftovers(0, 0)
+
 
 @dataclass(frozen=True, slots=True)
 class Holdings:
@@ -325,3 +354,12 @@ class MemoryEraseKeys:
     def held(self) -> list[int]:
         """The slots that hold a key, sorted."""
         return sorted(self._keys)
+
+    def check_destroyed(self) -> int:
+        """See `ErasableKeys.check_destroyed`: a key that is gone leaves nothing."""
+        return 0
+
+    @property
+    def capacity_count(self) -> int:
+        """How many slots were ever given out."""
+        return self._next_slot

@@ -34,6 +34,18 @@ class StateReader(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
+class RecordState:
+    """A record as the state has it: `status` is active, erasing, erased or expired; the roots of the last two are gone."""
+
+    facts: RecordFacts
+    status: str
+
+    def is_kept(self, at_ms: int) -> bool:
+        """Tell whether its clip is to be kept at a block's time: not erased, not being erased, not expired."""
+        return self.status == "active" and self.facts.expires_at_ms > at_ms
+
+
+@dataclass(frozen=True, slots=True)
 class AccessFacts:
     """A request for access: `height` is that of its block, `released` and `refused` tell who answered."""
 
@@ -55,6 +67,7 @@ class ErasureFacts:
     height: int
     custodians: tuple[bytes, ...]
     receipts: frozenset[bytes]
+    asked_at_ms: int = 0
 
 
 class ChainFacts:
@@ -70,18 +83,28 @@ class ChainFacts:
 
     def active_records(self) -> Iterator[RecordFacts]:
         """Yield the records whose clips are to be kept, those being erased too: the erasure comes after."""
+        for record in self.records():
+            if record.status in {"active", "erasing"}:
+                yield record.facts
+
+    def records(self) -> Iterator[RecordState]:
+        """Yield every record that the state has ever had, by its id."""
         for record_id, entry in self._rows(RECORD_PREFIX):
-            if entry["status"] in {"active", "erasing"}:
-                yield RecordFacts(
-                    record_id=record_id,
-                    txid=entry["txid"],
-                    owner=entry["owner"],
-                    commitment_root=entry["commitment_root"],
-                    ciphertext_root=entry["ciphertext_root"],
-                    expires_at_ms=entry["expires_at_ms"],
-                    height=entry["height"],
-                    erased_frames=tuple(entry["erased_frames"]),
-                )
+            yield _record(record_id, entry)
+
+    def record(self, record_id: bytes) -> RecordState | None:
+        """Return one record, or None if the state has none of this id."""
+        value = self._state.get(RECORD_PREFIX + record_id)
+        return None if value is None else _record(record_id, decode_value(value))
+
+    def erased_frames(self) -> dict[bytes, frozenset[int]]:
+        """Return which frames were asked to be erased of records that stay, by record."""
+        asked: dict[bytes, set[int]] = {}
+        for _, entry in self._rows(ERASURE_PREFIX):
+            for record_id in entry["records"]:
+                if entry["frames"]:
+                    asked.setdefault(record_id, set()).update(entry["frames"])
+        return {record_id: frozenset(frames) for record_id, frames in asked.items()}
 
     def accesses(self) -> Iterator[AccessFacts]:
         """Yield every request for access."""
@@ -100,6 +123,7 @@ class ChainFacts:
                 height=self._height_of(entry["owner"], "erasure_requested", "erasure_id", erasure_id),
                 custodians=tuple(entry["custodians"]),
                 receipts=frozenset(entry["receipts"]),
+                asked_at_ms=entry.get("time", 0),
             )
 
     def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
@@ -114,3 +138,17 @@ class ChainFacts:
                 height: int = entry["height"]
                 return height
         return self.point.height
+
+
+def _record(record_id: bytes, entry: dict[str, Any]) -> RecordState:
+    facts = RecordFacts(
+        record_id=record_id,
+        txid=entry["txid"],
+        owner=entry["owner"],
+        commitment_root=entry["commitment_root"],
+        ciphertext_root=entry["ciphertext_root"],
+        expires_at_ms=entry["expires_at_ms"],
+        height=entry["height"],
+        erased_frames=tuple(entry["erased_frames"]),
+    )
+    return RecordState(facts, entry["status"])

@@ -8,7 +8,8 @@ chain shows it. A custodian cannot open what it keeps: data keys are sealed to o
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Protocol
 
@@ -48,6 +49,20 @@ class PeerCustodian(Protocol):
         ...
 
 
+def _parts_of(frames: Sequence[FrameDownload]) -> list[tuple[int, bytes, bytes]]:
+    return [(frame.index, frame.ciphertext, frame.sealed_key) for frame in frames]
+
+
+def _wrap(
+    record_id: bytes, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
+) -> list[FrameRow]:
+    """Return the rows of (index, ciphertext, sealed key), each under the erase key of its slot."""
+    return [
+        FrameRow(record_id, index, text, wrap_key(erase_key, record_id, index, key), slot)
+        for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
+    ]
+
+
 def grant_covers(grant: Grant, clip: ClipRow) -> bool:
     """Tell whether a final access request covers a confirmed clip: same owner, and named or part of the whole visit."""
     if grant.owner != clip.owner:
@@ -73,6 +88,7 @@ class Custodian:
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
         self._asked_for: set[bytes] = set()
+        self._in_flight: set[int] = set()
 
     async def start(self) -> None:
         """Finish what a crash cut off: erasures first, then keys to which nothing refers. Call once, before serving."""
@@ -138,10 +154,17 @@ class Custodian:
     async def _keep(self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]]) -> bool:
         """Wrap the keys of (index, ciphertext, sealed key) and keep the clip; False if it was known meanwhile."""
         taken = await asyncio.to_thread(self._keys.allocate, len(frames))
-        rows = [
-            FrameRow(clip.record_id, index, text, wrap_key(erase_key, clip.record_id, index, key), slot)
-            for (index, text, key), (slot, erase_key) in zip(frames, taken, strict=True)
-        ]
+        slots = [slot for slot, _ in taken]
+        self._in_flight.update(slots)
+        try:
+            return await self._keep_under(clip, frames, taken)
+        finally:
+            self._in_flight.difference_update(slots)
+
+    async def _keep_under(
+        self, clip: ClipRow, frames: Sequence[tuple[int, bytes, bytes]], taken: Sequence[tuple[int, bytes]]
+    ) -> bool:
+        rows = _wrap(clip.record_id, frames, taken)
         slots = [slot for slot, _ in taken]
         async with self._writing:
             try:
@@ -190,6 +213,60 @@ class Custodian:
         grants = [grant for grant in await self._store.grants_of_owner(facts.owner) if grant_covers(grant, clip)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
         await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
+
+    # Upkeep
+
+    def reconciliation(self, facts: ChainFacts) -> Reconciliation:
+        """Return what brings this custodian's store to a state; only `at_rest`."""
+        return Reconciliation(self._store, self._eraser, self._member, facts)
+
+    @property
+    def eraser(self) -> Eraser:
+        """What erases in this custodian's store; only `at_rest`."""
+        return self._eraser
+
+    @asynccontextmanager
+    async def at_rest(self) -> AsyncIterator[frozenset[int]]:
+        """Let nothing change the store meanwhile; yields the slots of erase keys whose frames are still on their way."""
+        async with self._writing:
+            yield frozenset(self._in_flight)
+
+    async def mend(self, fetched: ClipDownload, read_facts: Callable[[], RecordFacts | None]) -> bool:
+        """Put another custodian's whole copy in the place of a confirmed clip whose bytes are damaged or partly gone.
+
+        `read_facts` says what the chain has of the record now, None if nothing is to be kept. The old keys go after the
+        new rows are there. False if the copy lacks frames too, or nothing is to be mended any more. Raises as
+        `install` for a copy that is not sound.
+        """
+        taken = await asyncio.to_thread(self._keys.allocate, len(fetched.frames))
+        slots = [slot for slot, _ in taken]
+        self._in_flight.update(slots)
+        try:
+            async with self._writing:
+                unused = await self._mend_under(fetched, read_facts(), taken)
+                await self._eraser.destroy_unused(unused)
+        finally:
+            self._in_flight.difference_update(slots)
+        return not set(slots) <= set(unused)
+
+    async def _mend_under(
+        self, fetched: ClipDownload, facts: RecordFacts | None, taken: Sequence[tuple[int, bytes]]
+    ) -> list[int]:
+        """Return the slots that nothing refers to afterwards: the old ones, or all the new ones if nothing was done."""
+        slots = [slot for slot, _ in taken]
+        clip = (await self._store.clips([fetched.record_id])).get(fetched.record_id)
+        if facts is None or clip is None or clip.status != "confirmed":
+            return slots
+        if check_clip_download(fetched, facts.commitment_root, facts.ciphertext_root):
+            await self._eraser.destroy_unused(slots)
+            raise BlockRobotError("UPLOAD_HASH_MISMATCH", "The other custodian's copy is damaged too.")
+        present = [frame for frame in fetched.frames if frame.index not in facts.erased_frames]
+        if any(frame.erased for frame in present):
+            return slots
+        old = [place.slot for place in await self._store.frame_places([clip.record_id])]
+        used = taken[: len(present)]
+        await self._store.stage(clip, _wrap(clip.record_id, _parts_of(present), used))
+        return old if len(used) == len(taken) else [*old, *slots[len(used) :]]
 
     # Blocks
 
@@ -338,7 +415,7 @@ class Custodian:
             ciphertext_leaves=tuple(fetched.ciphertext_leaves),
         )
         present = [frame for frame in fetched.frames if not frame.erased and frame.index not in facts.erased_frames]
-        return await self._keep(clip, [(frame.index, frame.ciphertext, frame.sealed_key) for frame in present])
+        return await self._keep(clip, _parts_of(present))
 
     async def fetch_missing(self, peers: Sequence[PeerCustodian]) -> int:
         """Ask other custodians for missing clips, up to 32 of them; return how many are installed now.

@@ -59,6 +59,20 @@ class ErasableKeys(Protocol):
         """Destroy and free the slots that nothing refers to; return how many."""
         ...
 
+    @property
+    def held(self) -> list[int]:
+        """The slots that hold a key, sorted."""
+        ...
+
+    @property
+    def capacity_count(self) -> int:
+        """How many slots there are."""
+        ...
+
+    def check_destroyed(self) -> int:
+        """Read every slot that should hold nothing; return how many still hold bytes."""
+        ...
+
 
 def wrap_key(erase_key: bytes, record_id: bytes, index: int, sealed_key: bytes) -> bytes:
     """Return a frame's sealed data key under an erase key, bound to its record (16 bytes) and index."""
@@ -173,12 +187,49 @@ class EraseKeys:
         orphans = [slot for slot, state in enumerate(self._states) if state != _FREE and slot not in kept]
         self.destroy(orphans)
         self.release(orphans)
+        self._wipe_unheld()
         return len(orphans)
+
+    def _wipe_unheld(self) -> None:
+        """Zero what a crash left in slots that hold no key: `allocate` writes a key before it says so."""
+        with self._lock:
+            dirty = self._find_dirty()
+            for slot in dirty:
+                self._write(_ZEROS, self._key_offset(slot))
+            if dirty:
+                self._sync()
 
     @property
     def held_count(self) -> int:
         """How many slots hold a key."""
         return self._states.count(_HELD)
+
+    @property
+    def held(self) -> list[int]:
+        """The slots that hold a key, sorted."""
+        with self._lock:
+            return [slot for slot, state in enumerate(self._states) if state == _HELD]
+
+    @property
+    def capacity_count(self) -> int:
+        """How many slots there are."""
+        return len(self._states)
+
+    def check_destroyed(self) -> int:
+        """Read every slot that should hold nothing; return how many still hold bytes."""
+        with self._lock:
+            return len(self._find_dirty())
+
+    def _find_dirty(self) -> list[int]:
+        """Return the slots without a key whose bytes are not zero. The lock is held."""
+        dirty = []
+        for first in range(0, len(self._states), PAGE_SLOTS_COUNT):
+            content = self._read(self._key_offset(first), PAGE_SLOTS_COUNT * ERASE_KEY_BYTES)
+            for place in range(PAGE_SLOTS_COUNT):
+                key = content[place * ERASE_KEY_BYTES : (place + 1) * ERASE_KEY_BYTES]
+                if self._states[first + place] != _HELD and key != _ZEROS:
+                    dirty.append(first + place)
+        return dirty
 
     def _is_known(self, slot: int) -> bool:
         return 0 <= slot < len(self._states)

@@ -79,6 +79,28 @@ class Eraser:
             arguments = [record_ids, compute_erasure_digest(parts, clips)]
             await self._plan(EXPIRED_KIND, compute_expiry_subject(record_ids), "expired", arguments, height, parts)
 
+    async def erase_again(self, record_ids: Sequence[bytes]) -> None:
+        """Erase whole records that a store holds though the chain has their erasure behind it: nothing more is owed."""
+        parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
+        slots = [slot for part in parts for slot in part.slots]
+        await asyncio.to_thread(self._keys.destroy, slots)
+        for record_id in record_ids:
+            await self._store.erase_clip(record_id)
+        await self._store.sweep()
+        await self._read_back(parts)
+        await asyncio.to_thread(self._keys.release, slots)
+
+    async def forget(self, record_id: bytes) -> None:
+        """Drop a clip that is not what its record commits to, or the mark of one, without a mark: it is missing then.
+
+        Rows go before keys, as in `drop_staged`; frames that no clip claims go too.
+        """
+        places = await self._store.frame_places([record_id])
+        await self._store.stage(ClipRow(record_id, b"", 0, "staged", (), ()), [])
+        await self._store.drop_staged(record_id)
+        await self.destroy_unused([place.slot for place in places])
+        await self._store.sweep()
+
     async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
         """Drop staged clips that no record will ever name.
 

@@ -33,9 +33,11 @@ from node.offchain.store import (
     FramePlace,
     FrameRow,
     Grant,
+    Leftovers,
     OutboxRow,
     OutboxStatus,
     RecordFacts,
+    StoreCounts,
 )
 
 Order = Sequence[tuple[str, int]]
@@ -356,3 +358,35 @@ class MongoStore:
             for slot in rows(lambda document: int(document["slot"]), found):
                 yield slot
                 last = slot
+
+    async def records_with_frames(self) -> AsyncIterator[bytes]:
+        """See `CustodyStore.records_with_frames`; read in pages, from the index alone."""
+        last, order = b"", _rising("record_id", "index")
+        while found := await self._many(
+            "frames", {"record_id": {"$gt": last}}, sort=order, limit=_PAGE_DOCUMENTS_COUNT, fields=("record_id",)
+        ):
+            for record_id in dict.fromkeys(rows(lambda document: bytes(document["record_id"]), found)):
+                yield record_id
+            last = found[-1]["record_id"]
+
+    async def counts(self) -> StoreCounts:
+        """See `CustodyStore.counts`; clips that are half written count as staged."""
+        staged = await self._count("clips", {"status": "staged"}) + await self._count("clips", {"status": STAGING})
+        return StoreCounts(
+            staged=staged,
+            confirmed=await self._count("clips", {"status": "confirmed"}),
+            erased=await self._count("clips", {"status": "erased"}),
+            frames=await self._count("frames", {}),
+            missing=await self._count("missing", {}),
+            owed=await self._count("outbox", {"status": "ready"}),
+            owed_erasures=await self._count("outbox", {"status": "erasing"}),
+            size_bytes=None,
+        )
+
+    async def _count(self, name: str, where: Document) -> int:
+        with _answering():
+            return await self._collection(name).count_documents(where)
+
+    async def leftovers(self) -> Leftovers:
+        """See `CustodyStore.leftovers`; a server's files cannot be looked into from here."""
+        return Leftovers(None, None)

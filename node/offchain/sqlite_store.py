@@ -16,6 +16,7 @@ from typing import Any, Self, TypeVar
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import HASH_SIZE_BYTES
+from node.offchain.sqlite_pages import count_dirty_free_bytes
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -23,9 +24,11 @@ from node.offchain.store import (
     FramePlace,
     FrameRow,
     Grant,
+    Leftovers,
     OutboxRow,
     OutboxStatus,
     RecordFacts,
+    StoreCounts,
 )
 
 T = TypeVar("T")
@@ -399,3 +402,46 @@ class SqliteStore:
             for row in rows:
                 yield row[0]
             last = rows[-1][0]
+
+    async def records_with_frames(self) -> AsyncIterator[bytes]:
+        """See `CustodyStore.records_with_frames`."""
+        query = "SELECT DISTINCT record_id FROM frames WHERE record_id > ? ORDER BY record_id LIMIT ?"
+        last = b""
+        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+            for row in rows:
+                yield row[0]
+            last = rows[-1][0]
+
+    async def counts(self) -> StoreCounts:
+        """See `CustodyStore.counts`."""
+
+        def read() -> StoreCounts:
+            database = self._opened()
+            clips = dict(database.execute("SELECT status, count(*) FROM clips GROUP BY status"))
+            owed = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
+            frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
+            missing = database.execute("SELECT count(*) FROM missing").fetchone()[0]
+            size_bytes = sum(path.stat().st_size for path in self._directory.glob(f"{DATABASE_FILE_NAME}*"))
+            return StoreCounts(
+                staged=clips.get("staged", 0),
+                confirmed=clips.get("confirmed", 0),
+                erased=clips.get("erased", 0),
+                frames=frames,
+                missing=missing,
+                owed=owed.get("ready", 0),
+                owed_erasures=owed.get("erasing", 0),
+                size_bytes=size_bytes,
+            )
+
+        return await self._in_worker(read)
+
+    async def leftovers(self) -> Leftovers:
+        """See `CustodyStore.leftovers`. The one connection is busy meanwhile, so nothing is written."""
+
+        def look() -> Leftovers:
+            path = self._directory / DATABASE_FILE_NAME
+            self._opened().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            log = path.with_name(path.name + "-wal")
+            return Leftovers(log.stat().st_size if log.exists() else 0, count_dirty_free_bytes(path))
+
+        return await self._in_worker(look)

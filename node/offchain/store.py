@@ -149,6 +149,34 @@ class BlockEffects:
     checkpoint: Checkpoint | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class StoreCounts:
+    """How much a store holds: clips by status, frames with their bytes, clips to be fetched, transactions owed.
+
+    `owed_erasures` are erasures planned and not yet carried out. `size_bytes` is what the store takes up on disk, None
+    where only its server knows.
+    """
+
+    staged: int
+    confirmed: int
+    erased: int
+    frames: int
+    missing: int
+    owed: int
+    owed_erasures: int
+    size_bytes: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Leftovers:
+    """What a store's own files keep beside its rows; `log_bytes` in a write-ahead log, `dirty_bytes` on free pages that
+    are not overwritten. None where only the store's server knows.
+    """
+
+    log_bytes: int | None
+    dirty_bytes: int | None
+
+
 class ReceiptOutbox(Protocol):
     """Where a custodian keeps the transactions that it owes, so that no crash loses one."""
 
@@ -272,4 +300,16 @@ class CustodyStore(ReceiptOutbox, Protocol):
 
     def slots_in_use(self) -> AsyncIterator[int]:
         """Yield the slot of every frame."""
+        ...
+
+    def records_with_frames(self) -> AsyncIterator[bytes]:
+        """Yield the record id of every frame, each once, also of frames that no clip claims."""
+        ...
+
+    async def counts(self) -> StoreCounts:
+        """Return how much the store holds."""
+        ...
+
+    async def leftovers(self) -> Leftovers:
+        """Sweep, then look into the store's own files for bytes that no row holds any more."""
         ...

@@ -11,6 +11,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from node.offchain.custodian import Custodian
 from node.offchain.erase_keys import (
+    ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
     HEADER_BYTES,
     PAGE_SLOTS_COUNT,
@@ -263,3 +264,20 @@ async def test_what_was_erased_is_in_no_file_of_the_custodian(tmp_path: Path) ->
             for row in remaining:
                 assert files_that_hold(row.ciphertext[:64], custody)
                 assert files_that_hold(erase_keys[row.slot], secret)
+
+
+def test_what_a_crash_wrote_into_a_slot_that_nobody_holds_is_seen_and_wiped(tmp_path: Path) -> None:
+    """`allocate` writes the key before it says that the slot holds one: in between, the power may fail."""
+    with EraseKeys(tmp_path) as keys:
+        ((slot, _),) = keys.allocate(1)
+        assert (keys.held, keys.capacity_count, keys.check_destroyed()) == ([slot], PAGE_SLOTS_COUNT, 0)
+    path = tmp_path / ERASE_KEYS_FILE_NAME
+    content = bytearray(path.read_bytes())
+    place = HEADER_BYTES + PAGE_SLOTS_COUNT + 7 * ERASE_KEY_BYTES
+    content[place : place + ERASE_KEY_BYTES] = b"\x07" * ERASE_KEY_BYTES
+    path.write_bytes(bytes(content))
+    with EraseKeys(tmp_path) as keys:
+        assert keys.check_destroyed() == 1
+        assert keys.reconcile([slot]) == 0
+        assert keys.check_destroyed() == 0
+        assert keys.read(slot) is not None

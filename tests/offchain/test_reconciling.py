@@ -4,12 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from consensus.primitives.encoding import encode_value, u32
-from consensus.primitives.hashing import sha256
-from consensus.records.commitments import ciphertext_root, commitment_root
-from contracts.state.view import MemoryState
-from node.offchain.chain_facts import ChainFacts
-from node.offchain.store import Checkpoint
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -18,71 +12,11 @@ from tests.offchain.small_chain import (
     EXPIRES_MS,
     OTHER_CUSTODIAN,
     START_MS,
-    RecordedClip,
     access,
     record_clip,
     recorded,
 )
-
-BOTH = [CUSTODIAN, OTHER_CUSTODIAN]
-
-
-class State:
-    """A finalized state of the privacy contracts, put together by hand."""
-
-    def __init__(self) -> None:
-        self.rows: dict[bytes, Any] = {}
-        self._audited: dict[bytes, int] = {}
-
-    def record(self, clip: RecordedClip, owner: bytes = ALICE, height: int = 5, **changes: Any) -> None:
-        entry = {
-            "owner": owner,
-            "robot": b"",
-            "commitment_root": commitment_root(clip.upload.commitment_leaves),
-            "ciphertext_root": ciphertext_root(clip.leaves),
-            "sealed_metadata": b"",
-            "bucket_ms": 0,
-            "expires_at_ms": EXPIRES_MS,
-            "height": height,
-            "txid": sha256(clip.record_id),
-            "status": "active",
-            "erased_frames": [],
-            "custodians": [],
-        }
-        if changes.get("status") in {"erased", "expired"}:
-            entry |= {"commitment_root": b"", "ciphertext_root": b""}
-        self.rows[b"records\x00record/" + clip.record_id] = entry | changes
-
-    def access(self, *clips: RecordedClip, owner: bytes = ALICE, height: int = 6, **changes: Any) -> None:
-        entry = {"owner": owner, "records": [clip.record_id for clip in clips], "purpose": "demo", "time": 0}
-        self.rows[b"access\x00access/" + ACCESS_ID] = entry | {"released": {}, "refused": {}} | changes
-        self._audit(owner, "access_requested", {"access_id": ACCESS_ID}, height)
-
-    def released(self, *clips: RecordedClip, custodian: bytes = CUSTODIAN) -> None:
-        told = sha256(custodian + b"".join(clip.record_id for clip in clips))
-        self.rows[b"access\x00release/" + ACCESS_ID + told] = True
-
-    def erasure(self, *clips: RecordedClip, frames: tuple[int, ...] = (), receipts: Any = (), **changes: Any) -> None:
-        entry = {
-            "owner": ALICE,
-            "records": [clip.record_id for clip in clips],
-            "frames": list(frames),
-            "custodians": BOTH,
-            "receipts": {custodian: {} for custodian in receipts},
-            "status": "requested",
-        }
-        self.rows[b"erasure\x00erasure/" + ERASURE_ID] = entry | changes
-        self._audit(ALICE, "erasure_requested", {"erasure_id": ERASURE_ID}, 7)
-
-    def _audit(self, owner: bytes, kind: str, data: dict[str, Any], height: int) -> None:
-        number = self._audited[owner] = self._audited.get(owner, -1) + 1
-        entry = {"record_id": b"", "kind": kind, "time": 0, "height": height, "data": data}
-        self.rows[b"audit\x00entry/" + owner + u32(number)] = entry
-
-    def facts(self, height: int = 100, at_ms: int = START_MS + 500_000) -> ChainFacts:
-        state = MemoryState()
-        state.apply({key: encode_value(value) for key, value in self.rows.items()})
-        return ChainFacts(state, Checkpoint(height, sha256(b"block %d" % height), at_ms))
+from tests.offchain.small_state import BOTH, State
 
 
 async def reconcile(house: House, state: State, **options: Any) -> None:

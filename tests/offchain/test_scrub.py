@@ -1,103 +1,327 @@
-"""The scrub: every way in which chain and store can differ is found, and only what is missing is put right."""
+"""The scrub and the rebuild: every way in which chain and store can differ is found, and put right where that is proven."""
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-from consensus.records.commitments import ciphertext_root, commitment_root
-from node.offchain.custodian import Custodian
-from node.offchain.erase_keys import EraseKeys
-from node.offchain.scrub import ChainRecord, scrub
-from node.offchain.store import CustodyStore, RecordFacts
-from tests.offchain.small_chain import (
-    ALICE,
-    BOB,
-    CUSTODIAN,
-    EXPIRES_MS,
-    RecordedClip,
-    SmallChain,
-    record_clip,
-    recorded,
-)
+from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload, FrameDownload
+from node.offchain.chain_facts import ChainFacts
+from node.offchain.rebuilding import Rebuild, RebuildReport
+from node.offchain.scrub import ScrubReport, scrub
+from node.offchain.store import BlockEffects, ClipRow
+from tests.offchain.house import ERASURE_ID, House, read_all, refused
+from tests.offchain.small_chain import BOB, EXPIRES_MS, RecordedClip, erasure, record_clip, recorded
+from tests.offchain.small_state import BOTH, State
 
 
-class ChainState:
-    """The records of a finalized state, as far as a scrub asks for them."""
+class Peer:
+    """Another custodian, with the clips that the test gives it."""
 
-    def __init__(self) -> None:
-        self.kept: dict[bytes, ChainRecord] = {}
+    name = "node-2"
 
-    def put(self, clip: RecordedClip, *, kept: bool = True, owner: bytes = ALICE, height: int = 1) -> None:
-        roots = commitment_root(clip.upload.commitment_leaves), ciphertext_root(clip.leaves)
-        facts = RecordFacts(clip.record_id, clip.upload.txid, owner, *roots, EXPIRES_MS, height)
-        self.kept[clip.record_id] = ChainRecord(facts, kept)
+    def __init__(self, *clips: RecordedClip, erased: tuple[int, ...] = ()) -> None:
+        self.clips = {clip.record_id: clip for clip in clips}
+        self.erased = erased
 
-    async def records(self) -> AsyncIterator[ChainRecord]:
-        for record in self.kept.values():
-            yield record
+    async def fetch(self, record_id: bytes) -> ClipDownload | None:
+        clip = self.clips.get(record_id)
+        if clip is None:
+            return None
+        frames = []
+        for index, (text, key) in enumerate(zip(clip.upload.ciphertexts, clip.upload.sealed_keys, strict=True)):
+            gone = index in self.erased
+            frames.append([index, gone, b"" if gone else text, b"" if gone else key])
+        return ClipDownload(
+            record_id=record_id,
+            txid=clip.upload.txid,
+            frames=[FrameDownload(index=i, erased=e, ciphertext=c, sealed_key=k) for i, e, c, k in frames],
+            commitment_leaves=list(clip.upload.commitment_leaves),
+            ciphertext_leaves=list(clip.leaves),
+        )
+
+
+class Desk:
+    """An opened house beside a state of the chain that the test puts together."""
+
+    def __init__(self, house: House) -> None:
+        self.house, self.state = house, State()
+
+    async def hold(self, *clips: RecordedClip) -> None:
+        """Let the custodian keep clips, and let the state know them in the same words."""
+        for clip in clips:
+            await self.house.keep(clip)
+            self.record(clip)
+
+    def record(self, clip: RecordedClip, **changes: object) -> None:
+        known = {"height": self.house.chain.height, "txid": clip.upload.txid}
+        self.state.record(clip, **{**known, **changes})
+
+    def open_facts(self) -> Callable[[], AbstractContextManager[ChainFacts]]:
+        return lambda: self.state.open(self.house.chain.height, self.house.chain.time_ms)
+
+    async def scrub(self) -> ScrubReport:
+        return await scrub(self.house.custodian, self.house.store, self.house.keys, self.open_facts())
+
+    async def rebuild(self, *peers: Peer) -> RebuildReport:
+        async def pause() -> None:
+            """Nobody new comes."""
+
+        house = self.house
+        parts = (house.custodian, house.store, house.keys, self.open_facts(), lambda: peers)
+        return await Rebuild(*parts, pause=pause).run()
+
+    async def opens(self, clip: RecordedClip) -> bool:
+        return read_all(clip, await self.house.custodian.export(clip.record_id)) == list(clip.plaintexts)
 
 
 @pytest.fixture
-async def custodian(store: CustodyStore, tmp_path: Path) -> AsyncIterator[Custodian]:
-    chain = SmallChain()
-    with EraseKeys(tmp_path / "erase-keys") as keys:
-        yield Custodian(store, keys, member=CUSTODIAN, clock_ms=lambda: chain.time_ms)
+def desk(opened: House) -> Desk:
+    return Desk(opened)
 
 
-async def hold(custodian: Custodian, *clips: RecordedClip) -> None:
-    chain = SmallChain()
-    for clip in clips:
-        await custodian.stage(clip.upload)
-    await custodian.on_finalized_block(chain.block(*(recorded(clip) for clip in clips)))
-
-
-async def test_a_store_that_agrees_with_the_chain_is_clean(custodian: Custodian, store: CustodyStore) -> None:
-    clips, state = [record_clip() for _ in range(3)], ChainState()
-    await hold(custodian, *clips)
-    for clip in clips:
-        state.put(clip)
-    report = await scrub(custodian, store, state)
+async def test_a_store_that_agrees_with_the_chain_is_clean(desk: Desk) -> None:
+    clips = [record_clip() for _ in range(3)]
+    await desk.hold(*clips)
+    report = await desk.scrub()
     assert report.is_clean
-    assert report.compared_count == 3
+    assert (report.records_count, report.compared_count, report.frames_count) == (3, 3, 9)
 
 
-async def test_what_the_store_lost_is_put_among_the_missing(custodian: Custodian, store: CustodyStore) -> None:
-    held, lost, ahead, state = record_clip(), record_clip(), record_clip(), ChainState()
-    await hold(custodian, held)
-    state.put(held)
-    state.put(lost)
-    state.put(ahead, height=2)
-    report = await scrub(custodian, store, state)
+async def test_after_an_erasure_and_an_expiry_nothing_is_left_and_the_scrub_says_so(desk: Desk) -> None:
+    gone, cut, expiring = (record_clip() for _ in range(3))
+    await desk.hold(gone, cut, expiring)
+    await desk.house.follow(erasure(ERASURE_ID, gone), erasure(b"\xe2" * 32, cut, frames=(1,)), at_ms=EXPIRES_MS - 1)
+    desk.record(gone, status="erasing", height=1)
+    desk.record(cut, height=2)
+    desk.state.erasure(cut, frames=(1,))
+    assert (await desk.scrub()).is_clean
+    await desk.house.follow(at_ms=EXPIRES_MS)
+    report = await desk.scrub()
+    assert report.is_clean
+    assert report.compared_count == 0
+    assert desk.house.keys.held_count == 0
+
+
+async def test_what_the_store_lost_is_put_among_the_missing_and_a_rebuild_fetches_it(desk: Desk) -> None:
+    held, lost = record_clip(), record_clip()
+    await desk.hold(held)
+    desk.record(lost)
+    report = await desk.scrub()
     assert report.missing == [lost.record_id]
+    assert report.nothing_erased_is_left
     assert not report.is_clean
-    assert [facts.record_id for facts in await custodian.missing(10)] == [lost.record_id]
+    assert [facts.record_id for facts in await desk.house.custodian.missing(10)] == [lost.record_id]
+    rebuilt = await desk.rebuild(Peer(lost))
+    assert rebuilt.is_whole
+    assert rebuilt.fetched_count == 1
+    assert await desk.opens(lost)
+    assert (await desk.scrub()).is_clean
 
 
-async def test_what_should_not_be_there_is_reported_and_left_for_a_person(
-    custodian: Custodian, store: CustodyStore
-) -> None:
-    erased, unknown, foreign, state = record_clip(), record_clip(), record_clip(), ChainState()
-    await hold(custodian, erased, unknown, foreign)
-    state.put(erased, kept=False)
-    state.put(foreign, owner=BOB)
-    report = await scrub(custodian, store, state)
+async def test_what_should_not_be_there_is_reported_by_the_scrub_and_erased_by_the_rebuild(desk: Desk) -> None:
+    erased, unknown, foreign = record_clip(), record_clip(), record_clip()
+    await desk.hold(erased, foreign)
+    await desk.house.keep(unknown)
+    desk.record(erased, status="erased", height=1)
+    desk.record(foreign, owner=BOB, height=2)
+    desk.state.erasure(erased, receipts=BOTH, status="complete")
+    report = await desk.scrub()
     assert report.held_though_erased == [erased.record_id]
     assert report.unknown_to_chain == [unknown.record_id]
-    assert report.other_roots == [foreign.record_id]
-    assert report.missing == []
-    assert len(await store.clips([erased.record_id, unknown.record_id, foreign.record_id])) == 3
+    assert report.other_facts == [foreign.record_id]
+    assert not report.nothing_erased_is_left
+    assert len(await desk.house.store.clips([erased.record_id, unknown.record_id, foreign.record_id])) == 3
+    rebuilt = await desk.rebuild()
+    assert (rebuilt.erased_again, rebuilt.corrected) == ([erased.record_id], [foreign.record_id])
+    assert rebuilt.unknown_to_chain == [unknown.record_id]
+    assert not rebuilt.is_whole
+    await refused("CLIP_ERASED", desk.house.custodian.export(erased.record_id))
+    clips = await desk.house.store.clips([foreign.record_id])
+    assert clips[foreign.record_id].owner == BOB
+    assert await desk.house.custodian.owed(10) == []
 
 
-async def test_a_changed_byte_is_found_in_its_frame(custodian: Custodian, store: CustodyStore) -> None:
-    clip, state = record_clip(), ChainState()
-    await hold(custodian, clip)
-    state.put(clip)
+async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: Desk) -> None:
+    """No request names it, and the store's own expiry is wrong: only the state tells."""
+    clip = record_clip()
+    await desk.house.custodian.stage(clip.upload)
+    await desk.house.follow(recorded(clip, expires_at_ms=EXPIRES_MS + 10**9))
+    desk.record(clip, status="expired")
+    assert (await desk.scrub()).held_though_erased == [clip.record_id]
+    assert (await desk.rebuild()).erased_again == [clip.record_id]
+    assert (await desk.scrub()).is_clean
+    assert desk.house.keys.held_count == 0
+
+
+async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: Desk) -> None:
+    clip = record_clip()
+    await desk.hold(clip)
+    store = desk.house.store
     row, frames = (await store.clips([clip.record_id]))[clip.record_id], await store.frames(clip.record_id)
     changed = frames[2].ciphertext[:-1] + bytes((frames[2].ciphertext[-1] ^ 1,))
     await store.stage(row, [*frames[:2], replace(frames[2], ciphertext=changed)])
-    report = await scrub(custodian, store, state)
+    report = await desk.scrub()
     assert report.corrupted == [(clip.record_id, 2)]
+    alone = await desk.rebuild()
+    assert (alone.still_damaged, alone.is_whole) == ([clip.record_id], False)
+    assert len(await store.frames(clip.record_id)) == 3
+    lacking = await desk.rebuild(Peer(clip, erased=(0,)))
+    assert lacking.still_damaged == [clip.record_id]
+    assert (await desk.rebuild(Peer(clip))).mended == [clip.record_id]
+    assert await desk.opens(clip)
+    assert desk.house.keys.held_count == 3
+    assert (await desk.scrub()).is_clean
+
+
+async def test_frames_that_are_gone_though_nobody_erased_them_come_back_and_erased_ones_do_not(desk: Desk) -> None:
+    clip = record_clip()
+    await desk.hold(clip)
+    await desk.house.follow(erasure(ERASURE_ID, clip, frames=(0,)))
+    desk.state.erasure(clip, frames=(0,))
+    await desk.house.store.erase_frames(clip.record_id, [2])
+    report = await desk.scrub()
+    assert report.corrupted == [(clip.record_id, 2)]
+    assert len(report.unclaimed_keys) == 1
+    rebuilt = await desk.rebuild(Peer(clip))
+    assert (rebuilt.mended, rebuilt.keys_destroyed_count) == ([clip.record_id], 1)
+    download = await desk.house.custodian.export(clip.record_id)
+    assert read_all(clip, download) == [None, *clip.plaintexts[1:]]
+    assert (await desk.scrub()).is_clean
+
+
+async def test_a_frame_that_is_back_though_it_was_erased_is_found_and_goes(desk: Desk) -> None:
+    clip = record_clip()
+    await desk.hold(clip)
+    store, keys = desk.house.store, desk.house.keys
+    row, frames = (await store.clips([clip.record_id]))[clip.record_id], await store.frames(clip.record_id)
+    desk.state.erasure(clip, frames=(1,), receipts=BOTH, status="complete")
+    report = await desk.scrub()
+    assert report.frames_held_though_erased == [(clip.record_id, 1)]
+    assert not report.nothing_erased_is_left
+    await desk.rebuild()
+    assert [frame.index for frame in await store.frames(clip.record_id)] == [0, 2]
+    assert keys.held_count == 2
+    await store.stage(row, frames)
+    assert (await desk.scrub()).is_clean, "the row is back from a backup, but nothing opens it any more"
+
+
+async def test_frames_without_a_clip_and_keys_without_a_frame_are_found_and_go(desk: Desk) -> None:
+    clip, orphan = record_clip(), record_clip()
+    await desk.hold(clip)
+    store, keys = desk.house.store, desk.house.keys
+    await desk.house.custodian.stage(orphan.upload)
+    frames = await store.frames(orphan.record_id)
+    await store.erase_clip(orphan.record_id)
+    await store.stage(ClipRow(orphan.record_id, b"", 0, "erased", (), ()), frames)
+    ((lone, _),) = keys.allocate(1)
+    report = await desk.scrub()
+    assert report.unclaimed_frames == [orphan.record_id]
+    assert report.unclaimed_keys == [lone]
+    rebuilt = await desk.rebuild()
+    assert rebuilt.erased_again == [orphan.record_id]
+    assert rebuilt.keys_destroyed_count == 1
+    assert keys.held_count == 3
+    assert (await desk.scrub()).is_clean
+
+
+async def test_an_index_that_is_lost_whole_is_made_again_from_the_state(desk: Desk) -> None:
+    clips = [record_clip() for _ in range(3)]
+    await desk.hold(*clips)
+    for clip in clips:
+        await desk.house.store.stage(ClipRow(clip.record_id, b"", 0, "staged", (), ()), [])
+        await desk.house.store.drop_staged(clip.record_id)
+    assert (await desk.scrub()).missing == sorted(clip.record_id for clip in clips)
+    rebuilt = await desk.rebuild(Peer(*clips))
+    assert rebuilt.is_whole
+    for clip in clips:
+        assert await desk.opens(clip)
+    assert desk.house.keys.held_count == 9
+
+
+async def test_a_mark_of_erasure_that_the_chain_does_not_know_gives_way_to_the_clip(desk: Desk) -> None:
+    clip = record_clip()
+    await desk.hold(clip)
+    await desk.house.custodian.eraser.erase_again([clip.record_id])
+    assert (await desk.scrub()).missing == [clip.record_id]
+    rebuilt = await desk.rebuild(Peer(clip))
+    assert rebuilt.forgotten == [clip.record_id]
+    assert rebuilt.is_whole
+    assert await desk.opens(clip)
+
+
+async def test_what_nobody_has_stays_missing_and_the_rebuild_ends_and_says_so(desk: Desk) -> None:
+    lost = record_clip()
+    await desk.hold(record_clip())
+    desk.record(lost)
+    rebuilt = await desk.rebuild(Peer())
+    assert (rebuilt.still_missing_count, rebuilt.is_whole) == (1, False)
+
+
+async def test_a_custodian_that_is_behind_its_ledger_says_nothing_yet(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    await desk.hold(record_clip())
+    desk.house.chain.height += 1
+    monkeypatch.setattr("node.offchain.scrub.settled.__wrapped__.__defaults__", (0.0,))
+    await refused("CUSTODY_CATCHING_UP", desk.scrub())
+
+
+async def test_an_upload_on_its_way_is_no_orphan(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its keys are there before its rows; the scrub must not take them for keys that nobody needs."""
+    await desk.hold(record_clip())
+    coming, reports = record_clip(), []
+    custodian, store = desk.house.custodian, desk.house.store
+    original = custodian._is_known
+    asked: list[ClipRow] = []
+
+    async def scrubbed_meanwhile(clip: ClipRow) -> bool:
+        asked.append(clip)
+        if len(asked) == 1:
+            return await original(clip)
+        custodian._writing.release()
+        reports.append(await desk.scrub())
+        await custodian._writing.acquire()
+        return await original(clip)
+
+    monkeypatch.setattr(custodian, "_is_known", scrubbed_meanwhile)
+    await custodian.stage(coming.upload)
+    assert [report.is_clean for report in reports] == [True]
+    assert len(await store.frames(coming.record_id)) == 3
+
+
+async def test_a_rebuild_that_a_failing_store_cut_off_is_done_again(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, gone = record_clip(), record_clip()
+    await desk.hold(kept, gone)
+    desk.record(gone, status="erased", height=2)
+    original = desk.house.store.erase_clip
+
+    async def fail(_: bytes) -> None:
+        raise BlockRobotError("STORE_UNAVAILABLE")
+
+    monkeypatch.setattr(desk.house.store, "erase_clip", fail)
+    await refused("STORE_UNAVAILABLE", desk.rebuild())
+    monkeypatch.setattr(desk.house.store, "erase_clip", original)
+    assert (await desk.rebuild()).is_whole
+    assert (await desk.scrub()).is_clean
+    assert await desk.opens(kept)
+
+
+async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: Desk) -> None:
+    await desk.hold(record_clip())
+    before = await desk.house.custodian.checkpoint()
+    await desk.rebuild()
+    after = await desk.house.custodian.checkpoint()
+    assert before is not None
+    assert after is not None
+    assert after.height == before.height
+    await desk.house.store.apply(BlockEffects())
+    fresh = record_clip()
+    await desk.house.keep(fresh)
+    assert await desk.opens(fresh)

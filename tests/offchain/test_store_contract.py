@@ -330,3 +330,19 @@ async def test_an_upload_cut_off_between_frames_and_clip_is_not_seen_but_purged(
         await store.drop_staged(record_id(1))
         assert await store.frame_places([record_id(1)]) == []
         assert await store.lapsed(1000, 10) == []
+
+
+async def test_a_store_says_how_much_it_holds_and_of_what_there_are_frames(store: CustodyStore) -> None:
+    for number in (1, 2, 3):
+        await stage(store, number)
+    await store.apply(BlockEffects(confirmed=(facts(1), facts(2)), missing=(facts(7),), outbox=(row(0), row(1))))
+    await store.add_outbox(row(2, status="erasing"))
+    await store.erase_clip(record_id(2))
+    await store.erase_frames(record_id(1), [0])
+    counts = await store.counts()
+    assert (counts.staged, counts.confirmed, counts.erased) == (1, 1, 1)
+    assert (counts.frames, counts.missing, counts.owed, counts.owed_erasures) == (3, 1, 2, 1)
+    assert counts.size_bytes is None or counts.size_bytes > 0
+    assert [found async for found in store.records_with_frames()] == [record_id(1), record_id(3)]
+    left = await store.leftovers()
+    assert (left.log_bytes or 0, left.dirty_bytes or 0) == (0, 0)
