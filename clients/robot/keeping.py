@@ -70,12 +70,21 @@ class Keeper:
         if isinstance(output, Kept) and refusal is None:
             self._kept.setdefault(output.alias, self._find_beginning(self.people[output.alias]))
             return self._batcher.add_kept(output, self._now_ms())
-        may_tell = refusal is None or refusal is Refusal.STALE
-        reason = str(output.reason) if isinstance(output, Withheld) and may_tell else str(refusal)
-        self._note_withheld(output.sequence, output.alias, reason)
-        if may_tell:
-            self._batcher.add_withheld(output.alias, reason)
+        self._withhold(output, str(output.reason if isinstance(output, Withheld) else refusal), refusal)
         return []
+
+    def withhold(self, output: Kept | Withheld, reason: str) -> None:
+        """Keep something back for another reason than the hider's; its owner is told."""
+        refusal = self._find_refusal(self.people[output.alias], output.captured_at_ms + self.offset_ms)
+        self._withhold(output, reason, refusal)
+
+    def _withhold(self, output: Kept | Withheld, reason: str, refusal: Refusal | None) -> None:
+        """Count it; tell its owner the reason unless she does not consent: that would be a record of her."""
+        may_tell = refusal is None or refusal is Refusal.STALE
+        told = reason if may_tell else str(refusal)
+        self._note_withheld(output.sequence, output.alias, told)
+        if may_tell:
+            self._batcher.add_withheld(output.alias, told)
 
     def admit(self, clip: ReadyClip) -> ReadyClip | None:
         """Return what of a clip may be sealed by the view of now, or None if nothing may.

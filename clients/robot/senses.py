@@ -45,7 +45,17 @@ from consensus.records.renditions import (
 from consensus.records.roster import RosterRow
 
 WAITING_MAX_COUNT = 4_096
+"""Of each sense: how many wait with what they hold."""
+
 WAITING_MAX_BYTES = 128 * 1024 * 1024
+"""Of all senses together."""
+
+EMPTY_MAX_COUNT = 65_536
+"""Of each sense: how many wait altogether, also those that hold nothing any more."""
+
+NO_ROOM = "no-room"
+"""Why a person does not get what there was no memory for, until it was known whose it is."""
+
 SENSORS: dict[type, str] = {ColourFrame: "rgb", Label: "emotion", AudioClip: "audio"}
 NO_BACKGROUND = bytes(HASH_SIZE_BYTES)
 _JPEG_QUALITY = 90
@@ -61,9 +71,9 @@ class SenseKept(Kept):
     height: int = 1
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Waiting:
-    """Something of one sense, packed, until it is known who was there."""
+    """Something of one sense, packed, until it is known who was there. `is_empty`: there was no room for its data."""
 
     sensor: str
     sequence: int
@@ -73,6 +83,49 @@ class _Waiting:
     width: int
     height: int
     data: bytes
+    is_empty: bool = False
+
+
+class _Queue:
+    """What waits of one sense, in order of arrival. What has no room keeps its place, without its data."""
+
+    def __init__(self) -> None:
+        self.size_bytes = 0
+        self._held_count = 0
+        self._waiting: deque[_Waiting] = deque()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    @property
+    def first(self) -> _Waiting:
+        """What has waited longest."""
+        return self._waiting[0]
+
+    @property
+    def is_too_long(self) -> bool:
+        """Whether more hold data than may."""
+        return self._held_count > WAITING_MAX_COUNT
+
+    def add(self, waiting: _Waiting) -> None:
+        """Take what has come."""
+        self._waiting.append(waiting)
+        self._count(waiting, 1)
+
+    def pop(self) -> None:
+        """Let go of what has waited longest."""
+        self._count(self._waiting.popleft(), -1)
+
+    def empty_last(self) -> None:
+        """Let go of the data of what came last: who came earlier will be decided on sooner."""
+        last = next(waiting for waiting in reversed(self._waiting) if not waiting.is_empty)
+        self._count(last, -1)
+        last.data, last.is_empty = b"", True
+
+    def _count(self, waiting: _Waiting, sign: int) -> None:
+        if not waiting.is_empty:
+            self._held_count += sign
+            self.size_bytes += sign * len(waiting.data)
 
 
 class _SenseLog(EventLog):
@@ -122,21 +175,26 @@ class SenseDesk:
                 now_ms=now_ms,
             )
             self._keepers[sensor].people = people
-        self._waiting: dict[str, deque[_Waiting]] = {sensor: deque() for sensor in SENSORS.values()}
-        self._waiting_bytes = 0
+        self._waiting = {sensor: _Queue() for sensor in SENSORS.values()}
         self._sealed: list[SpooledClip] = []
 
     async def take(self, sense: Sense, *, camera_offset_ms: int = 0) -> None:
         """Take something of a sense; `camera_offset_ms` is the host's clock minus the camera's."""
         sensor = SENSORS[type(sense)]
         self._statistics.senses[sensor].frame_arrived(sense.sequence, self._now_ms())
-        waiting = await asyncio.to_thread(_pack, sense, camera_offset_ms)
-        self._waiting[sensor].append(waiting)
-        self._waiting_bytes += len(waiting.data)
-        while len(self._waiting[sensor]) > WAITING_MAX_COUNT or self._waiting_bytes > WAITING_MAX_BYTES:
-            fullest = max(self._waiting, key=lambda name: len(self._waiting[name]))
-            self._statistics.senses[fullest].let_go += 1
-            self._conclude_first(self._waiting[fullest], final=True)
+        own = self._waiting[sensor]
+        own.add(await asyncio.to_thread(_pack, sense, camera_offset_ms))
+        if own.is_too_long:
+            self._let_go(sensor)
+        while sum(queue.size_bytes for queue in self._waiting.values()) > WAITING_MAX_BYTES:
+            self._let_go(max(self._waiting, key=lambda name: self._waiting[name].size_bytes))
+        if len(own) > EMPTY_MAX_COUNT:
+            self._conclude_first(own, final=True)
+
+    def _let_go(self, sensor: str) -> None:
+        """Let go of the data of what came last of a sense. Its owners are told once it is known who they are."""
+        self._statistics.senses[sensor].let_go += 1
+        self._waiting[sensor].empty_last()
 
     def drop_refused(self) -> None:
         """Forget what waits for a clip of whoever does not consent any more."""
@@ -155,11 +213,11 @@ class SenseDesk:
         sealed, self._sealed = [*self._sealed, *sealed], []
         return sealed
 
-    def _conclude_first(self, queue: deque[_Waiting], *, final: bool) -> bool:
+    def _conclude_first(self, queue: _Queue, *, final: bool) -> bool:
         """Let go of the one that has waited longest, if it is settled; say whether it was."""
-        if not self._conclude(queue[0], final=final):
+        if not self._conclude(queue.first, final=final):
             return False
-        self._waiting_bytes -= len(queue.popleft().data)
+        queue.pop()
         return True
 
     def _conclude(self, waiting: _Waiting, *, final: bool) -> bool:
@@ -174,6 +232,9 @@ class SenseDesk:
         self._statistics.senses[waiting.sensor].covered += len(verdicts)
         for verdict in verdicts:
             output: Kept | Withheld = replace(verdict, sequence=waiting.sequence, captured_at_ms=waiting.start_ms)
+            if isinstance(output, Kept) and waiting.is_empty:
+                keeper.withhold(output, NO_ROOM)
+                continue
             if isinstance(output, Kept):
                 output = _cut_out(output, waiting)
             self._sealed += self._seal(waiting.sensor, keeper.take(output))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import wave
+from collections import Counter
 from collections.abc import Sequence
 from io import BytesIO
 from pathlib import Path
@@ -194,6 +195,17 @@ def world(tmp_path: Path) -> World:
     return World(tmp_path / "wallet")
 
 
+def told_of(world: World, robot: Robot) -> Counter[str]:
+    """Return what the wallet's records say was withheld, by reason."""
+    for done in robot.delivered:
+        world.hold(done.clip, ROBOT.public_key)
+    told: Counter[str] = Counter()
+    for report in asyncio.run(world.wallet.records()):
+        for entry in report.records:
+            told.update(dict(entry.metadata.withheld))
+    return told
+
+
 def shares(paths: list[Path]) -> dict[str, float]:
     """Return the share of each painted colour among all painted pixels of some pictures."""
     counts = dict.fromkeys(("red", "blue", "green"), 0)
@@ -286,15 +298,8 @@ def test_a_sense_without_consent_leaves_no_trace(tmp_path: Path, world: World, a
 
 def test_the_owner_is_told_how_much_of_a_sense_was_withheld(tmp_path: Path, world: World, alone: Path) -> None:
     robot = run(tmp_path, world, alone)
-    for done in robot.delivered:
-        world.hold(done.clip, ROBOT.public_key)
-    told: dict[str, int] = {}
-    for report in asyncio.run(world.wallet.records()):
-        for entry in report.records:
-            for reason, count in entry.metadata.withheld:
-                told[reason] = told.get(reason, 0) + count
     statistics = [robot.statistics, *robot.statistics.senses.values()]
-    assert sum(told.values()) == sum(each.withheld_count for each in statistics)
+    assert sum(told_of(world, robot).values()) == sum(each.withheld_count for each in statistics)
 
 
 def test_no_plain_sense_is_on_the_disk(tmp_path: Path, world: World, alone: Path) -> None:
@@ -304,13 +309,39 @@ def test_no_plain_sense_is_on_the_disk(tmp_path: Path, world: World, alone: Path
         assert b"calm" not in path.read_bytes()
 
 
-def test_memory_for_what_waits_is_bounded_and_what_is_let_go_is_withheld(
+def test_what_there_was_no_memory_for_is_withheld_and_its_owner_told(
     tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 4_000)
+    """Nobody knows yet whose a picture is when memory runs out, so the owner hears of it once that is decided."""
+    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 8_000)
     robot = run(tmp_path, world, alone)
     figures = robot.statistics.senses_json()
     assert robot.statistics.frames_json()["kept"] > 10
-    assert figures["rgb"]["kept"] < 10
     assert figures["rgb"]["let_go"] > 20
+    assert figures["rgb"]["withheld_reasons"] == {"no-room": figures["rgb"]["let_go"]}
     assert all(figures[sensor]["lost"] == 0 for sensor in ("rgb", "emotion", "audio"))
+    assert told_of(world, robot)["no-room"] == sum(each["let_go"] for each in figures.values())
+
+
+def test_what_came_first_is_kept_when_memory_runs_out_and_the_largest_sense_gives_way(
+    tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Letting go what has waited longest would keep nothing at all, were more to come always than memory holds."""
+    monkeypatch.setattr(senses, "WAITING_MAX_BYTES", 30_000)
+    robot = run(tmp_path, world, alone, registered=False)
+    figures = robot.statistics.senses_json()
+    assert figures["rgb"]["let_go"] > 0
+    assert figures["rgb"]["kept"] > 0
+    assert figures["emotion"]["let_go"] == 0
+    assert figures["emotion"]["kept"] >= 2
+
+
+def test_more_messages_of_a_sense_than_may_wait_are_withheld_as_well(
+    tmp_path: Path, world: World, alone: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(senses, "WAITING_MAX_COUNT", 10)
+    robot = run(tmp_path, world, alone)
+    figures = robot.statistics.senses_json()
+    assert figures["rgb"]["let_go"] == figures["rgb"]["withheld_reasons"]["no-room"] == 20
+    assert figures["rgb"]["kept"] == 10
+    assert figures["emotion"]["let_go"] == 0
