@@ -84,9 +84,9 @@ class Stage:
         organisation = self.cluster.genesis.organisations[0].name
         return ["--desk", str(self.network_dir / "organisations" / organisation), "--genesis", str(self.genesis_file)]
 
-    def robot_arguments(self) -> list[str]:
-        """Return the beginning of a command of the robot."""
-        return ["robot", "--robot-dir", str(self.robots), "--genesis", str(self.genesis_file)]
+    def robot_arguments(self, name: str = "robot") -> list[str]:
+        """Return the beginning of a command of a robot."""
+        return ["robot", "--name", name, "--robot-dir", str(self.robots), "--genesis", str(self.genesis_file)]
 
     async def wallet(self, profile: str, *arguments: str) -> dict[str, Any]:
         """Run a wallet's command and return its answer. Raises its refusal."""
@@ -124,21 +124,20 @@ class Stage:
         registered = await self.wallet(alias, "register", code, "--purpose", self.purpose)
         return bool(made["member"] == registered["member"])
 
-    async def enrol_robot(self) -> str:
-        """Draw the robot's keys and register it; return its member key, as the chain recovered it."""
+    async def enrol_robot(self, name: str = "robot") -> str:
+        """Draw a robot's keys and register it; return its member key, as the chain recovered it."""
         self.wallets.mkdir(parents=True, exist_ok=True, mode=0o700)
-        made = await run_command([*self.robot_arguments(), "new"])
-        code = await self.issue_card("robot", "robot", secrets.token_hex(12).upper())
-        registered = await run_command([*self.robot_arguments(), "register", code])
+        made = await run_command([*self.robot_arguments(name), "new"])
+        code = await self.issue_card("robot", name, secrets.token_hex(12).upper())
+        registered = await run_command([*self.robot_arguments(name), "register", code])
         if made["member"] != registered["member"]:
             raise BlockRobotError("INTERNAL", "The chain recovered another key than the robot's own.")
         return str(registered["member"])
 
-    async def make_roster(self, robot: str) -> int:
-        """Let the registrar seal the roster to the robot; return how many people are on it."""
-        answer = await run_command(
-            ["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", str(self.roster_file)]
-        )
+    async def make_roster(self, robot: str, out: Path | None = None) -> int:
+        """Let the registrar seal the roster to the robot of this key; return how many people are on it."""
+        where = str(out or self.roster_file)
+        answer = await run_command(["roster", "make", *self.desk_arguments(), "--robot", robot, "--out", where])
         return int(answer["rows"])
 
     async def stop(self) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.table import Table
 
-from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
 
 _TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
 
@@ -208,6 +208,33 @@ def companions_command(scenes: int, seed: int, workers: int | None, as_json: boo
     from network.bench.companions import judge_companions  # noqa: PLC0415 - only when it is needed
 
     _finish(judge_companions(seed, scenes=scenes, workers=workers), as_json=as_json)
+
+
+@bench.command("robot")
+@click.option("--seconds", default=60.0, show_default=True, type=click.FloatRange(2.0, 3_600.0), help="How long.")
+@click.option("--robots", default=1, show_default=True, type=click.IntRange(1, 16), help="Robots at once.")
+@click.option("--fps", default=30, show_default=True, type=click.IntRange(1, 60), help="Frames a second, each robot.")
+@click.option("--cut", default=0.0, type=click.FloatRange(0.0, 600.0), help="Seconds without a network, in the middle.")
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from.")
+@json_option
+@plain_errors
+def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, as_json: bool) -> None:
+    """Measure whether a robot keeps up with its camera, two registered people in view; no frame may be lost or doubled.
+
+    A stretch of at most 20 s is rendered once, kept, and looped; then robots, nodes and wallets run for real. At the
+    end each person's wallet opens every picture of hers. A line of progress goes to standard error.
+
+    Example: blockrobot bench robot --seconds 60 --robots 1 --json
+    Example: blockrobot bench robot --seconds 180 --cut 60
+    """
+    from network.bench.robot import RobotOptions, run_robot_benchmark  # noqa: PLC0415 - only when it is needed
+
+    if cut >= seconds:
+        raise click.UsageError("--cut is a part of --seconds, and must be shorter.")
+    options = RobotOptions(
+        seconds=seconds, robots=robots, fps=fps, cut_s=cut, seed=seed, cache=home_folder() / "recordings"
+    )
+    _finish(asyncio.run(run_robot_benchmark(options, _Teller())), as_json=as_json)
 
 
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:

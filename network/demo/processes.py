@@ -18,8 +18,8 @@ from consensus.errors import CATALOGUE, BlockRobotError
 COMMAND_TIMEOUT_S = 600.0
 
 
-def _command(arguments: list[str]) -> list[str]:
-    return [sys.executable, "-m", "network.cli.main", *arguments]
+def _command(arguments: list[str], module: str = "network.cli.main") -> list[str]:
+    return [sys.executable, "-m", module, *arguments]
 
 
 def _environment(extra: dict[str, str]) -> dict[str, str]:
@@ -71,8 +71,11 @@ class LongCommand:
         arguments: list[str],
         on_progress: Callable[[dict[str, Any]], None],
         on_start: Callable[[int], None] | None = None,
+        *,
+        module: str = "network.cli.main",
     ) -> None:
-        """`on_start` is told the process id."""
+        """`on_start` is told the process id; `module` is the program, `blockrobot` unless said."""
+        self._module = module
         self._arguments = arguments
         self._on_progress = on_progress
         self._on_start = on_start
@@ -80,7 +83,7 @@ class LongCommand:
     async def run(self, timeout_s: float) -> dict[str, Any]:
         """Run to the end and return the JSON answer. Raises the command's refusal."""
         process = await asyncio.create_subprocess_exec(
-            *_command([*self._arguments, "--json"]),
+            *_command([*self._arguments, "--json"], self._module),
             stdin=asyncio.subprocess.DEVNULL,
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,

@@ -60,3 +60,28 @@ def test_killing_and_cutting_loses_no_acknowledged_call() -> None:
     assert figures["acknowledged_count"] > 100
     assert (figures["lost_count"], figures["errors"]) == (0, 0)
     assert all(figures[name] > 0 for name in ("leader_kill_gap_s", "heal_gap_s", "restart_ready_s"))
+
+
+def test_a_robot_keeps_every_frame_over_a_cut_and_its_owners_find_each_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+    result = run("robot", "--seconds", "6", "--fps", "10", "--robots", "2", "--cut", "2")
+    figures = check_form(result, "robot")
+    assert result["conditions"]["cut_by"] == "SIGSTOP of all nodes"
+    assert figures["frames_published"] == 2 * 60
+    assert figures["frames_covered"] == figures["frames_kept"] + figures["frames_withheld"] == 2 * 2 * 60
+    assert figures["frames_found"] == figures["frames_kept"] > 0
+    assert figures["records_found"] == figures["records"] > 0
+    wrong = ("lost", "never_arrived", "doubled", "unexplained", "unreadable")
+    assert [figures[f"frames_{name}"] for name in wrong] == [0] * 5
+    assert 0 < figures["frame_to_final_p50_ms"] <= figures["frame_to_final_p95_ms"] <= figures["frame_to_final_max_ms"]
+    assert all(figures[name] > 0 for name in ("rss_peak_mb", "spool_peak_bytes", "robot_cpu_share"))
+    assert list((tmp_path / "recordings").glob("bench-robot-10fps-6s-seed1-*/metadata.yaml"))
+
+
+def test_a_cut_as_long_as_the_measurement_is_a_matter_of_usage() -> None:
+    command = [sys.executable, "-m", "network.cli.main", "bench", "robot", "--seconds", "5", "--cut", "5"]
+    child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert child.returncode == 2
+    assert "--cut" in child.stderr

@@ -1,0 +1,95 @@
+"""The figures of `bench robot`: good only if owners found every kept frame once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from network.bench.robot import RobotOptions, is_good, make_figures
+from network.bench.robot_counts import LoggedFrames, Timed
+from network.bench.robot_owners import OwnFrames
+from network.bench.robot_player import read_peak_bytes
+
+ROBOT = b"\x02" * 33
+OPTIONS = RobotOptions(seconds=0.5, robots=1, fps=4, cut_s=0.0, seed=1, cache=Path("nowhere"))
+
+
+def summary(**frames: int) -> dict[str, Any]:
+    counts = {"published": 2, "covered": 3, "kept": 2, "withheld": 1, "lost": 0, **frames}
+    return {
+        "frames": {**counts, "withheld_reasons": {"contact": counts["withheld"]}},
+        "records": 2,
+        "stored_bytes": 3_000,
+        "spool_peak_bytes": 4_000,
+        "consents": {"stale_ms": 0},
+        "process": {"cpu_s": 1.0, "seconds": 4.0, "rss_peak_bytes": 100 * 1024 * 1024},
+    }
+
+
+def logged() -> LoggedFrames:
+    return LoggedFrames(
+        paired={"tag-a": Counter([0, 1]), "tag-b": Counter([1])},
+        kept={"tag-a": Counter([0]), "tag-b": Counter([1])},
+        withheld={"tag-a": Counter([1])},
+        times=[Timed(100, 300), Timed(100, 700)],
+    )
+
+
+def owners() -> list[OwnFrames]:
+    return [OwnFrames(frames={ROBOT: Counter([number])}, record_count=1) for number in (0, 1)]
+
+
+def figures(found: list[OwnFrames], **frames: int) -> dict[str, Any]:
+    return make_figures(OPTIONS, [(ROBOT, summary(**frames), logged())], found)
+
+
+def test_a_run_in_which_owners_found_all_is_good() -> None:
+    found = figures(owners())
+    assert is_good(found)
+    assert (found["frame_to_final_p50_ms"], found["frame_to_final_p95_ms"]) == (200, 600)
+    assert (found["rss_peak_mb"], found["robot_cpu_share"], found["stored_bytes_per_frame"]) == (100.0, 0.25, 1_500)
+    assert found["frames_withheld_by_reason"] == {"contact": 1}
+
+
+@pytest.mark.parametrize(
+    ("name", "spoil"),
+    [
+        ("frames_lost", lambda found: found[0].frames[ROBOT].clear()),
+        ("frames_doubled", lambda found: found[1].frames[ROBOT].update([1])),
+        ("frames_unexplained", lambda found: found[0].frames.update({b"\x03" * 33: Counter([7])})),
+        ("frames_unreadable", lambda found: setattr(found[0], "bad_frames", 1)),
+        ("records_missing", lambda found: setattr(found[0], "missing_records", 1)),
+        ("visits_unclosed", lambda found: setattr(found[0], "unclosed_visits", 1)),
+    ],
+)
+def test_a_run_is_not_good_where_an_owner_finds_it_otherwise(name: str, spoil: Any) -> None:
+    found = owners()
+    spoil(found)
+    spoilt = figures(found)
+    assert spoilt[name] == 1
+    assert not is_good(spoilt)
+
+
+def test_a_run_is_not_good_where_frames_never_arrived() -> None:
+    found = figures(owners(), published=1)
+    assert (found["frames_never_arrived"], is_good(found)) == (1, False)
+
+
+def test_a_run_is_not_good_where_a_record_stands_twice_on_the_chain() -> None:
+    found = owners()
+    found[0].record_count = 2
+    assert not is_good(figures(found))
+
+
+def test_a_run_in_which_nothing_was_kept_is_not_good() -> None:
+    assert not is_good({**figures(owners()), "frames_kept": 0, "frames_found": 0})
+
+
+def test_memory_is_the_kernels_own_peak_where_it_tells(tmp_path: Path) -> None:
+    status = tmp_path / "status"
+    status.write_text("Name:\tpython\nVmPeak:\t  9000 kB\nVmHWM:\t  512 kB\n")
+    assert read_peak_bytes(status) == 512 * 1024
+    assert read_peak_bytes(tmp_path / "none") > 1024 * 1024
