@@ -1,9 +1,9 @@
 """Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
 
-Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent also when
-his organisation was removed), as the owner of a finalized visit (for its access and erasure only), as a custodian, as a
-registrar or admin of an active organisation, as a producer or candidate (to say that it is ready, and to accuse), or by a
-registration whose voucher and card signature are good and whose handle is free.
+Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
+also when his organisation was removed), as the owner of a finalized visit (for its access, erasure and other rights
+only), as a custodian, as a registrar or admin of an active organisation, as a producer or candidate (to say that it is
+ready, and to accuse), or by a registration whose voucher and card signature are good and whose handle is free.
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
     "access": _owns_visit,
     "consent": _is_registered,
     "erasure": _owns_visit,
+    "rights": lambda state, sender: _owns_visit(state, sender) or _is_registered(state, sender),
 }
 """Calls about oneself, and who may have them wait whatever his role."""
 

@@ -16,6 +16,7 @@ def request(records: list, purpose: str):
     """Ask for records of one's own visit (none named: all of it). Who may call: the visit's owner key."""
     require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
     call("records", "require_records", ctx.caller, records, False)
+    call("rights", "require_release", ctx.caller, records, purpose)
     entry = {
         "owner": ctx.caller,
         "records": records,

@@ -3,13 +3,13 @@
 entry/O+n -> {record_id, kind, time, height, data}; count/O -> n. Counts are per visit, so visits never contend.
 """
 
-WRITERS = ("records", "access", "erasure")
+WRITERS = ("records", "access", "erasure", "rights")
 PAGE_MAX_COUNT = 128
 
 
 @export
 def append(owner: bytes, record_id: bytes, kind: str, data: dict):
-    """Append one event of a visit. Who may call: the contracts `records`, `access` and `erasure`."""
+    """Append one event of a visit. Who may call: the contracts that decide of visits."""
     require(ctx.calling_contract in WRITERS, "NOT_AN_AUDITED_CONTRACT", "Only the deciding contracts write the audit.")
     count = state.get(b"count/" + owner, 0)
     entry = {"record_id": record_id, "kind": kind, "time": ctx.time, "height": ctx.height, "data": data}

@@ -1,9 +1,10 @@
 """Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak.
 
 of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
-since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`, `withdrawn`) holds. `since_ms` is the
-chain's time when a no was said, or since when a consent has held without a break; `from_ms` and `until_ms` are the period
-in which pictures may be taken (0: no bound). A row has at most what holds now and one word that is still to come.
+since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
+`since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
+`until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
+that is still to come.
 said/handle -> the height of the block of her last word.
 
 A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
@@ -23,11 +24,16 @@ TIME_MAX_MS = 9007199254740992
 GIVEN = "given"
 REFUSED = "refused"
 WITHDRAWN = "withdrawn"
+OBJECTED = "objected"
 
 
 def require_person(handle: bytes):
     """Only a person who can be recorded speaks, under her own handle, in a transaction of her own."""
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    require_own(handle)
+
+
+def require_own(handle: bytes):
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     found = call("identity", "member_of_handle", handle)
     require(found is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
@@ -160,6 +166,21 @@ def refuse(handle: bytes, purposes: list, sensors: list):
     keep(handle, row)
     note_word(handle)
     emit("refused", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
+
+
+@export
+def objected(handle: bytes, purposes: list):
+    """Write that a person objects to purposes: a no by all sensors. Who may call: the contract `rights`, for herself."""
+    require(ctx.calling_contract == "rights", "NOT_THE_RIGHTS_CONTRACT", "Only the contract rights may do that.")
+    require_own(handle)
+    check_purposes(purposes)
+    row = state.get(b"of/" + handle, {})
+    for purpose in purposes:
+        for sensor in SENSORS:
+            say(row, purpose, sensor, [ctx.height + 1, OBJECTED, ctx.time, 0, 0])
+    keep(handle, row)
+    note_word(handle)
+    emit("objected", {"member": ctx.caller, "purposes": purposes, "height": ctx.height + 1})
 
 
 @export

@@ -18,10 +18,22 @@ def request(records: list, frames: list):
         require(isinstance(frame, int) and frame >= 0 and frame < FRAMES_MAX_COUNT, "FRAMES_WRONG", "No such frame.")
     require(len(frames) <= FRAMES_MAX_COUNT, "FRAMES_WRONG", "A clip has at most 64 frames.")
     require(len(frames) == 0 or len(records) == 1, "FRAMES_WRONG", "Frames are erased of one record at a time.")
+    call("rights", "require_open", ctx.caller)
+    begin(ctx.caller, records, frames)
+
+
+@export
+def order(owner: bytes, records: list):
+    """Ask for the erasure of 1 to 64 records of a denied visit. Who may call: the contract `rights`."""
+    require(ctx.calling_contract == "rights", "NOT_THE_RIGHTS_CONTRACT", "Only the contract rights may do that.")
+    begin(owner, records, [])
+
+
+def begin(owner: bytes, records: list, frames: list):
     check_unlike(records)
-    call("records", "begin_erasure", ctx.caller, records, frames)
+    call("records", "begin_erasure", owner, records, frames)
     entry = {
-        "owner": ctx.caller,
+        "owner": owner,
         "records": records,
         "frames": frames,
         "custodians": call("identity", "custodians"),
@@ -29,8 +41,8 @@ def request(records: list, frames: list):
         "status": "requested",
         "time": ctx.time,
     }
-    note(ctx.caller, records, "erasure_requested", {"erasure_id": ctx.txid, "records": len(records), "frames": frames})
-    emit("requested", {"erasure_id": ctx.txid, "owner": ctx.caller, "records": records, "frames": frames})
+    note(owner, records, "erasure_requested", {"erasure_id": ctx.txid, "records": len(records), "frames": frames})
+    emit("requested", {"erasure_id": ctx.txid, "owner": owner, "records": records, "frames": frames})
     put_or_complete(ctx.txid, entry)
 
 

@@ -211,11 +211,16 @@ def expire(record_ids: list, custodian: bytes, custodian_count: int) -> list:
     """
     require(ctx.calling_contract == "erasure", "NOT_THE_ERASURE_CONTRACT", "Only the contract erasure may do that.")
     check_ids(record_ids)
-    owners = []
+    entries = []
     for record_id in record_ids:
         entry = state.get(b"record/" + record_id)
         require(entry is not None, "RECORD_UNKNOWN", "There is no such record.")
         require(entry["expires_at_ms"] <= ctx.time, "RECORD_NOT_EXPIRED", "The record has not expired.")
+        entries.append(entry)
+    expiring = zip(record_ids, entries)
+    call("rights", "require_not_held", [[entry["owner"], name, entry["expires_at_ms"]] for name, entry in expiring])
+    owners = []
+    for record_id, entry in zip(record_ids, entries):
         reported = entry["custodians"]
         waiting = entry["status"] == "active" or entry["status"] == "expired"
         if waiting and custodian not in reported:

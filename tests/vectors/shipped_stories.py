@@ -67,6 +67,48 @@ def consent_story(hospital: Hospital, anna: Person, ben: Person) -> None:
     hospital.view("consent", "allowed", anna.handle, "care", "rgb")
 
 
+def rights_story() -> None:
+    hospital = Hospital()
+    anna, ben = hospital.enrol("anna"), hospital.enrol("ben")
+    officer = hospital.enrol("officer", "officer").identity
+    visit, other = hospital.open_visit(anna), hospital.open_visit(ben)
+    for _ in range(3):
+        hospital.record(visit)
+    first = visit.records[:1]
+    hospital.must(visit.key, "rights", "restrict", first, "legal-claim")
+    hospital.send(visit.key, "rights", "restrict", [], "accuracy")
+    hospital.send(other.key, "rights", "restrict", first, "accuracy")
+    hospital.send(visit.key, "access", "request", first, "research")
+    hospital.must(visit.key, "access", "request", first, "own-access")
+    hospital.view("rights", "restriction", visit.owner)
+    hospital.must(visit.key, "rights", "restrict", [], "unlawful")
+    hospital.send(visit.key, "rights", "lift", first)
+    hospital.must(visit.key, "rights", "lift", [])
+    hospital.must(anna.identity, "rights", "object_to", anna.handle, ["research"])
+    hospital.send(ben.identity, "rights", "object_to", anna.handle, ["research"])
+    hospital.view("consent", "choices", anna.handle)
+    hospital.must(visit.key, "rights", "object_to_release", ["research"])
+    hospital.send(visit.key, "access", "request", first, "research")
+    hospital.must(visit.key, "rights", "rectify", first, "attribution", bytes(32))
+    hospital.must(visit.key, "rights", "rectify", [], "metadata", bytes(31) + b"1")
+    hospital.view("rights", "corrections", visit.owner, 0, 10)
+    denied = hospital.must(visit.key, "rights", "wrong_person").txid
+    hospital.send(visit.key, "access", "request", first, "own-access")
+    hospital.send(visit.key, "erasure", "request", first, [])
+    hospital.send(officer, "rights", "close", denied, "released", "owner-confirmed")
+    hospital.must(officer, "rights", "assess", denied, "high", "released-before")
+    hospital.must(officer, "rights", "order_erasure", denied, visit.records)
+    hospital.time_ms += 73 * 3600 * 1000
+    hospital.send(officer, "rights", "notify", denied, "authority", "")
+    hospital.must(officer, "rights", "notify", denied, "authority", "facts-came-late")
+    hospital.send(officer, "rights", "close", denied, "erased", "matched-wrongly")
+    hospital.must(officer, "rights", "notify", denied, "subjects", "")
+    hospital.must(officer, "rights", "close", denied, "erased", "matched-wrongly")
+    hospital.view("rights", "breaches", 0, 10)
+    hospital.view("rights", "breach", denied)
+    hospital.view("audit", "events", visit.owner, 0, 50)
+
+
 def hospital_story() -> None:
     hospital = Hospital()
     anna, ben = hospital.enrol("anna"), hospital.enrol("ben", "staff")
@@ -145,4 +187,5 @@ def record(story: Callable[[], None]) -> dict[str, Any]:
 
 def documents() -> dict[str, dict[str, Any]]:
     """Return the documents of the shipped contracts by file name."""
-    return {"hospital.json": record(hospital_story), "consortium.json": record(consortium_story)}
+    stories = {"hospital.json": hospital_story, "rights.json": rights_story, "consortium.json": consortium_story}
+    return {name: record(story) for name, story in stories.items()}

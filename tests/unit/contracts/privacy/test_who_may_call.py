@@ -25,6 +25,12 @@ class Scene:
         self.erased_id = hospital.record(self.visit)
         self.access_id = hospital.must(self.visit.key, "access", "request", [self.record_id], "own-access").txid
         self.erasure_id = hospital.must(self.visit.key, "erasure", "request", [self.erased_id], []).txid
+        self.denied = hospital.open_visit(self.ben, 1)
+        self.denied_id = hospital.record(self.denied)
+        self.breach_id = hospital.must(self.denied.key, "rights", "wrong_person").txid
+        officer = hospital.enrol("officer", "officer").identity
+        hospital.must(officer, "rights", "assess", self.breach_id, "none", "matched-wrongly")
+        hospital.must(self.visit.key, "rights", "restrict", [self.record_id], "accuracy")
         self.everyone: dict[str, PrivateKey] = {
             "anna": self.anna.identity,
             "ben": self.ben.identity,
@@ -33,7 +39,8 @@ class Scene:
             "robot": hospital.robot.identity,
             "other-robot": self.other_robot.identity,
             "staff": hospital.enrol("staff", "staff").identity,
-            "officer": hospital.enrol("officer", "officer").identity,
+            "officer": officer,
+            "denied-owner": self.denied.key,
             "auditor": hospital.enrol("auditor", "auditor").identity,
             "registrar": hospital.registrar,
             "admin": hospital.admin,
@@ -79,6 +86,18 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("erasure", "request", lambda s: [[s.record_id], []], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], [1]], {"owner"}),
     ("erasure", "receipt", lambda s: [s.erasure_id, 1, "", 0, bytes(32)], {"custodian"}),
+    ("erasure", "order", lambda s: [s.visit.owner, [s.record_id]], set()),
+    ("consent", "objected", lambda s: [s.anna.handle, ["care"]], set()),
+    ("rights", "restrict", lambda s: [[s.record_id], "accuracy"], {"owner"}),
+    ("rights", "lift", lambda s: [[s.record_id]], {"owner"}),
+    ("rights", "object_to", lambda s: [s.anna.handle, ["care"]], {"anna"}),
+    ("rights", "object_to_release", lambda _: [["care"]], {"owner", "other-owner"}),
+    ("rights", "rectify", lambda s: [[s.record_id], "attribution", bytes(32)], {"owner"}),
+    ("rights", "wrong_person", lambda _: [], {"owner", "other-owner"}),
+    ("rights", "assess", lambda s: [s.breach_id, "high", "released-before"], {"officer"}),
+    ("rights", "notify", lambda s: [s.breach_id, "authority", ""], {"officer"}),
+    ("rights", "order_erasure", lambda s: [s.breach_id, [s.denied_id]], {"officer"}),
+    ("rights", "close", lambda s: [s.breach_id, "released", "owner-confirmed"], {"officer"}),
     ("audit", "append", lambda s: [s.visit.owner, b"", "recorded", {}], set()),
 ]
 

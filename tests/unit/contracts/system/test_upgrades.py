@@ -6,6 +6,7 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from contracts.execution.changed_calls import explain_call
+from contracts.execution.changes import GOVERNING
 from contracts.execution.registry import read_source
 from tests.unit.contracts.system.consortium import Consortium, admin_of, key_of
 from tests.unit.contracts.system.deploying import (
@@ -62,7 +63,7 @@ def test_settings_are_upgraded_on_a_running_chain(chain: Consortium) -> None:
 
 def test_a_migration_cannot_begin_an_epoch(chain: Consortium) -> None:
     """The block in which it runs may be one that closes an epoch. The machine itself sees to that."""
-    upgrade(chain, "lifecycle", changed("lifecycle", '"producers", "settings")', '"producers")'))
+    upgrade(chain, "lifecycle", changed("lifecycle", '"rights", "settings")', '"rights")'))
     migrating = read_source("settings") + (
         '\n\n@migrate\ndef carry_over():\n    call("producers", "change_setting", "heartbeat_ms", 4000)\n'
     )
@@ -152,7 +153,7 @@ def test_who_goes_back_to_the_kept_version_is_not_on_trial(chain: Consortium) ->
     assert chain.view("lifecycle", "contract", "forms")["version"] == 1
 
 
-@pytest.mark.parametrize("name", ["consent", "forms", "identity", "lifecycle", "membership", "producers", "settings"])
+@pytest.mark.parametrize("name", GOVERNING)
 def test_a_contract_that_governs_keeps_its_entries_and_cannot_migrate(chain: Consortium, name: str) -> None:
     """What calls it, other contracts and nodes, must find what it knows; and an undone migration could not be undone."""
     key, source = admin_of("org-01"), read_source(name)

@@ -1,0 +1,76 @@
+"""The codes in which people use their rights and officers answer, with plain sentences. Must never hold free text.
+
+What stands on the chain stands there for ever, so it is a code from these lists. The contract `rights` knows the same.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from consensus.primitives.hashing import tagged_hash
+
+KEEP_MS = 366 * 24 * 3600 * 1000
+"""How long a restriction for a claim keeps records beyond their expiry, unless it is said again."""
+BREACH_NOTIFY_MS = 72 * 3600 * 1000
+"""Art. 33(1): the authority is told within 72 hours."""
+CORRECTION_SALT_BYTES = 32
+CORRECTION_MAX_BYTES = 4096
+
+GROUNDS: dict[str, str] = {
+    "accuracy": "What was recorded is not right, and that is being checked (Art. 18(1)(a)).",
+    "unlawful": "It should not have been recorded, but is to be kept (Art. 18(1)(b)).",
+    "legal-claim": "The person needs it for a claim of her own (Art. 18(1)(c)).",
+    "objection": "The person objected, and that is being checked (Art. 18(1)(d)).",
+}
+KEEPING_GROUNDS = ("legal-claim", "unlawful")
+OWN_PURPOSES = ("complaint", "own-access")
+CORRECTIONS: dict[str, str] = {
+    "attribution": "Who is to be seen.",
+    "metadata": "When, where or by which sensor it was recorded.",
+}
+RISKS: dict[str, str] = {
+    "none": "A risk to people is unlikely: nobody has to be told (Art. 33(1)).",
+    "risk": "There is a risk to people: the authority is told (Art. 33).",
+    "high": "There is a high risk to people: the authority and the people themselves are told (Art. 33 and 34).",
+}
+RECIPIENTS: dict[str, str] = {
+    "authority": "The supervisory authority (Art. 33).",
+    "subjects": "The people whose data it is (Art. 34).",
+}
+OUTCOMES: dict[str, str] = {
+    "erased": "The records are erased, and what is left of the visit stays in quarantine.",
+    "released": "The visit was that person's after all: the quarantine ends.",
+}
+DELAY_REASONS = ("facts-came-late", "officer-unreachable")
+REASONS: dict[str, str] = {
+    "matched-wrongly": "The robot took one person for another.",
+    "tag-of-another": "The tag was carried by somebody else.",
+    "owner-confirmed": "The person who denied the visit was there after all.",
+    "nothing-released": "No picture of the visit was ever released.",
+    "released-before": "Pictures had been released before the visit was denied.",
+    "facts-came-late": "What had happened could not be known in time.",
+    "officer-unreachable": "No officer could act in time.",
+}
+
+_CORRECTION = "blockrobot/correction"
+
+
+class Correction(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A correction as its person keeps it and hands it on: what she says, and the salt that proves it is hers.
+
+    `salt`, `visit` and `record_ids` are hexadecimal, the last ones empty for the whole visit.
+    """
+
+    kind: str
+    text: str
+    salt: str
+    visit: str
+    record_ids: list[str]
+
+
+def commit_correction(correction: Correction) -> bytes:
+    """Return the 32-byte commitment of a correction that the chain holds. Raises ValueError for wrong hexadecimal."""
+    fields = [correction.kind.encode(), bytes.fromhex(correction.visit), correction.text.encode()]
+    fields += [bytes.fromhex(record_id) for record_id in correction.record_ids]
+    lengths = b"".join(len(field).to_bytes(4, "big") for field in fields)
+    return tagged_hash(_CORRECTION, bytes.fromhex(correction.salt), lengths, *fields)

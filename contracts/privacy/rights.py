@@ -1,0 +1,404 @@
+"""Rights of the recorded person, and what data protection officers do of them. Must never name a member beside a visit.
+
+restriction/O -> {ground, whole, whole_since_ms, until_ms, records, time}; objection/O -> {purpose: since_ms};
+correction/O+n -> {records, kind, commitment, previous, txid, time, height}; correction-count/O -> n; quarantine/O -> the
+breach's id; breach/id -> {number, owner, robot, org, kind, status, risk, opened_ms, due_ms, assessed, notified, closed},
+the id being the txid that opened it; breach-number/n -> id; breach-count -> n.
+
+What a person says of a visit is signed with the visit's owner key; only an objection to being recorded at all, which is
+about no visit, with her member key. A restriction is lifted by nobody else, and a quarantine by an officer alone.
+"""
+
+KEY_BYTES = 33
+ID_BYTES = 16
+HASH_BYTES = 32
+GROUNDS = ("accuracy", "legal-claim", "objection", "unlawful")
+KEEPING_GROUNDS = ("legal-claim", "unlawful")
+KEEP_MS = 31622400000
+OWN_PURPOSES = ("complaint", "own-access")
+CORRECTIONS = ("attribution", "metadata")
+RISKS = ("high", "none", "risk")
+RECIPIENTS = ("authority", "subjects")
+OUTCOMES = ("erased", "released")
+REASONS = (
+    "facts-came-late",
+    "matched-wrongly",
+    "nothing-released",
+    "officer-unreachable",
+    "owner-confirmed",
+    "released-before",
+    "tag-of-another",
+)
+DELAY_REASONS = ("facts-came-late", "officer-unreachable")
+NOTIFY_MS = 259200000
+RECORDS_MAX_COUNT = 64
+PURPOSES_MAX_COUNT = 16
+CORRECTIONS_MAX_COUNT = 256
+PAGE_MAX_COUNT = 128
+
+
+def require_direct():
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+
+
+def require_owner(records: list):
+    """The caller is the owner key of a visit that is not quarantined, and these records are its own."""
+    require_direct()
+    require(len(records) <= RECORDS_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
+    call("records", "require_records", ctx.caller, records, True)
+    require_open(ctx.caller)
+
+
+def note(owner: bytes, records: list, kind: str, data: dict):
+    subject = b""
+    if len(records) == 1:
+        subject = records[0]
+    call("audit", "append", owner, subject, kind, data)
+
+
+def held_in(row: dict | None, record_id: bytes, expires_at_ms: int) -> int:
+    """Return until when a restriction keeps a record that would expire, in ms; 0 if it does not."""
+    if row is None:
+        return 0
+    if record_id in row["records"] or (row["whole"] and row["whole_since_ms"] < expires_at_ms):
+        return row["until_ms"]
+    return 0
+
+
+def is_there(row: dict | None, record_id: bytes) -> bool:
+    """Tell whether a record is neither erased nor past the time for which it is kept."""
+    entry = call("records", "get", record_id)
+    if entry["status"] != "active":
+        return False
+    return max(entry["expires_at_ms"], held_in(row, record_id, entry["expires_at_ms"])) > ctx.time
+
+
+@export
+def restrict(records: list, ground: str):
+    """Restrict 1 to 64 records, or (none named) the whole visit and what is still to come of it (Art. 18).
+
+    Only she sees them from then on. On the grounds `legal-claim` and `unlawful` they are also kept beyond their expiry,
+    for 366 days at a time. Who may call: the visit's owner key.
+    """
+    require_owner(records)
+    require(ground in GROUNDS, "GROUND_UNKNOWN", "There is no such ground.")
+    before = state.get(b"restriction/" + ctx.caller)
+    kept = before is not None and before["until_ms"] > ctx.time
+    keeps = ground in KEEPING_GROUNDS
+    require(keeps or not kept, "RESTRICTION_STANDS", "A restriction that keeps records stands: lift it first.")
+    named = []
+    if before is not None:
+        named = [known for known in before["records"] if kept or not keeps or is_there(before, known)]
+    for record_id in records:
+        require(is_there(before, record_id), "RECORD_ERASED", "The record is erased, or has expired.")
+        if record_id not in named:
+            named.append(record_id)
+    require(len(named) <= RECORDS_MAX_COUNT, "RECORDS_TOO_MANY", "Restrict the whole visit: name no record.")
+    was_whole = before is not None and before["whole"]
+    since = ctx.time
+    if was_whole and (kept or not keeps):
+        since = before["whole_since_ms"]
+    row = {
+        "ground": ground,
+        "whole": was_whole or len(records) == 0,
+        "whole_since_ms": since,
+        "until_ms": ctx.time + KEEP_MS if keeps else 0,
+        "records": named,
+        "time": ctx.time,
+    }
+    state.put(b"restriction/" + ctx.caller, row)
+    note(ctx.caller, records, "restricted", {"ground": ground, "records": len(records), "until_ms": row["until_ms"]})
+    tell_restriction("restricted", row)
+
+
+def tell_restriction(name: str, row: dict):
+    """Custodians hear all that is restricted of the visit now, not what changed."""
+    told = {
+        "owner": ctx.caller,
+        "whole": row["whole"],
+        "whole_since_ms": row["whole_since_ms"],
+        "until_ms": row["until_ms"],
+        "records": row["records"],
+    }
+    emit(name, told)
+
+
+@export
+def lift(records: list):
+    """Lift the restriction of named records, or (none named) everything. Who may call: the visit's owner key."""
+    require_owner(records)
+    row = state.get(b"restriction/" + ctx.caller)
+    require(row is not None, "NOT_RESTRICTED", "Nothing of this visit is restricted.")
+    if len(records) > 0:
+        require(not row["whole"], "RESTRICTED_WHOLE", "The whole visit is restricted: lift that, naming no record.")
+        for record_id in records:
+            require(record_id in row["records"], "NOT_RESTRICTED", "The record is not restricted.")
+    row["records"] = [known for known in row["records"] if len(records) > 0 and known not in records]
+    row["whole"] = False
+    if len(row["records"]) > 0:
+        state.put(b"restriction/" + ctx.caller, row)
+    else:
+        row["until_ms"] = 0
+        state.delete(b"restriction/" + ctx.caller)
+    note(ctx.caller, records, "restriction_lifted", {"records": len(records)})
+    tell_restriction("lifted", row)
+
+
+def check_purposes(purposes: list):
+    named = 0 < len(purposes) and len(purposes) <= PURPOSES_MAX_COUNT
+    require(named, "CHOICE_MISSING", "An objection names 1 to 16 purposes.")
+    for code in purposes:
+        known = isinstance(code, str) and call("identity", "purpose_known", code)
+        require(known, "PURPOSE_UNKNOWN", "The purpose is not published.")
+        require(code not in OWN_PURPOSES, "PURPOSE_OWN", "Nobody can be kept from her own records, or from a complaint.")
+
+
+@export
+def object_to(handle: bytes, purposes: list):
+    """Object to being recorded for purposes, by whatever sensor (Art. 21). Who may call: the person of the handle.
+
+    It counts as a no in the contract `consent`, from the next block on, whatever the recording was based on.
+    """
+    require_direct()
+    check_purposes(purposes)
+    call("consent", "objected", handle, purposes)
+
+
+@export
+def object_to_release(purposes: list):
+    """Object to any release of a visit for purposes (Art. 21). Who may call: the visit's owner key."""
+    require_owner([])
+    check_purposes(purposes)
+    row = state.get(b"objection/" + ctx.caller, {})
+    for code in purposes:
+        if code not in row:
+            row[code] = ctx.time
+    require(len(row) <= PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "At most 16 purposes may be named.")
+    state.put(b"objection/" + ctx.caller, row)
+    note(ctx.caller, [], "objected", {"purposes": purposes})
+    emit("objected", {"owner": ctx.caller, "purposes": purposes})
+
+
+@export
+def rectify(records: list, kind: str, commitment: bytes):
+    """Append a correction, of which the chain holds a salted hash; nothing is changed (Art. 16).
+
+    Each names the one before. Who may call: the visit's owner key.
+    """
+    require_owner(records)
+    require(kind in CORRECTIONS, "CORRECTION_UNKNOWN", "A correction is of the attribution or of metadata.")
+    require(len(commitment) == HASH_BYTES, "COMMITMENT_WRONG", "A commitment has 32 bytes.")
+    number = state.get(b"correction-count/" + ctx.caller, 0)
+    require(number < CORRECTIONS_MAX_COUNT, "CORRECTIONS_TOO_MANY", "A visit takes 256 corrections.")
+    previous = b""
+    if number > 0:
+        previous = state.get(b"correction/" + ctx.caller + u32(number - 1))["txid"]
+    entry = {
+        "records": records,
+        "kind": kind,
+        "commitment": commitment,
+        "previous": previous,
+        "txid": ctx.txid,
+        "time": ctx.time,
+        "height": ctx.height,
+    }
+    state.put(b"correction/" + ctx.caller + u32(number), entry)
+    state.put(b"correction-count/" + ctx.caller, number + 1)
+    note(ctx.caller, records, "corrected", {"number": number, "kind": kind, "commitment": commitment})
+    emit("corrected", {"owner": ctx.caller, "number": number, "kind": kind})
+
+
+@export
+def wrong_person():
+    """Say that the visit shows somebody else: quarantine it, and open a breach (Art. 33). Who may call: its owner key.
+
+    The clock of 72 hours begins with this block. Who denies a visit gives up its restriction with it.
+    """
+    require_owner([])
+    robot = call("records", "visit", ctx.caller)["robot"]
+    org = call("identity", "member", robot)["org"]
+    number = state.get(b"breach-count", 0)
+    entry = {
+        "number": number,
+        "owner": ctx.caller,
+        "robot": robot,
+        "org": org,
+        "kind": "wrong-person",
+        "status": "opened",
+        "risk": "",
+        "opened_ms": ctx.time,
+        "due_ms": ctx.time + NOTIFY_MS,
+        "assessed": None,
+        "notified": {},
+        "closed": None,
+    }
+    state.put(b"breach-count", number + 1)
+    state.put(b"breach-number/" + u64(number), ctx.txid)
+    state.put(b"breach/" + ctx.txid, entry)
+    state.put(b"quarantine/" + ctx.caller, ctx.txid)
+    state.delete(b"restriction/" + ctx.caller)
+    note(ctx.caller, [], "denied", {"breach_id": ctx.txid, "due_ms": entry["due_ms"]})
+    told = {"breach_id": ctx.txid, "owner": ctx.caller, "org": org, "due_ms": entry["due_ms"], "number": number}
+    emit("quarantined", told)
+
+
+def require_officer(breach_id: bytes) -> dict:
+    """Return a breach that is not closed, if the caller is an officer of the organisation whose robot it was."""
+    require_direct()
+    require(len(breach_id) == HASH_BYTES, "BREACH_UNKNOWN", "A breach's id has 32 bytes.")
+    entry = state.get(b"breach/" + breach_id)
+    require(entry is not None, "BREACH_UNKNOWN", "There is no such breach.")
+    entitled = call("identity", "role_of", ctx.caller) == "officer"
+    if entitled:
+        entitled = call("identity", "member", ctx.caller)["org"] == entry["org"]
+    require(entitled, "NOT_AN_OFFICER", "Only a data protection officer of the robot's organisation may do that.")
+    require(entry["status"] != "closed", "BREACH_CLOSED", "The breach is closed.")
+    return entry
+
+
+def keep_step(breach_id: bytes, entry: dict, kind: str, data: dict):
+    state.put(b"breach/" + breach_id, entry)
+    data["breach_id"] = breach_id
+    data["officer"] = ctx.caller
+    note(entry["owner"], [], kind, data)
+    emit(kind, data)
+
+
+def check_reason(reason: str):
+    require(reason in REASONS, "REASON_UNKNOWN", "The reason is not on the published list.")
+
+
+@export
+def assess(breach_id: bytes, risk: str, reason: str):
+    """Say how much risk there is for people, and why; it may be said anew. Who may call: the organisation's officers."""
+    entry = require_officer(breach_id)
+    require(risk in RISKS, "RISK_UNKNOWN", "A risk is none, risk or high.")
+    check_reason(reason)
+    entry["risk"] = risk
+    entry["assessed"] = {"time": ctx.time, "officer": ctx.caller, "reason": reason}
+    if entry["status"] == "opened":
+        entry["status"] = "assessed"
+    keep_step(breach_id, entry, "breach_assessed", {"risk": risk, "reason": reason})
+
+
+@export
+def notify(breach_id: bytes, recipient: str, reason: str):
+    """Say that the authority (Art. 33) or the subjects (Art. 34) were told; after 72 hours with the reason of the delay.
+
+    Who may call: the organisation's officers.
+    """
+    entry = require_officer(breach_id)
+    require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
+    require(recipient in RECIPIENTS, "RECIPIENT_UNKNOWN", "Told are the authority or the subjects.")
+    require(recipient not in entry["notified"], "NOTIFIED_ALREADY", "They were told already.")
+    late = recipient == "authority" and ctx.time > entry["due_ms"]
+    if late:
+        require(reason in DELAY_REASONS, "DELAY_UNEXPLAINED", "After 72 hours the reason of the delay is named.")
+    elif reason != "":
+        check_reason(reason)
+    entry["notified"][recipient] = {"time": ctx.time, "officer": ctx.caller, "reason": reason, "late": late}
+    entry["status"] = "notified"
+    keep_step(breach_id, entry, "breach_notified", {"recipient": recipient, "reason": reason, "late": late})
+
+
+@export
+def order_erasure(breach_id: bytes, records: list):
+    """Have records of a denied visit erased. Who may call: the organisation's officers, until the breach is closed."""
+    entry = require_officer(breach_id)
+    require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
+    call("erasure", "order", entry["owner"], records)
+
+
+@export
+def close(breach_id: bytes, outcome: str, reason: str):
+    """End a breach: `released` ends the quarantine, `erased` leaves it in force for ever. Whom it concerns was told first.
+
+    Who may call: the organisation's officers.
+    """
+    entry = require_officer(breach_id)
+    require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
+    require(outcome in OUTCOMES, "OUTCOME_UNKNOWN", "A breach ends as erased or released.")
+    check_reason(reason)
+    told = entry["risk"] == "none" or "authority" in entry["notified"]
+    require(told, "BREACH_NOT_NOTIFIED", "Where there is a risk, the authority is told before.")
+    told = entry["risk"] != "high" or "subjects" in entry["notified"]
+    require(told, "BREACH_NOT_NOTIFIED", "Where the risk is high, the subjects are told before.")
+    entry["status"] = "closed"
+    entry["closed"] = {"time": ctx.time, "officer": ctx.caller, "outcome": outcome, "reason": reason}
+    keep_step(breach_id, entry, "breach_closed", {"outcome": outcome, "reason": reason})
+    if outcome == "released":
+        state.delete(b"quarantine/" + entry["owner"])
+        emit("quarantine_ended", {"breach_id": breach_id, "owner": entry["owner"]})
+
+
+@view
+def require_open(owner: bytes) -> bool:
+    """Fail if the visit is quarantined: its owner has said that it is not hers, and decides nothing about it."""
+    require(not state.has(b"quarantine/" + owner), "VISIT_QUARANTINED", "The visit was denied, and is quarantined.")
+    return True
+
+
+@view
+def require_release(owner: bytes, records: list, purpose: str) -> bool:
+    """Fail unless records of a visit (none named: all) may be released to its owner for a purpose."""
+    require_open(owner)
+    objected = purpose in state.get(b"objection/" + owner, {})
+    require(not objected, "PURPOSE_OBJECTED", "The person objected to this purpose.")
+    row = state.get(b"restriction/" + owner)
+    if row is not None and purpose not in OWN_PURPOSES:
+        restricted = row["whole"] or len(records) == 0
+        for record_id in records:
+            if record_id in row["records"]:
+                restricted = True
+        require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the person herself looks at it.")
+    return True
+
+
+@view
+def require_not_held(rows: list) -> bool:
+    """Fail if a restriction keeps any of these records beyond its expiry: [[owner, record id, expires_at_ms]]."""
+    restrictions = {}
+    for owner, record_id, expires_at_ms in rows:
+        if owner not in restrictions:
+            restrictions[owner] = state.get(b"restriction/" + owner)
+        held = held_in(restrictions[owner], record_id, expires_at_ms) > ctx.time
+        require(not held, "RECORD_RESTRICTED", "A restriction keeps the record.")
+    return True
+
+
+@view
+def restriction(owner: bytes) -> dict | None:
+    """Return what is restricted of a visit, or None."""
+    return state.get(b"restriction/" + owner)
+
+
+@view
+def objections(owner: bytes) -> dict:
+    """Return {purpose: since_ms} of a visit."""
+    return state.get(b"objection/" + owner, {})
+
+
+@view
+def corrections(owner: bytes, first: int, limit: int) -> list:
+    """Return at most 128 corrections of a visit from number `first` on, in order."""
+    count = state.get(b"correction-count/" + owner, 0)
+    found = []
+    for number in range(max(0, first), min(count, first + min(limit, PAGE_MAX_COUNT))):
+        found.append(state.get(b"correction/" + owner + u32(number)))
+    return found
+
+
+@view
+def breach(breach_id: bytes) -> dict | None:
+    """Return a breach's state, or None."""
+    return state.get(b"breach/" + breach_id)
+
+
+@view
+def breaches(first: int, limit: int) -> list:
+    """Return the ids of at most 128 breaches from number `first` on, in order."""
+    count = state.get(b"breach-count", 0)
+    found = []
+    for number in range(max(0, first), min(count, first + min(limit, PAGE_MAX_COUNT))):
+        found.append(state.get(b"breach-number/" + u64(number)))
+    return found
