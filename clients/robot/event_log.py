@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import datetime
 import json
+import os
 import secrets
 from collections.abc import Iterable
 from pathlib import Path
@@ -44,6 +45,9 @@ ACTIVITIES = (
 )
 RUN_NOTES = frozenset({CLOCK_ESTIMATED, MESSAGE_REFUSED})  # about the run, not about any frame or tag
 ALIASES_MAX_COUNT = 65_536
+_LINE_BY_LINE = 1
+_LINE_MAX_BYTES = 64 * 1024
+_BEGINNING = b'{"time_ms":'  # as `EventLog.write` begins each line
 
 
 _XES_EXTENSIONS = (("Concept", "concept"), ("Time", "time"), ("Organizational", "org"))
@@ -77,7 +81,10 @@ class AliasBook:
 
 
 class EventLog:
-    """An append-only file of JSON lines."""
+    """An append-only file of JSON lines, each handed to the operating system at once.
+
+    Half a line that a killed robot left at the end of the file is cut off on opening.
+    """
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -86,7 +93,8 @@ class EventLog:
 
     def __enter__(self) -> EventLog:
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = self._path.open("a", encoding="utf-8")
+        _end_whole(self._path)
+        self._file = self._path.open("a", encoding="utf-8", buffering=_LINE_BY_LINE)
         return self
 
     def __exit__(
@@ -108,15 +116,27 @@ class EventLog:
             line["detail"] = detail
         self._file.write(json.dumps(line, separators=(",", ":")) + "\n")
 
-    def flush(self) -> None:
-        """Hand what was written to the operating system."""
-        if self._file is not None:
-            self._file.flush()
+
+def _end_whole(path: Path) -> None:
+    """Cut off a last line that was never finished; end with a new line what is not of this log's own."""
+    if not path.is_file():
+        return
+    with path.open("r+b") as file:
+        content_bytes = file.seek(0, os.SEEK_END)
+        file.seek(max(0, content_bytes - _LINE_MAX_BYTES))
+        tail = file.read().rpartition(b"\n")[2]
+        if not tail:
+            return
+        if tail.startswith(_BEGINNING) or _BEGINNING.startswith(tail):
+            file.truncate(content_bytes - len(tail))
+        else:
+            file.write(b"\n")
 
 
 def read_events(path: Path) -> list[dict[str, Any]]:
-    """Return the events of a log, in file order."""
-    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line]
+    """Return the events of a log, in file order; of a killed robot's, those before the half line at the end."""
+    *whole, _ = path.read_text(encoding="utf-8").split("\n")
+    return [json.loads(line) for line in whole if line]
 
 
 def write_csv(events: Iterable[dict[str, Any]], path: Path) -> None:

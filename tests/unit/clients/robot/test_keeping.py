@@ -75,7 +75,6 @@ class Desk:
         }
 
     def logged(self) -> list[tuple[str, str, str]]:
-        self.log.flush()
         return [
             (event["case"], event["alias"], event["detail"]["reason"])
             for event in read_events(self.log_path)
@@ -290,7 +289,6 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")
         note_dropped(clip(8), desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
         assert (sound.withheld, desk.statistics.withheld) == ({"no-consent": 1}, {"no-consent": 2})
-        desk.log.flush()
         told = [event for event in read_events(desk.log_path) if event["activity"] == "SENSE_WITHHELD"]
         assert [(event["case"], event["alias"]) for event in told] == [("audio-3", "ann")]
 
