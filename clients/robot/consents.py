@@ -16,7 +16,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import hmac
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
@@ -27,7 +27,7 @@ from clients.robot.registry import Majority, Reading, RegistryReader
 from clients.robot.rosters import RosterBook
 from clients.robot.spool import SpooledClip
 from consensus.errors import BlockRobotError
-from consensus.records.consents import GIVEN, Choices, Step, find_consent
+from consensus.records.consents import GIVEN, Step, find_consent
 
 REFRESH_EVERY_MS = 1_000
 READ_WHOLE_EVERY_MS = 60_000
@@ -38,6 +38,9 @@ _PERSON_TAG = b"blockrobot/spooled-person"
 
 _NO_ROBOT = frozenset({"SESSION_REFUSED", "SENDER_WITHOUT_STANDING"})
 """The node does not take the robot for a member: if the others do not either, it was revoked and will not read again."""
+
+_Place = tuple[bytes, str, str, int]
+"""Whose consent, to which purpose and sensor, from which height on."""
 
 _log = structlog.get_logger("consents")
 
@@ -109,8 +112,8 @@ class Consents:
         self._settled_at_ms = 0
         self._waited_for: list[int] = []
         self._read_whole_at_ms = 0
-        self._coming: set[tuple[bytes, str, str, int]] = set()
-        self._begun_ms: dict[tuple[bytes, str, str, int], int] = {}
+        self._coming: set[_Place] = set()
+        self._begun_ms: dict[_Place, int] = {}
         self._news = asyncio.Event()
         self._stale_since_ms: int | None = None
         self._failure: BlockRobotError | None = None
@@ -158,13 +161,20 @@ class Consents:
             return False
 
     def _note_beginnings(self, view: Reading) -> None:
-        """A consent that was seen before its height begins with the first block seen at or after it."""
-        places = set(_places(view.people))
+        """A consent that was seen before its height begins with the first block seen at or after it.
+
+        One that prolongs another without a break begins with that one.
+        """
+        places = dict(_places(view))
         self._begun_ms = {place: began for place, began in self._begun_ms.items() if place in places}
-        self._coming &= places
-        for place in places:
+        self._coming &= places.keys()
+        for place, prolonged in places.items():
             if place[3] > view.height:
                 self._coming.add(place)
+            elif prolonged is not None:
+                self._coming.discard(place)
+                if prolonged in self._begun_ms:
+                    self._begun_ms.setdefault(place, self._begun_ms[prolonged])
             elif place in self._coming:
                 self._coming.discard(place)
                 self._begun_ms[place] = view.timestamp_ms
@@ -300,11 +310,18 @@ class Consents:
         return self._view.timestamp_ms >= at_ms or self._settled_at_ms >= at_ms + SETTLED_AFTER_MS
 
 
-def _places(people: dict[bytes, Choices]) -> list[tuple[bytes, str, str, int]]:
-    return [
-        (handle, purpose, sensor, step.height)
-        for handle, choices in people.items()
-        for (purpose, sensor), steps in choices.items()
-        for step in steps
-        if step.status == GIVEN
-    ]
+def _places(view: Reading) -> Iterator[tuple[_Place, _Place | None]]:
+    """Yield where each consent stands, the earlier first, and where the one stands that it prolongs, if any."""
+    for handle, choices in view.people.items():
+        for (purpose, sensor), steps in choices.items():
+            for before, step in zip((None, *steps), steps, strict=False):
+                if step.status == GIVEN:
+                    prolongs = before is not None and _is_prolonged(before, step, view.timestamp_ms)
+                    earlier = (handle, purpose, sensor, before.height) if before is not None and prolongs else None
+                    yield (handle, purpose, sensor, step.height), earlier
+
+
+def _is_prolonged(before: Step, step: Step, now_ms: int) -> bool:
+    """Tell whether a consent goes on from the one before it without a break, as far as the chain's time has come."""
+    same = before.status == GIVEN and step.since_ms == max(before.since_ms, before.from_ms)
+    return same and (before.until_ms == 0 or now_ms < before.until_ms)
