@@ -43,11 +43,11 @@ def _check_label(data: bytes) -> bytes:
     """Return a label as JSON written anew, so that nothing else can hide in it."""
     try:
         told = json.loads(data[:LABEL_MAX_BYTES].decode("utf-8"))
-    except ValueError as error:
+        if not isinstance(told, dict) or not isinstance(told.get("label"), str) or len(data) > LABEL_MAX_BYTES:
+            raise ValueError
+        return json.dumps(told, ensure_ascii=False, indent=2, sort_keys=True).encode() + b"\n"
+    except (ValueError, RecursionError) as error:
         raise BlockRobotError("RENDITION_CORRUPTED", "The label is damaged.") from error
-    if not isinstance(told, dict) or not isinstance(told.get("label"), str) or len(data) > LABEL_MAX_BYTES:
-        raise BlockRobotError("RENDITION_CORRUPTED", "The label is damaged.")
-    return json.dumps(told, ensure_ascii=False, indent=2, sort_keys=True).encode() + b"\n"
 
 
 def own_pixels(rendition: Rendition) -> bytes:

@@ -16,6 +16,7 @@ from clients.sdk.terminal import console, home_folder, json_option, plain_errors
 from clients.wallet.auditing import audit_all
 from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
+from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
 from clients.wallet.opening import read_passphrase, run_opened, show_moment
@@ -83,6 +84,7 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
 
 
 wallet.add_command(consent)
+wallet.add_command(export)
 
 
 def _cost(fast: bool) -> PassphraseCost | None:

@@ -24,11 +24,13 @@ _COMMANDS = {
     "certificate": ("network.cli.certificate_commands", "certificate"),
     "doctor": ("network.cli.doctor_command", "doctor"),
     "bench": ("network.cli.bench_commands", "bench"),
+    "custody": ("network.cli.custody_commands", "custody"),
     "experiment": ("network.cli.experiment_commands", "experiment"),
     "sim": ("network.cli.sim_command", "sim"),
     "card": ("clients.registrar.cli", "card"),
     "roster": ("clients.registrar.cli", "roster"),
     "wallet": ("clients.wallet.cli", "wallet"),
+    "verify": ("clients.bundle.cli", "verify"),
     "robot": ("clients.robot.cli", "robot"),
     "reference": ("network.cli.reference_command", "reference"),
 }

@@ -1,0 +1,123 @@
+"""`blockrobot verify`: checks an export bundle offline, for anybody. Must never need a node, a wallet or a network."""
+
+from __future__ import annotations
+
+import datetime
+import re
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.checking import Verdict, printable, unproved, verify_bundle
+from clients.bundle.frames import count_pictures
+from clients.bundle.progress import show_progress
+from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+
+_HASH = re.compile(r"[0-9a-fA-F]{64}", re.ASCII)
+
+
+def read_genesis(text: str | None) -> Genesis | bytes | None:
+    """Return what `--genesis` names: a file's genesis, the 32 bytes of a hash, or None. Raises GENESIS_INVALID."""
+    if text is None:
+        return None
+    if _HASH.fullmatch(text) and not Path(text).exists():
+        return bytes.fromhex(text)
+    return load_genesis(Path(text))
+
+
+def _plain(text: str) -> str:
+    """Return a text of the file so that it can neither colour nor move anything on the terminal."""
+    return escape(printable(text))
+
+
+def _moment(time_ms: int) -> str:
+    return datetime.datetime.fromtimestamp(time_ms / 1000, datetime.UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+
+
+def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
+    manifest, frames = verdict.manifest, verdict.frames
+    return {
+        "ok": True,
+        "file": str(path),
+        "network": manifest.network,
+        "chain_id": manifest.chain_id,
+        "genesis_id": manifest.genesis_id,
+        "is_anchored": verdict.is_anchored,
+        "is_complete": not manifest.problems,
+        "proved_from_height": verdict.heights[0],
+        "proved_until_height": verdict.heights[1],
+        "proved_until_ms": verdict.times_ms[1],
+        "epochs": verdict.epochs,
+        "stated_created_at_ms": manifest.created_at_ms,
+        "visits": len(verdict.visits),
+        "records": len(verdict.records),
+        "metadata_proved": sum(record.metadata_proved for record in verdict.records),
+        "pictures": count_pictures(frames),
+        "audit_entries": verdict.events,
+        "accesses": verdict.accesses,
+        "erasures": verdict.erasures,
+        "member": verdict.consents.member,
+        "consent_receipts": len(verdict.consents.history),
+        "signed_by": [key.hex() for key in verdict.signers],
+        "stated_problems": [
+            {"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in manifest.problems
+        ],
+        "not_proved": unproved(verdict),
+    }
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option(
+    "--genesis", "named", help="The network's genesis file, or its genesis hash: whom you trust, not the file."
+)
+@json_option
+@plain_errors
+def verify(file: Path, named: str | None, as_json: bool) -> None:
+    """Check an export bundle offline: what is proved, against which network, up to which block, and what is not.
+
+    Example: blockrobot verify my-data.zip --genesis genesis.json
+
+    Exits 0 if everything in the file follows from its proofs, 1 if anything does not or the file is damaged.
+    """
+    if not file.exists():
+        raise BlockRobotError("NOT_FOUND", f"There is no file {file}.")
+    verdict = verify_bundle(file, read_genesis(named), show_progress(quiet=as_json))
+    if as_json:
+        print_json(_told(file, verdict))
+        return
+    for line in _lines(verdict):
+        console.print(line)
+
+
+def _lines(verdict: Verdict) -> list[str]:
+    told, manifest = _told(Path(), verdict), verdict.manifest
+    anchor = "the network that you named" if verdict.is_anchored else "[yellow]the bundle's own word[/yellow]"
+    lines = [
+        "[green]Everything in this file follows from its proofs.[/green]",
+        f"Against which network: {_plain(manifest.network)} ({anchor})",
+        f"  chain id      {manifest.chain_id}",
+        f"  genesis hash  {manifest.genesis_id}",
+        f"Up to which block: {verdict.heights[1]}, of {_moment(verdict.times_ms[1])}"
+        f" (the oldest proof is of block {verdict.heights[0]}; {verdict.epochs} epochs followed)",
+        "Proved:",
+        f"  - {told['visits']} visits with {told['records']} records are on the ledger as told, "
+        f"and {told['metadata_proved']} of them opened as the robot sealed them",
+        f"  - {told['pictures']} pictures, sounds or labels are what the robot committed to",
+        f"  - {told['audit_entries']} events, {told['accesses']} requests for access and {told['erasures']} erasures, "
+        "with what custodians answered",
+        f"  - the file is as it was exported, by who holds the keys of these visits ({len(verdict.signers)} signatures)",
+    ]
+    if verdict.consents.member:
+        words = f"{told['consent_receipts']} words on consent with their receipts"
+        lines.append(f"  - all of it is of member {verdict.consents.member}, whose consents are as told; {words}")
+    lines.append("Not proved:")
+    lines += [f"  - {line}" for line in unproved(verdict)]
+    if manifest.problems:
+        lines.append("Missing, as its exporter says:")
+        lines += [f"  - {_plain(each.record_id) or 'all'}: {_plain(each.sentence)}" for each in manifest.problems]
+    return lines

@@ -1,0 +1,163 @@
+"""From a bundle's proofs to everything that it tells: the one way that both the exporter and the verifier go.
+
+Must never depend on who goes it: equal proofs make equal documents, byte for byte.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+from clients.bundle import documents as doc
+from clients.bundle import layout, telling
+from clients.bundle.chain_proofs import ProvedChain, ProvedReceipt
+from clients.bundle.frames import FrameSource, Piece, walk_frames
+from clients.bundle.texts import README_TEXT, player_page
+from clients.bundle.visits import VisitFacts, read_visit
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.hashing import sha256
+
+SIGN_TAG = "blockrobot/export"
+Heard = Callable[[str, int, int], None]
+"""What is being done, and how much of how much is done."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proofs:
+    """The documents under proofs/. `person` is None where the bundle leaves out who she is."""
+
+    chain: doc.ChainProofs
+    person: doc.StateProofs | None
+    visits: tuple[doc.StateProofs, ...]
+    receipts: doc.ReceiptProofs
+    openings: doc.RecordOpenings
+
+
+@dataclass(frozen=True, slots=True)
+class Proven:
+    """What follows from the proofs, but for the frames."""
+
+    chain: ProvedChain
+    consents: doc.ConsentsDocument
+    visits: tuple[VisitFacts, ...]
+    signers: tuple[bytes, ...]
+    """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
+
+
+def schema_text() -> bytes:
+    """Return the JSON Schema of this version of the format, as it was published."""
+    return resources.files("clients.bundle").joinpath("schema_v1.json").read_bytes()
+
+
+def prove(genesis: Genesis, proofs: Proofs) -> Proven:
+    """Check everything but the frames. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, PROOF_*, CERTIFICATE_INVALID, ENCODING_*."""
+    chain = ProvedChain(genesis, proofs.chain.epochs)
+    receipts = [chain.receipt(layout.CONSENT_PROOFS, proof) for proof in proofs.receipts.receipts]
+    consents, sealing, member = _prove_person(chain, proofs.person, receipts)
+    openings = {doc.read_bytes(layout.RECORD_OPENINGS, row.record_id): row for row in proofs.openings.records}
+    visits = tuple(
+        read_visit(chain.state(layout.state_proofs_name(number), proof), openings, sealing)
+        for number, proof in enumerate(proofs.visits, 1)
+    )
+    order = [(facts.state["sequence"], facts.owner) for facts in visits]
+    if order != sorted(set(order)):
+        raise BlockRobotError("BUNDLE_INVALID", "The visits are not in the order of the chain.")
+    opened = [record.opening for facts in visits for record in facts.records if record.opening is not None]
+    if opened != proofs.openings.records:
+        raise BlockRobotError("BUNDLE_INVALID", "The bundle opens records that it does not tell of, or not in order.")
+    signers = [facts.owner for facts in visits] + ([member] if member else [])
+    return Proven(chain, consents, visits, tuple(signers))
+
+
+def _prove_person(
+    chain: ProvedChain, proof: doc.StateProofs | None, receipts: Sequence[ProvedReceipt]
+) -> tuple[doc.ConsentsDocument, bytes | None, bytes]:
+    """Return the consents, the person's sealing key and her member key; nothing where she is left out."""
+    if proof is None:
+        if receipts:
+            raise BlockRobotError("BUNDLE_INVALID", "The bundle holds receipts of consent without saying whose.")
+        return telling.NO_PERSON, None, b""
+    proved = chain.state(layout.state_proofs_name(0), proof)
+    member, state = telling.read_person(proved)
+    sealing: bytes = state["sealing"]
+    return telling.tell_consents(proved, receipts), sealing, member
+
+
+def walk_visits(
+    proven: Proven, source: FrameSource, heard: Heard
+) -> Generator[Piece, None, tuple[doc.VisitDocument, ...]]:
+    """Yield the files of all frames, in the order of the bundle, and return what is told of the visits."""
+    seen: set[bytes] = set()
+    told: list[doc.VisitDocument] = []
+    done, of = 0, sum(len(facts.records) for facts in proven.visits)
+    for number, facts in enumerate(proven.visits, 1):
+        frames: list[list[doc.FrameDocument]] = []
+        for place, record in enumerate(facts.records, 1):
+            shown: list[doc.FrameDocument] = []
+            if record.opening is not None:
+                shown = yield from walk_frames(number, place, record.opening, record.state, source, seen)
+            frames.append(shown)
+            done += 1
+            heard("records", done, of)
+        told.append(telling.tell_visit(number, facts, frames))
+    return tuple(told)
+
+
+def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[str, bytes]]:
+    """Return the documents that follow from the proofs, by name, in the order of the bundle."""
+    pictures = [
+        [
+            (name, frame.captured_at_ms)
+            for record in visit.records
+            for frame in record.frames
+            for name in frame.files
+            if name.startswith("pictures/")
+        ]
+        for visit in visits
+    ]
+    parts: list[tuple[str, doc.Document]] = [
+        (layout.VISITS, doc.VisitsDocument(list(visits))),
+        (layout.AUDIT, telling.tell_trail(proven.visits)),
+        (layout.ACCESS, telling.tell_accesses(proven.visits)),
+        (layout.ERASURES, telling.tell_erasures(proven.visits)),
+        (layout.RIGHTS, telling.tell_rights(proven.visits)),
+        (layout.CONSENTS, proven.consents),
+    ]
+    return [(layout.PLAYER, player_page(pictures)), *((name, doc.write_document(part)) for name, part in parts)]
+
+
+def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:
+    """Return the documents of the proofs, by name, in the order of the bundle."""
+    parts: list[tuple[str, doc.Document]] = [(layout.CHAIN_PROOFS, proofs.chain)]
+    if proofs.person is not None:
+        parts.append((layout.state_proofs_name(0), proofs.person))
+    parts += [(layout.state_proofs_name(number), proof) for number, proof in enumerate(proofs.visits, 1)]
+    parts += [(layout.CONSENT_PROOFS, proofs.receipts), (layout.RECORD_OPENINGS, proofs.openings)]
+    return [(name, doc.write_document(part)) for name, part in parts]
+
+
+def fixed_files(genesis_text: bytes) -> list[tuple[str, bytes]]:
+    """Return the files that stand before the manifest and do not depend on the person."""
+    return [(layout.GENESIS, genesis_text), (layout.SCHEMA, schema_text())]
+
+
+def first_files() -> list[tuple[str, bytes]]:
+    """Return what stands first in a bundle."""
+    return [(layout.README, README_TEXT.encode())]
+
+
+def sign_parts(chain_id: bytes, manifest: bytes) -> tuple[bytes, bytes]:
+    """Return what the owner keys and the member key sign, under SIGN_TAG."""
+    return chain_id, sha256(manifest)
+
+
+def never_heard(_what: str, _done: int, _of: int) -> None:
+    """Hear of progress and say nothing."""
+
+
+def known_form(error: Exception) -> Any:
+    """Return the refusal for a value of the ledger that has another form than this version knows."""
+    return BlockRobotError("BUNDLE_UNPROVEN", f"The state has a form that this version does not know ({error!r:.80}).")

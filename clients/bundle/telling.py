@@ -1,0 +1,240 @@
+"""Tells what was proved, as the documents under data/. Must never tell anything that does not follow from the proofs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from clients.bundle import documents as doc
+from clients.bundle.chain_proofs import ProvedReceipt, ProvedValue
+from clients.bundle.visits import RecordFacts, VisitFacts
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.records.consents import read_choices
+from consensus.records.metadata import find_chain_gaps
+
+MEMBER = b"identity\x00member/"
+CHOICES = b"consent\x00of/"
+LAST_WORD = b"consent\x00said/"
+CONSENT = "consent"
+WORDS = ("given", "refused", "withdrawn", "objected")
+PART_OF_A_VISIT = -1
+
+
+def plain(value: Any) -> Any:
+    """Return a value of the ledger as JSON has it: bytes as hexadecimal, also where they are keys."""
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, dict):
+        return {str(plain(key)): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    return value
+
+
+def tell_visit(number: int, facts: VisitFacts, frames: Sequence[list[doc.FrameDocument]]) -> doc.VisitDocument:
+    """Return a visit with its records, each with its frames (in the order of `facts.records`)."""
+    state = facts.state
+    pairs = zip(facts.records, frames, strict=True)
+    return doc.VisitDocument(
+        number=number,
+        owner=facts.owner.hex(),
+        robot=state["robot"].hex(),
+        purpose=state["purpose"],
+        bucket_ms=state["bucket_ms"],
+        status=state["status"],
+        record_count=state["record_count"],
+        missing=_count_missing(facts) if facts.is_whole else PART_OF_A_VISIT,
+        is_whole=facts.is_whole,
+        proved_from_height=facts.heights[0],
+        proved_until_height=facts.heights[1],
+        records=[_tell_record(place, record, shown) for place, (record, shown) in enumerate(pairs, 1)],
+    )
+
+
+def _count_missing(facts: VisitFacts) -> int:
+    """Count what the robot closed the visit over, or chained its records over, and never brought to the ledger."""
+    known = [record.metadata for record in facts.records if record.metadata is not None]
+    expected = max((metadata.index_in_visit + 1 for metadata in known), default=0)
+    if facts.state["status"] == "closed":
+        expected = facts.state["record_count"]
+    unread = len(facts.records) - len(known)
+    return max(0, max(expected - len(known), len(find_chain_gaps(known))) - unread)
+
+
+def _tell_record(number: int, record: RecordFacts, frames: list[doc.FrameDocument]) -> doc.RecordDocument:
+    state, metadata = record.state, record.metadata
+    return doc.RecordDocument(
+        record_id=record.record_id.hex(),
+        number=number,
+        status=state["status"],
+        robot=state["robot"].hex(),
+        bucket_ms=state["bucket_ms"],
+        expires_at_ms=state["expires_at_ms"],
+        recorded_at_height=state["height"],
+        transaction=state["txid"].hex(),
+        commitment_root=state["commitment_root"].hex(),
+        metadata_proved=record.metadata_proved,
+        sensor=metadata.sensor if metadata else "",
+        started_at_ms=metadata.started_at_ms if metadata else 0,
+        ended_at_ms=metadata.ended_at_ms if metadata else 0,
+        frame_count=metadata.frame_count if metadata else 0,
+        index_in_visit=metadata.index_in_visit if metadata else 0,
+        width=metadata.width if metadata else 0,
+        height=metadata.height if metadata else 0,
+        withheld=dict(metadata.withheld) if metadata else {},
+        erased_frames=list(state["erased_frames"]),
+        verdict=record.verdict["verdict"] if record.verdict else "",
+        frames=frames,
+    )
+
+
+def tell_trail(visits: Sequence[VisitFacts]) -> doc.AuditTrailDocument:
+    """Return all events of all visits, in the order of the chain."""
+    rows = [
+        doc.AuditDocument(
+            owner=facts.owner.hex(),
+            index=index,
+            record_id=entry["record_id"].hex(),
+            kind=entry["kind"],
+            time_ms=entry["time"],
+            height=entry["height"],
+            data=plain(entry["data"]),
+        )
+        for facts in visits
+        for index, entry in facts.entries
+    ]
+    return doc.AuditTrailDocument(sorted(rows, key=lambda row: (row.height, row.owner, row.index)))
+
+
+def tell_accesses(visits: Sequence[VisitFacts]) -> doc.AccessLogDocument:
+    """Return every request for pictures, oldest first."""
+    rows = [
+        doc.AccessDocument(
+            access_id=access_id.hex(),
+            owner=facts.owner.hex(),
+            records=plain(value["records"]),
+            purpose=value["purpose"],
+            time_ms=value["time"],
+            released=plain(value["released"]),
+            refused=plain(value["refused"]),
+        )
+        for facts in visits
+        for access_id, value in facts.accesses.items()
+    ]
+    return doc.AccessLogDocument(sorted(rows, key=lambda row: (row.time_ms, row.access_id)))
+
+
+def tell_erasures(visits: Sequence[VisitFacts]) -> doc.ErasuresDocument:
+    """Return every request for erasure with its receipts, oldest first."""
+    rows = [
+        doc.ErasureDocument(
+            erasure_id=erasure_id.hex(),
+            owner=facts.owner.hex(),
+            records=plain(value["records"]),
+            frames=list(value["frames"]),
+            status=value["status"],
+            time_ms=value["time"],
+            custodians=plain(value["custodians"]),
+            receipts=[_tell_receipt(key, told) for key, told in sorted(value["receipts"].items())],
+        )
+        for facts in visits
+        for erasure_id, value in facts.erasures.items()
+    ]
+    return doc.ErasuresDocument(sorted(rows, key=lambda row: (row.time_ms, row.erasure_id)))
+
+
+def _tell_receipt(custodian: bytes, told: Mapping[str, Any]) -> doc.ErasureReceiptDocument:
+    return doc.ErasureReceiptDocument(
+        custodian=custodian.hex(),
+        destroyed_frames=told["destroyed_frames"],
+        remains=told["remains"],
+        remains_until_ms=told["remains_until_ms"],
+        digest=told["digest"].hex(),
+        time_ms=told["time"],
+    )
+
+
+def tell_rights(visits: Sequence[VisitFacts]) -> doc.RightsDocument:
+    """Return what was said of visits under the rights to restriction, objection and rectification."""
+    rows = [
+        doc.VisitRightsDocument(
+            owner=facts.owner.hex(),
+            restriction=plain(facts.restriction),
+            objection=plain(facts.objection),
+            quarantine=plain(facts.quarantine),
+            corrections=plain(facts.corrections),
+        )
+        for facts in visits
+    ]
+    return doc.RightsDocument(rows)
+
+
+NO_PERSON = doc.ConsentsDocument("", "", "", "", 0, 0, [], [])
+
+
+def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, dict[str, Any]]:
+    """Return the member key and the state of the one person that a document of proofs is about.
+
+    Raises BUNDLE_UNPROVEN if the document leaves out her choices, or holds something else.
+    """
+    members = [key[len(MEMBER) :] for key in proved if key.startswith(MEMBER)]
+    state = proved[MEMBER + members[0]].value if len(members) == 1 else None
+    if state is None:
+        raise BlockRobotError("BUNDLE_UNPROVEN", "The bundle does not prove who the person is.")
+    if set(proved) != {MEMBER + members[0], CHOICES + state["handle"], LAST_WORD + state["handle"]}:
+        raise BlockRobotError(
+            "BUNDLE_UNPROVEN", "The proofs of the person leave something out, or hold something else."
+        )
+    return members[0], state
+
+
+def tell_consents(proved: Mapping[bytes, ProvedValue], receipts: Sequence[ProvedReceipt]) -> doc.ConsentsDocument:
+    """Return who the person is, what she consents to now, and what she said before. Raises BUNDLE_UNPROVEN."""
+    member, state = read_person(proved)
+    choices = read_choices(proved[CHOICES + state["handle"]].value)
+    return doc.ConsentsDocument(
+        member=member.hex(),
+        handle=state["handle"].hex(),
+        role=state["role"],
+        status=state["status"],
+        proved_at_height=min(proof.height for proof in proved.values()),
+        last_word_height=proved[LAST_WORD + state["handle"]].value or 0,
+        choices=[
+            doc.ConsentDocument(
+                purpose,
+                sensor,
+                [doc.ConsentStepDocument(s.height, s.status, s.since_ms, s.from_ms, s.until_ms) for s in steps],
+            )
+            for (purpose, sensor), steps in sorted(choices.items())
+        ],
+        history=[_tell_word(member, receipt) for receipt in _in_order(receipts)],
+    )
+
+
+def _in_order(receipts: Sequence[ProvedReceipt]) -> Sequence[ProvedReceipt]:
+    places = [(receipt.height, receipt.index) for receipt in receipts]
+    if places != sorted(set(places)):
+        raise BlockRobotError("BUNDLE_UNPROVEN", "The receipts of consent are not in the order of the chain.")
+    return receipts
+
+
+def _tell_word(member: bytes, proof: ProvedReceipt) -> doc.ConsentWordDocument:
+    """Return the one word on consent of a transaction. Raises BUNDLE_UNPROVEN if it is another's, or none."""
+    told = [
+        (event.name, decode_value(event.data))
+        for event in proof.receipt.events
+        if event.contract == CONSENT and event.name in WORDS
+    ]
+    if len(told) != 1 or told[0][1]["member"] != member or not proof.receipt.ok:
+        raise BlockRobotError("BUNDLE_UNPROVEN", "A receipt is no word of this person on consent.")
+    ((kind, data),) = told
+    return doc.ConsentWordDocument(
+        kind=kind,
+        purposes=plain(data["purposes"]),
+        sensors=plain(data.get("sensors", [])),
+        from_height=data["height"],
+        transaction=proof.receipt.txid.hex(),
+        height=proof.height,
+        time_ms=proof.time_ms,
+    )

@@ -1,0 +1,147 @@
+"""Writes a bundle: whole, checked and readable by its owner only, or not at all. Must never replace a file unasked.
+
+It is written beside its place, checked there as any stranger would check it, and only then gets its name.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from clients.bundle import documents as doc
+from clients.bundle import layout
+from clients.bundle.checking import Verdict, verify_bundle
+from clients.bundle.container import BundleWriter
+from clients.bundle.frames import FrameSource
+from clients.bundle.proving import (
+    SIGN_TAG,
+    Heard,
+    Proofs,
+    first_files,
+    fixed_files,
+    never_heard,
+    proof_files,
+    prove,
+    sign_parts,
+    tell_all,
+    walk_visits,
+)
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis, genesis_to_json
+from consensus.primitives.keys import PrivateKey
+
+
+@dataclass(frozen=True, slots=True)
+class Contents:
+    """All that goes into a bundle. `find_key` returns the private key of a public one that has to sign."""
+
+    genesis: Genesis
+    proofs: Proofs
+    selection: doc.Selection
+    problems: tuple[doc.Problem, ...]
+    created_at_ms: int
+    source: FrameSource
+    find_key: Callable[[bytes], PrivateKey]
+
+
+def write_entries(file: BinaryIO, contents: Contents, heard: Heard = never_heard) -> None:
+    """Write a bundle into an open file. Equal contents make equal bytes.
+
+    Raises EXPORT_TOO_LARGE, and what checking raises for contents that do not follow from their proofs.
+    """
+    genesis = contents.genesis
+    proven = prove(genesis, contents.proofs)
+    writer = BundleWriter(file)
+    _add_all(writer, first_files())
+    walk = walk_visits(proven, contents.source, heard)
+    while True:
+        try:
+            piece = next(walk)
+        except StopIteration as end:
+            visits: Sequence[doc.VisitDocument] = end.value
+            break
+        writer.add(piece.name, piece.content)
+    for name, content in tell_all(proven, visits) + proof_files(contents.proofs):
+        if len(content) > layout.DOCUMENT_MAX_BYTES:
+            raise BlockRobotError("EXPORT_TOO_LARGE", f"{name} would be larger than 64 MiB.")
+        writer.add(name, content)
+    _add_all(writer, fixed_files(genesis_to_json(genesis).encode()))
+    manifest = doc.write_document(
+        doc.Manifest(
+            format=doc.FORMAT,
+            version=doc.FORMAT_VERSION,
+            network=genesis.network,
+            chain_id=genesis.chain_id.hex(),
+            genesis_id=genesis.block_id.hex(),
+            created_at_ms=contents.created_at_ms,
+            selection=contents.selection,
+            problems=list(contents.problems),
+            entries=[doc.ManifestEntry(entry.name, entry.size, entry.sha256.hex()) for entry in writer.entries],
+        )
+    )
+    writer.add(layout.MANIFEST, manifest)
+    parts = sign_parts(genesis.chain_id, manifest)
+    signed = [doc.Signature(key.hex(), contents.find_key(key).sign(SIGN_TAG, *parts).hex()) for key in proven.signers]
+    writer.add(layout.SIGNATURES, doc.write_document(doc.Signatures(signed)))
+    writer.finish()
+
+
+def _add_all(writer: BundleWriter, files: Sequence[tuple[str, bytes]]) -> None:
+    for name, content in files:
+        writer.add(name, content)
+
+
+def require_free(path: Path, *, replace: bool) -> None:
+    """Raise FILE_EXISTS unless there is nothing at this place, or a plain file that may be replaced."""
+    if path.is_symlink() or (path.exists() and (not replace or not path.is_file())):
+        hint = "" if replace else " With --force a bundle that is there is replaced."
+        raise BlockRobotError("FILE_EXISTS", f"{path} is there already; nothing was written.{hint}")
+    if not path.parent.is_dir():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {path.parent}.")
+
+
+def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard: Heard = never_heard) -> Verdict:
+    """Write a bundle to `path`, mode 0600, and return what anybody can see from it.
+
+    Whatever goes wrong, or whoever interrupts: the file that was there before is as it was, and nothing else is left.
+    Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError.
+    """
+    require_free(path, replace=replace)
+    temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(4)}")
+    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            write_entries(file, contents, heard)
+            file.flush()
+            os.fsync(file.fileno())
+        verdict = verify_bundle(temporary, contents.genesis, lambda what, done, of: heard(f"checking {what}", done, of))
+        _give_name(temporary, path, replace=replace)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+    return verdict
+
+
+def _give_name(temporary: Path, path: Path, *, replace: bool) -> None:
+    """Give the finished file its name in one step; a file that appeared there meanwhile is not replaced unasked."""
+    if replace:
+        temporary.replace(path)
+    else:
+        try:
+            path.hardlink_to(temporary)
+        except FileExistsError:
+            raise BlockRobotError("FILE_EXISTS", f"{path} appeared meanwhile; nothing was written.") from None
+        except OSError:
+            # A file system without hard links: look once more, then rename.
+            require_free(path, replace=False)
+            temporary.replace(path)
+        temporary.unlink(missing_ok=True)
+    folder = os.open(path.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)
+    finally:
+        os.close(folder)

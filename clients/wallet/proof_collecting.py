@@ -1,0 +1,161 @@
+"""Reads proofs of a visit and of a person so that they can be handed on. Must never ask for two visits in one session.
+
+Each visit is read in the session of its own owner key; what concerns the person in that of the member key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.bundle import documents as doc
+from clients.bundle import telling, visits
+from clients.sdk.answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
+from clients.sdk.contract_events import Place, read_events
+from clients.sdk.http import PROOF_KEYS_MAX_COUNT
+from clients.sdk.receipts import FinalReceipt
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.wallet import Wallet
+from consensus.block import FinalityProof, Header
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode
+from consensus.primitives.keys import PrivateKey
+
+
+@dataclass
+class StateCollector:
+    """Proofs of one session, and the values that they prove."""
+
+    wallet: Wallet
+    key: PrivateKey
+    values: dict[bytes, Any] = field(default_factory=dict)
+    _found: dict[bytes, tuple[bytes, doc.KeyProof]] = field(default_factory=dict)
+
+    async def read(self, keys: Sequence[bytes]) -> None:
+        """Read keys that were not read before, in as many questions as it takes."""
+        fresh = [key for key in dict.fromkeys(keys) if key not in self.values]
+        for start in range(0, len(fresh), PROOF_KEYS_MAX_COUNT):
+            part = fresh[start : start + PROOF_KEYS_MAX_COUNT]
+            state = await self.wallet.network.state_values(part, self.key)
+            if state.answer is None or state.answer.finality is None:
+                raise BlockRobotError("PROOF_INVALID", "The node proved this by genesis alone.")
+            finality = _finality_bytes(state.answer.finality)
+            for key, proof in zip(part, state.answer.proofs, strict=True):
+                value = None if proof.value is None else read_hex(proof.value).hex()
+                self._found[key] = (finality, doc.KeyProof(key.hex(), value, read_hex(proof.proof).hex()))
+            self.values.update(state.values)
+
+    def leave_out(self, key: bytes) -> None:
+        """Do not hand on the proof of a key that was read."""
+        del self._found[key]
+        del self.values[key]
+
+    def document(self) -> doc.StateProofs:
+        """Return the proofs, by block and by key."""
+        by_block: dict[bytes, list[doc.KeyProof]] = {}
+        for _, (finality, proof) in sorted(self._found.items()):
+            by_block.setdefault(finality, []).append(proof)
+        ordered = sorted(by_block.items(), key=lambda pair: (_height_of(pair[0]), pair[0]))
+        return doc.StateProofs([doc.Snapshot(finality.hex(), proofs) for finality, proofs in ordered])
+
+
+def _finality_bytes(document: FinalityDocument) -> bytes:
+    return encode(read_finality(document))
+
+
+def _height_of(finality: bytes) -> int:
+    return decode(decode(finality, FinalityProof).header_bytes, Header).height
+
+
+@dataclass(frozen=True, slots=True)
+class VisitProofs:
+    """What proves a visit, and the values."""
+
+    document: doc.StateProofs
+    values: dict[bytes, Any]
+
+
+async def collect_visit(wallet: Wallet, visit: KnownVisit, chosen: frozenset[bytes] | None) -> VisitProofs:
+    """Read everything that the ledger holds of a visit, or (`chosen`) of some of its records and of the visit itself."""
+    collector = StateCollector(wallet, wallet.owner_key(visit))
+    await collector.read(visits.trail_keys(visit.owner))
+    count = collector.values[visits.COUNT + visit.owner] or 0
+    corrections = collector.values[visits.CORRECTION_COUNT + visit.owner] or 0
+    await collector.read(visits.correction_keys(visit.owner, corrections))
+    entry_keys = [visits.entry_key(visit.owner, index) for index in range(count)]
+    await collector.read(entry_keys)
+    due: list[bytes] = []
+    for key in entry_keys:
+        entry = collector.values[key]
+        if chosen is not None and entry["record_id"] and entry["record_id"] not in chosen:
+            collector.leave_out(key)
+            continue
+        due += visits.keys_of_entry(entry)
+    await collector.read(due)
+    return VisitProofs(collector.document(), collector.values)
+
+
+@dataclass(frozen=True, slots=True)
+class PersonProofs:
+    """What proves who the person is and what she said; `sealing_public` is the key that robots seal to."""
+
+    state: doc.StateProofs | None
+    receipts: tuple[doc.ReceiptProof, ...]
+    problems: tuple[doc.Problem, ...]
+    sealing_public: bytes
+
+
+async def collect_person(wallet: Wallet) -> PersonProofs:
+    """Read the person's registration, her choices, and the receipts of what she said. Raises NOT_REGISTERED."""
+    await wallet.require_registered()
+    member = wallet.keys.identity
+    collector = StateCollector(wallet, member)
+    member_key = telling.MEMBER + member.public_key
+    await collector.read([member_key])
+    row = collector.values[member_key]
+    if row is None:
+        raise BlockRobotError("NOT_REGISTERED")
+    await collector.read([telling.CHOICES + row["handle"], telling.LAST_WORD + row["handle"]])
+    receipts, problems = await _collect_words(wallet, member)
+    return PersonProofs(collector.document(), tuple(receipts), tuple(problems), row["sealing"])
+
+
+async def _collect_words(wallet: Wallet, member: PrivateKey) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
+    """Find what the member said on consent among what all said, and fetch the proof of each word."""
+    words: dict[bytes, int] = {}
+    place: Place | None = None
+    problems: list[doc.Problem] = []
+    try:
+        while True:
+            page = await read_events(wallet.network, member, place, contract=telling.CONSENT)
+            for event in page.events:
+                own = isinstance(event.data, dict) and event.data.get("member") == member.public_key
+                if own and event.name in telling.WORDS:
+                    words[event.txid] = event.place.height
+            if not page.events:
+                break
+            place = page.next
+    except BlockRobotError as error:
+        problems.append(doc.Problem("", error.code, f"The history of your consents could not be read: {error.detail}"))
+    found: list[FinalReceipt] = []
+    for txid, height in words.items():
+        try:
+            found.append(await wallet.network.wait_final(txid, lane=member.public_key))
+        except BlockRobotError as error:
+            sentence = f"The receipt of what you said on consent in block {height} could not be had: {error.detail}"
+            problems.append(doc.Problem("", error.code, sentence))
+    found.sort(key=lambda receipt: (receipt.height, receipt.index))
+    return [_receipt_proof(receipt, receipt.evidence) for receipt in found if receipt.evidence is not None], problems
+
+
+def _receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
+    return doc.ReceiptProof(
+        headers=[read_hex(header).hex() for header in evidence.headers],
+        finality=_finality_bytes(evidence.finality).hex(),
+        receipt=read_hex(evidence.receipt).hex(),
+        index=receipt.index,
+        count=evidence.count,
+        receipt_path=[read_hex(node).hex() for node in evidence.receipt_path],
+        transaction_path=[read_hex(node).hex() for node in evidence.transaction_path],
+    )
