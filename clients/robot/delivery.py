@@ -17,6 +17,7 @@ from typing import Any, Protocol
 import msgspec
 import structlog
 
+from clients.robot.open_visits import OpenVisits
 from clients.robot.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
@@ -33,6 +34,8 @@ OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
 """The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
 
 _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
+
+_OPEN_VISIT = "open_visit"
 
 _log = structlog.get_logger("delivery")
 
@@ -52,6 +55,9 @@ class DeliveryNetwork(Protocol):
 
     async def upload(self, upload: ClipUpload) -> None:
         """Bring a clip to the custodians. Raises when fewer than required took it."""
+
+    async def knows_visit(self, owner: bytes) -> bool:
+        """Whether the chain proves a visit of that owner key. Raises what the network refuses."""
 
     def now_ms(self) -> int:
         """The wall clock."""
@@ -105,6 +111,7 @@ class Delivery:
         self._slots = asyncio.Semaphore(DELIVERIES_AT_ONCE_MAX_COUNT)
         self._announcements: dict[bytes, asyncio.Task[None]] = {}
         self._known_visits: set[bytes] = set()
+        self._tried_visits: set[bytes] = set()
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self.failure: BaseException | None = None
         self.overdue_count = 0
@@ -146,16 +153,36 @@ class Delivery:
 
     async def _open_visit(self, clip: SpooledClip) -> None:
         arguments = [clip.owner, clip.ephemeral, clip.view_tag, clip.visit_bucket_ms, clip.purpose]
-        await self._final("records", "open_visit", arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
+        await self._final("records", _OPEN_VISIT, arguments, accepted=("OK", "VISIT_EXISTS"), clip=clip)
         self._known_visits.add(clip.owner)
 
-    async def close_visit(self, owner: bytes, record_count: int) -> None:
-        """Say on the chain how many records the visit has, so that a missing tail is noticed.
+    async def close_visits(self, visits: OpenVisits) -> None:
+        """Close every visit that the chain knows, and forget all; to be called once every clip is delivered.
 
-        A visit that the chain does not know was never announced: the robot was killed before its first clip was kept.
+        Of a visit that was destroyed whole before anybody heard of it the chain must not hear by its closing. A robot
+        that was killed cannot know what it announced, nor can one that never heard the answer: then a node is asked.
         """
-        accepted = ("OK", "VISIT_CLOSED", "VISIT_UNKNOWN")
-        await self._final("records", "close_visit", [owner, record_count], accepted=accepted)
+        for owner, record_count in visits.counts.items():
+            doubtful = owner in visits.inherited or owner in self._tried_visits
+            if self.has_announced(owner) or (doubtful and await self._is_on_chain(owner)):
+                await self.close_visit(owner, record_count)
+            visits.forget(owner)
+
+    async def _is_on_chain(self, owner: bytes) -> bool:
+        wait_ms = RETRY_FIRST_MS
+        while True:
+            try:
+                return await self._network.knows_visit(owner)
+            except BlockRobotError as error:
+                if not error.entry.retryable:
+                    raise
+                _log.warning("retry", entry="visit", code=error.code)
+                await asyncio.sleep(wait_ms / 1000)
+                wait_ms = min(2 * wait_ms, RETRY_MAX_MS)
+
+    async def close_visit(self, owner: bytes, record_count: int) -> None:
+        """Say on the chain how many records the visit has, so that a missing tail is noticed."""
+        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED"))
 
     async def drain(self) -> None:
         """Wait until every started clip is final. Raises what stopped one for good."""
@@ -200,6 +227,8 @@ class Delivery:
                     # An upload takes as long as the slowest custodian does.
                     if clip is not None and not await self._may_record(clip):
                         raise ConsentEnded
+                if entry == _OPEN_VISIT:
+                    self._tried_visits.add(arguments[0])
                 submitted = self._network.now_ms()
                 confirmation = await self._network.submit_and_wait(transaction)
             except BlockRobotError as error:

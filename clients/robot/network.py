@@ -42,6 +42,10 @@ class RobotNetwork:
         """Submit and wait until the transaction is final."""
         return await self._client.submit_and_wait(transaction)
 
+    async def knows_visit(self, owner: bytes) -> bool:
+        """Whether the chain proves a visit of that owner key. The node that is asked hears the key."""
+        return await self._client.state_value("records", b"visit/" + owner, self._identity.identity) is not None
+
     async def upload(self, upload: ClipUpload) -> None:
         """Bring a clip to all custodians. Raises the last refusal if fewer than two (or all there are) took it."""
         await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))

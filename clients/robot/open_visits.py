@@ -27,7 +27,10 @@ class VisitCounts(Wire, frozen=True):
 
 
 class OpenVisits:
-    """The counts of open visits in one file; what an earlier life of the robot left open is there on opening."""
+    """The counts of open visits in one file; what an earlier life of the robot left open is there on opening.
+
+    `inherited` are the owner keys of those.
+    """
 
     def __init__(self, path: Path, key: bytes) -> None:
         """Read the file, if there is one. Raises SPOOL_DAMAGED."""
@@ -36,6 +39,7 @@ class OpenVisits:
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.with_name(TEMPORARY_PREFIX + path.name).unlink(missing_ok=True)
         self._counts = {visit.owner: visit.record_count for visit in self._read()}
+        self.inherited = frozenset(self._counts)
 
     def _read(self) -> tuple[VisitCount, ...]:
         if not self._path.exists():

@@ -152,11 +152,7 @@ class Pipeline:
         self._seal(self._batcher.flush())
         self._deliver(self._senses.settle(final=True))
         await self._delivery.drain()
-        for owner, record_count in self._open_visits.counts.items():
-            # Of a visit that was destroyed whole before anybody heard of it the chain must not hear by its closing.
-            if record_count > 0 or self._delivery.has_announced(owner):
-                await self._delivery.close_visit(owner, record_count)
-            self._open_visits.forget(owner)
+        await self._delivery.close_visits(self._open_visits)
 
     def intake_json(self) -> dict[str, Any]:
         """Return what was found of the clocks, and how much was turned away, late or thinned."""

@@ -183,6 +183,46 @@ def test_a_robot_that_restarts_asks_again_for_what_it_had_sealed(tmp_path: Path,
     assert second.consents.figures.clips_dropped >= 1
 
 
+async def killed_once(robot: Robot, is_time: Callable[[], bool]) -> None:
+    """Let the robot work until it is time, and end it there as a kill would: nothing more is done."""
+    running = asyncio.create_task(robot.run())
+    for _ in range(6_000):
+        if is_time():
+            break
+        await asyncio.sleep(0.01)
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+def test_a_visit_that_was_announced_before_a_kill_is_closed_though_she_said_no_meanwhile(
+    tmp_path: Path, walk_bag: Path
+) -> None:
+    """Everybody has seen it open; she must not wait for records that will never be."""
+    first = Robot(tmp_path, walk_bag, roster())
+    first.network.upload_refusals = ["NODE_UNREACHABLE"] * 10_000
+    run_virtual(killed_once(first, lambda: bool(first.network.visits)))
+    second = Robot(tmp_path, walk_bag, roster(), purposes=("research",))
+    second.network.visits = first.network.visits
+    run_virtual(second.run())
+    assert second.network.closed == dict.fromkeys(first.network.visits, 0)
+    assert (second.network.records, second.open_visits.counts, second.spool.names()) == ({}, {}, [])
+
+
+def test_a_visit_that_nobody_heard_of_leaves_no_trace_though_the_robot_was_killed_while_it_destroyed_it(
+    tmp_path: Path, walk_bag: Path
+) -> None:
+    """The last clip is gone already and still counted: the next life must not close what was never announced."""
+    first = Robot(tmp_path, walk_bag, roster())
+    first.network.refusals = ["NODE_UNREACHABLE"] * 10_000
+    run_virtual(killed_once(first, lambda: bool(first.network.calls)))
+    for name in first.spool.names():
+        first.spool.destroy(name)
+    assert sum(first.open_visits.counts.values()) > 0
+    second = Robot(tmp_path, walk_bag, roster(), purposes=("research",))
+    run_virtual(second.run())
+    assert (second.network.calls, second.open_visits.counts) == ([], {})
+
+
 def test_a_registry_that_cannot_be_reached_closes_the_robot_and_the_owner_is_told_later(
     tmp_path: Path, walk_bag: Path
 ) -> None:

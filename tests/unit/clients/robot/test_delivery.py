@@ -51,6 +51,8 @@ class FakeNetwork:
         self.upload_refusals: list[str] = []
         self.verdict: str = ""
         self.answers_lost_count = 0
+        self.question_refusals: list[str] = []
+        self.asked_visits: list[bytes] = []
         self.on_upload: Callable[[ClipUpload], None] = lambda _: None
         self.at_once_count = 0
         self.at_once_max_count = 0
@@ -77,6 +79,12 @@ class FakeNetwork:
             raise BlockRobotError(self.upload_refusals.pop(0))
         self.uploads[upload.record_id] = upload
         self.on_upload(upload)
+
+    async def knows_visit(self, owner: bytes) -> bool:
+        if self.question_refusals:
+            raise BlockRobotError(self.question_refusals.pop(0))
+        self.asked_visits.append(owner)
+        return owner in self.visits
 
     async def submit_and_wait(self, transaction: Transaction) -> Receipt:
         self.calls.append((self.now_ms(), transaction.body.entry))
@@ -319,37 +327,6 @@ def test_only_so_many_are_under_way_at_once(tmp_path: Path) -> None:
     run = Run(tmp_path, clips=3 * DELIVERIES_AT_ONCE_MAX_COUNT)
     run_virtual(run.deliver_all())
     assert run.network.at_once_max_count == DELIVERIES_AT_ONCE_MAX_COUNT
-
-
-def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
-    run = Run(tmp_path, clips=2)
-
-    async def main() -> None:
-        delivery = await run.deliver_all()
-        await delivery.close_visit(run.done[0].clip.owner, 2)
-        await delivery.close_visit(run.done[0].clip.owner, 2)
-
-    run_virtual(main())
-    assert run.network.closed == {run.done[0].clip.owner: 2}
-
-
-def test_a_visit_that_was_never_announced_needs_no_closing(tmp_path: Path) -> None:
-    """The robot was killed between noting its count and keeping its first clip."""
-    run = Run(tmp_path, clips=0)
-
-    async def main() -> None:
-        run.network.verdict = "VISIT_UNKNOWN"
-        await run.delivery().close_visit(b"\x02" * 33, 1)
-
-    run_virtual(main())
-    assert run.network.times("close_visit") != []
-
-
-def test_what_was_announced_is_known_once_it_is_final(tmp_path: Path) -> None:
-    run = Run(tmp_path)
-    owner = run.spool.get(run.names[0]).owner
-    assert run_virtual(run.deliver_all()).has_announced(owner)
-    assert not run.delivery().has_announced(owner)
 
 
 def test_a_spool_that_filled_up_over_days_is_not_held_in_memory(tmp_path: Path) -> None:

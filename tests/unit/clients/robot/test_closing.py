@@ -1,0 +1,82 @@
+"""At the end of a run every visit that the chain knows is closed with its count, and of no other the chain hears."""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+
+import pytest
+
+from clients.robot.delivery import Delivery
+from clients.robot.open_visits import OpenVisits
+from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
+from tests.unit.clients.robot.test_spool import KEY
+from tests.virtual_time import run_virtual
+
+
+def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
+    run = Run(tmp_path, clips=2)
+
+    async def main() -> None:
+        delivery = await run.deliver_all()
+        await delivery.close_visit(run.done[0].clip.owner, 2)
+        await delivery.close_visit(run.done[0].clip.owner, 2)
+
+    run_virtual(main())
+    assert run.network.closed == {run.done[0].clip.owner: 2}
+
+
+def closed_by(run: Run, delivery: Delivery, visits: OpenVisits) -> dict[bytes, int]:
+    run_virtual(delivery.close_visits(visits))
+    assert visits.counts == {}
+    return run.network.closed
+
+
+def test_all_that_was_announced_in_this_run_is_closed_and_no_node_is_asked(tmp_path: Path) -> None:
+    run = Run(tmp_path / "spool", clips=2)
+    owner = run.spool.get(run.names[0]).owner
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits.note(owner, 2)
+    delivery = run_virtual(run.deliver_all())
+    assert closed_by(run, delivery, visits) == {owner: 2}
+    assert run.network.asked_visits == []
+
+
+def test_a_visit_that_this_run_never_tried_to_announce_is_forgotten_and_no_node_hears_of_it(tmp_path: Path) -> None:
+    run = Run(tmp_path / "spool", clips=0)
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits.note(b"\x02" * 33, 1)
+    assert closed_by(run, run.delivery(), visits) == {}
+    assert (run.network.calls, run.network.asked_visits) == ([], [])
+
+
+@pytest.mark.parametrize("announced", [True, False])
+def test_of_an_earlier_runs_visit_the_chain_is_asked_whether_it_was_announced(tmp_path: Path, announced: bool) -> None:
+    """The robot was killed: it cannot know. A network that is away is asked until it answers."""
+    owner = b"\x02" * 33
+    OpenVisits(tmp_path / "visits", KEY).note(owner, 1)
+    run = Run(tmp_path / "spool", clips=0)
+    run.network.visits = {owner: []} if announced else {}
+    run.network.question_refusals = ["NODE_UNREACHABLE"] * 3
+    assert closed_by(run, run.delivery(), OpenVisits(tmp_path / "visits", KEY)) == ({owner: 1} if announced else {})
+    assert run.network.asked_visits == [owner]
+    assert len(run.network.times("close_visit")) == announced
+
+
+def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_the_same(tmp_path: Path) -> None:
+    run = Run(tmp_path / "spool")
+    clip = run.spool.get(run.names[0])
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits.note(clip.owner, 0)
+
+    async def main() -> Delivery:
+        run.network.answers_lost_count = 1
+        delivery = run.delivery()
+        delivery.start(run.names[0])
+        await asyncio.sleep(LATENCY_MS / 1000 + 0.01)
+        run.refused = {clip.upload.record_id}
+        await delivery.drain()
+        return delivery
+
+    assert closed_by(run, run_virtual(main()), visits) == {clip.owner: 0}
+    assert run.network.records == {}
