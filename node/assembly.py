@@ -54,6 +54,7 @@ from node.recording import VotingJournal
 from node.storage.ledger_store import LedgerStore, Position
 from node.sync import LAG_TOLERATED_BLOCKS, Synchroniser
 from node.transaction_cache import TransactionCache
+from node.upkeep import Upkeep
 
 HOUSEKEEPING_INTERVAL_MS = 1_000
 
@@ -227,6 +228,7 @@ class Assembly:
         self.finality_watch = FinalityWatch(around.stopwatch, lambda: self.engine.epoch.epoch.settings)
         self._metrics = NodeMetrics(self._gauges(), now_ms)
         self.custody = self._make_custody()
+        self.upkeep = self._make_upkeep()
         self.pruner = Pruner(around.ledger, around.keep_blocks, self._custody_height)
         self._candidacy = self._make_candidacy()
         self.accuser = self._make_accuser()
@@ -278,9 +280,31 @@ class Assembly:
             clock=now_ms,
             randomness=around.randomness,
             custodians=lambda: self.directory.custodians,
+            is_in_touch=self._has_heard_the_network,
         )
         self.peers.clips = custody
         return custody
+
+    def _has_heard_the_network(self) -> bool:
+        """Tell whether so many peers are no farther than this node that together they are a quorum."""
+        level = 1 + sum(self.sync.is_level_with(peer) for peer in self.network.connected)
+        return level >= self.engine.epoch.schedule.quorum
+
+    def _make_upkeep(self) -> Upkeep | None:
+        around, place, custody = self.surroundings, self.surroundings.custody, self.custody
+        if place is None or custody is None:
+            return None
+        return Upkeep(
+            name=around.name,
+            member=place.key.public_key,
+            custodian=custody.custodian,
+            store=place.store,
+            keys=place.erase_keys,
+            ledger=around.ledger,
+            clock=around.clock.now_ms,
+            find_peers=custody.find_peers,
+            is_serving=lambda: custody.is_serving,
+        )
 
     def _custody_height(self) -> int | None:
         """Return how far the node's custodian has followed (-1: not at all), or None if it has none."""

@@ -44,6 +44,7 @@ CLIP_WIRE_MAX_BYTES = CLIP_SIZE_MAX_BYTES + 1024 * 1024
 CLIPS_SERVED_KEPT_COUNT = 2
 RETRY_MS = 500
 CATCH_UP_MAX_MS = 3_000
+SERVING_POLL_MS = 50
 _WAIT_MS = 60_000
 
 log = structlog.get_logger(__name__)
@@ -109,9 +110,11 @@ class Custody:
         clock: Callable[[], int],
         randomness: Callable[[int], bytes] = secrets.token_bytes,
         custodians: Callable[[], frozenset[str]] | None = None,
+        is_in_touch: Callable[[], bool] = lambda: True,
     ) -> None:
+        """`is_in_touch` tells whether the node is as far as a quorum of the network: before that nothing is served."""
         self._genesis = genesis
-        self._custodian = custodian
+        self.custodian = self._custodian = custodian
         self._key = key
         self._ledger = ledger
         self._feed = feed
@@ -121,6 +124,8 @@ class Custody:
         self._randomness = randomness
         self._name = name
         self._custodians = custodians or (lambda: frozenset(node.name for node in genesis.custodians))
+        self._is_in_touch = is_in_touch
+        self._serves_from: int | None = None
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
         self._wake_outbox = asyncio.Event()
@@ -132,6 +137,31 @@ class Custody:
     def _others(self) -> frozenset[str]:
         """The names of the other custodians of the network, as it is now."""
         return self._custodians() - {self._name}
+
+    @property
+    def is_serving(self) -> bool:
+        """Tell whether clips may leave this custodian: since its start it has once followed the chain as far as it goes.
+
+        Its store, its ledger, even its erase keys may be of an old backup: what was erased since is erased here first.
+        """
+        if self._serves_from is None and self._is_in_touch():
+            self._serves_from = self._feed.height
+        followed = -1 if self.checkpoint_height is None else self.checkpoint_height
+        return self._serves_from is not None and followed >= self._serves_from
+
+    async def _wait_serving(self) -> None:
+        """Wait, not long, until clips may leave. Raises CUSTODY_CATCHING_UP."""
+        for _ in range(CATCH_UP_MAX_MS // SERVING_POLL_MS):
+            if self.is_serving:
+                return
+            await asyncio.sleep(SERVING_POLL_MS / 1000)
+        if not self.is_serving:
+            raise BlockRobotError("CUSTODY_CATCHING_UP")
+
+    def find_peers(self) -> list[PeerLink]:
+        """Return links to the other custodians that are connected now."""
+        others = self._others
+        return [PeerLink(name, self._peers) for name in self._peers.connected if name in others]
 
     async def start(self) -> None:
         """Finish what a crash cut off, read the checkpoint and begin. Raises STORE_UNAVAILABLE, ERASE_KEYS_DAMAGED."""
@@ -158,8 +188,10 @@ class Custody:
     async def download(self, record_id: bytes, access_id: bytes, owner: bytes) -> ClipDownload:
         """Return a clip to its owner under a final access transaction of hers. Raises as the custodian does.
 
-        Her transaction may have been final elsewhere a moment ago: wait for it here before it is missed.
+        Her transaction may have been final elsewhere a moment ago: wait for it here before it is missed. Raises
+        CUSTODY_CATCHING_UP while the custodian has not followed the chain since its start.
         """
+        await self._wait_serving()
         await self._wait_for(access_id)
         return await self._custodian.download(record_id, access_id, owner)
 
@@ -312,11 +344,13 @@ class Custody:
     # Clips between custodians
 
     async def serve_peer(self, peer: str, kind: RequestKind, body: bytes) -> bytes:
-        """Answer another custodian's request for a clip, part by part. Raises PEER_REFUSED or NOT_FOUND."""
+        """Answer another custodian's request for a part of a clip. Raises PEER_REFUSED, NOT_FOUND, CUSTODY_CATCHING_UP."""
         if peer not in self._others:
             raise BlockRobotError("PEER_REFUSED", f"{peer} is no custodian of this network.")
         if kind is not RequestKind.CLIP:
             raise BlockRobotError("NOT_FOUND")
+        if not self.is_serving:
+            raise BlockRobotError("CUSTODY_CATCHING_UP")
         request = decode(body, ClipRequest)
         data = self._served.get(request.record_id)
         if data is None or request.offset == 0:
@@ -338,10 +372,10 @@ class Custody:
             raise
 
     async def _fetch(self) -> None:
+        count = 0
         while True:
-            await asyncio.sleep(FETCH_INTERVAL_MS / 1000)
-            others = self._others
-            links = [PeerLink(name, self._peers) for name in self._peers.connected if name in others]
+            await asyncio.sleep(0 if count else FETCH_INTERVAL_MS / 1000)
+            count, links = 0, self.find_peers()
             if not links:
                 continue
             try:

@@ -1,7 +1,7 @@
 """The operator's listener: is the node alive, ready, how is it doing. Must never be reachable but from this machine.
 
-`/livez`, `/readyz`, `/metrics`, `/status`, in plain HTTP on a loopback port of its own; and `/faults`, where node.toml
-allows faults, for whoever holds the operator's token.
+`/livez`, `/readyz`, `/metrics`, `/status`, in plain HTTP on a loopback port of its own; for whoever holds the operator's
+token also `/custody` of a custodian, and `/faults`, where node.toml allows faults.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from aiohttp import web
 from consensus.errors import BlockRobotError
 from node.api.services import NodeStatus
 from node.faults import FaultSwitch
+from node.upkeep import Upkeep
+from node.upkeep_routes import add_custody_routes
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -22,7 +24,9 @@ METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 log = structlog.get_logger(__name__)
 
 
-def create_operator_listener(status: NodeStatus, faults: FaultSwitch | None = None, token: str = "") -> web.Application:
+def create_operator_listener(
+    status: NodeStatus, faults: FaultSwitch | None = None, token: str = "", upkeep: Upkeep | None = None
+) -> web.Application:
     """Return the application that answers the operator. Without a switch and a token it takes no faults."""
 
     async def live(_request: web.Request) -> web.Response:
@@ -54,6 +58,7 @@ def create_operator_listener(status: NodeStatus, faults: FaultSwitch | None = No
             return web.json_response(problem, status=error.entry.status)
 
     application = web.Application(client_max_size=FAULT_REQUEST_MAX_BYTES)
+    add_custody_routes(application, upkeep, lambda request: _require_token(request, token))
     application.router.add_get("/faults", take_faults)
     application.router.add_post("/faults", take_faults)
     application.router.add_get("/livez", live)
@@ -70,9 +75,17 @@ def _require_operator(request: web.Request, faults: FaultSwitch | None, token: s
     """
     if faults is None or not token:
         raise BlockRobotError("FAULTS_DISABLED")
-    if not ip_address(request.remote or "0.0.0.0").is_loopback or "Origin" in request.headers:  # noqa: S104
-        raise BlockRobotError("NOT_PERMITTED", "Faults are for a program of this machine, not for a web page.")
-    shown = request.headers.get("Authorization", "").encode("utf-8", "replace")
-    if not hmac.compare_digest(shown, f"Bearer {token}".encode()):
-        raise BlockRobotError("OPERATOR_TOKEN_INVALID")
+    _require_token(request, token)
     return faults
+
+
+def _require_token(request: web.Request, token: str) -> None:
+    """Let a program of this machine pass that shows the token, and no web page.
+
+    Raises NOT_PERMITTED, OPERATOR_TOKEN_INVALID.
+    """
+    if not ip_address(request.remote or "0.0.0.0").is_loopback or "Origin" in request.headers:  # noqa: S104
+        raise BlockRobotError("NOT_PERMITTED", "This is for a program of this machine, not for a web page.")
+    shown = request.headers.get("Authorization", "").encode("utf-8", "replace")
+    if not token or not hmac.compare_digest(shown, f"Bearer {token}".encode()):
+        raise BlockRobotError("OPERATOR_TOKEN_INVALID")

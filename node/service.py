@@ -92,6 +92,7 @@ class Node:
         self._token = ""
         if config.faults_enabled:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
+        if config.faults_enabled or config.custodian_key_path is not None:
             self._token = read_or_make_token(config.data_dir)
         self._stack = AsyncExitStack()
         self.begin_anew = asyncio.Event()
@@ -262,7 +263,8 @@ class Node:
             custody=parts.custody,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
-        await self._serve(create_operator_listener(self, self._faults, self._token), operator_socket)
+        operator = create_operator_listener(self, self._faults, self._token, parts.upkeep)
+        await self._serve(operator, operator_socket)
         log.info("node_started", name=config.name, height=parts.feed.height)
 
     async def _serve(self, application: web.Application, listener: Any) -> None:

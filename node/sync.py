@@ -113,6 +113,11 @@ class Synchroniser:
         """How many blocks the peers say that this node is behind the one that is farthest ahead (0 or more)."""
         return max(0, max(self._heights.values(), default=0) - self._writer.queued_height)
 
+    def is_level_with(self, peer: str) -> bool:
+        """Tell whether a peer has said how far it is, and that is no farther than this node."""
+        height = self._heights.get(peer)
+        return height is not None and height <= self._writer.queued_height
+
     def snapshot_peers(self, lag_max: int) -> tuple[list[str], int]:
         """Return the peers to fetch a snapshot from, and the height that it has to be above; no peers while blocks do.
 

@@ -25,6 +25,7 @@ _COMMANDS = {
     "doctor": ("network.cli.doctor_command", "doctor"),
     "bench": ("network.cli.bench_commands", "bench"),
     "custody": ("network.cli.custody_commands", "custody"),
+    "custody": ("network.cli.custody_commands", "custody"),
     "experiment": ("network.cli.experiment_commands", "experiment"),
     "sim": ("network.cli.sim_command", "sim"),
     "card": ("clients.registrar.cli", "card"),

@@ -252,3 +252,35 @@ async def test_a_peer_that_announces_more_than_it_sends_is_not_waited_for() -> N
     with pytest.raises(BlockRobotError) as caught:
         await link.fetch(bytes(16))
     assert caught.value.code == "PEER_MESSAGE_INVALID"
+
+
+async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_since_its_start(
+    rig: Rig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its disk may be of an old backup: what was erased since is erased here first, and only then does it serve."""
+    monkeypatch.setattr("node.custody.CATCH_UP_MAX_MS", 0)
+    in_touch = False
+    rig.custody._is_in_touch = lambda: in_touch
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], [], [])
+    ask = encode(ClipRequest(record_id=bytes(16), offset=0))
+    for height in range(3):
+        await rig.finalize(height)
+    rig.custodian.heights = [0]
+    for state in ("alone", "in touch, behind"):
+        assert not rig.custody.is_serving, state
+        for attempt in (
+            rig.custody.download(bytes(16), bytes(32), bytes(33)),
+            rig.custody.serve_peer("node-2", RequestKind.CLIP, ask),
+        ):
+            with pytest.raises(BlockRobotError) as refusal:
+                await attempt
+            assert refusal.value.code == "CUSTODY_CATCHING_UP"
+        in_touch = True
+    await rig.custody.start()
+    await rig.followed(2)
+    assert rig.custody.is_serving
+    assert decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, ask), ClipPart).total > 0
+    in_touch = False
+    await rig.finalize(3)
+    assert rig.custody.is_serving, "one that has followed goes on serving while it is cut off"
+    await rig.custody.stop()

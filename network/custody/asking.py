@@ -1,0 +1,98 @@
+"""Asks custodians over their operator's listeners, with the token of their data directories. Must never show the token."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Callable
+from typing import Any
+
+import aiohttp
+
+from consensus.errors import CATALOGUE, BlockRobotError
+from node.config import OPERATOR_HOST, NodeConfig
+from node.faults import TOKEN_FILE_NAME
+
+STATUS_TIMEOUT_S = 10.0
+LINE_TIMEOUT_S = 120.0
+_LINE_MAX_BYTES = 16 * 1024 * 1024
+
+Tell = Callable[[str, str, int, int], None]
+"""Told of progress: the node's name, what is being looked at, how many are done, and of how many (0: not known)."""
+
+
+def _headers(config: NodeConfig) -> dict[str, str]:
+    try:
+        token = (config.data_dir / TOKEN_FILE_NAME).read_text(encoding="ascii")
+    except FileNotFoundError:
+        raise BlockRobotError(
+            "NODE_UNREACHABLE", f"{config.name} has never run, so it has no operator's token."
+        ) from None
+    except OSError:
+        raise BlockRobotError(
+            "OPERATOR_TOKEN_INVALID", f"Only who may read the data directory of {config.name} may ask that."
+        ) from None
+    return {"Authorization": f"Bearer {token}"}
+
+
+def _url(config: NodeConfig, path: str) -> str:
+    return f"http://{OPERATOR_HOST}:{config.operator_port}{path}"
+
+
+def _refusal(problem: Any) -> BlockRobotError:
+    code, detail = str(problem.get("code")), str(problem.get("detail"))
+    return BlockRobotError(code if code in CATALOGUE else "INTERNAL", detail)
+
+
+def _unreachable(config: NodeConfig) -> BlockRobotError:
+    return BlockRobotError("NODE_UNREACHABLE", f"{config.name} does not answer on its operator's port.")
+
+
+async def ask_status(config: NodeConfig) -> dict[str, Any]:
+    """Return how one custodian stands. Raises NODE_UNREACHABLE, CUSTODY_ELSEWHERE, STORE_UNAVAILABLE, OPERATOR_*."""
+    headers = _headers(config)
+    async with aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=STATUS_TIMEOUT_S)) as session:
+        try:
+            async with session.get(_url(config, "/custody"), headers=headers) as response:
+                answer: dict[str, Any] = await response.json()
+                if response.status != 200:
+                    raise _refusal(answer)
+                return answer
+        except (aiohttp.ClientError, TimeoutError, ValueError):
+            raise _unreachable(config) from None
+
+
+async def run_work(config: NodeConfig, work: str, tell: Tell) -> dict[str, Any]:
+    """Let one custodian `scrub` or `rebuild` and return its report. Raises as `ask_status`, and CUSTODY_CATCHING_UP."""
+    headers = _headers(config)
+    timeout = aiohttp.ClientTimeout(total=None, connect=STATUS_TIMEOUT_S, sock_read=LINE_TIMEOUT_S)
+    async with aiohttp.ClientSession(timeout=timeout, read_bufsize=_LINE_MAX_BYTES) as session:
+        try:
+            async with session.post(_url(config, f"/custody/{work}"), headers=headers) as response:
+                if response.status != 200:
+                    raise _refusal(await response.json())
+                async for line in response.content:
+                    answer = json.loads(line)
+                    if "progress" in answer:
+                        progress = answer["progress"]
+                        tell(config.name, progress["what"], progress["done"], progress["total"])
+                    elif "error" in answer:
+                        raise _refusal(answer["error"])
+                    else:
+                        report: dict[str, Any] = answer["report"]
+                        return {"node": config.name, **report}
+        except (aiohttp.ClientError, TimeoutError, ValueError):
+            raise _unreachable(config) from None
+    raise BlockRobotError("NODE_UNREACHABLE", f"{config.name} stopped before it was done; ask again.")
+
+
+async def ask_all(configs: list[NodeConfig]) -> list[dict[str, Any] | BlockRobotError]:
+    """Ask several custodians at once; what one refuses stands in its place."""
+
+    async def one(config: NodeConfig) -> dict[str, Any] | BlockRobotError:
+        try:
+            return await ask_status(config)
+        except BlockRobotError as error:
+            return error
+
+    return list(await asyncio.gather(*(one(config) for config in configs)))

@@ -1,0 +1,120 @@
+"""What custodians' answers mean, in plain sentences. Must never call well what is not, nor leave out a next step."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from consensus.errors import BlockRobotError
+
+BEHIND_TOLERATED_BLOCKS = 8
+_SHOWN_COUNT = 3
+
+_REBUILD = "Next step: blockrobot custody rebuild {node}"
+_SCRUB_FINDINGS = {
+    "held_though_erased": ("{count} records are held though the chain has erased them: {ids}.", _REBUILD),
+    "frames_held_though_erased": ("{count} frames are held though they were erased: {ids}.", _REBUILD),
+    "unclaimed_frames": ("{count} records have frames that no clip claims: {ids}.", _REBUILD),
+    "unclaimed_keys": ("{count} erase keys belong to no frame.", _REBUILD),
+    "corrupted": ("{count} frames are damaged or gone: {ids}.", _REBUILD + ", which takes another custodian's copy"),
+    "other_facts": ("{count} records are kept with another owner, time or root than the chain's: {ids}.", _REBUILD),
+    "missing": ("{count} records are missing and are being fetched: {ids}.", "See blockrobot custody status {node}"),
+    "unknown_to_chain": ("{count} records are held that the chain does not know: {ids}.", "Whose store is this?"),
+}
+
+
+def describe_position(answer: dict[str, Any]) -> str:
+    """Say in a word or two how far a custodian is."""
+    behind = answer["behind_blocks"]
+    if behind > BEHIND_TOLERATED_BLOCKS:
+        return f"{behind} blocks behind"
+    return "up to date" if answer["serving"] else "starting"
+
+
+def status_sentences(
+    names: Sequence[str], answers: Sequence[dict[str, Any] | BlockRobotError], members: Mapping[str, str] | None = None
+) -> list[str]:
+    """Return what does not go as it should, a sentence each; nothing if all is well.
+
+    `members` names custodians by their keys (hex), also those that do not answer.
+    """
+    told: list[str] = []
+    names_of, waiting = dict(members or {}), {}
+    for name, answer in zip(names, answers, strict=True):
+        if isinstance(answer, BlockRobotError):
+            told.append(f"{name}: {answer.detail} ({answer.code}). Next step: {answer.next_step}")
+            continue
+        names_of[answer["member"]] = name
+        waiting.update(answer["waiting_for"])
+        if answer["behind_blocks"] > BEHIND_TOLERATED_BLOCKS:
+            told.append(f"{name} is {answer['behind_blocks']} blocks behind the chain and follows; look again soon.")
+        elif not answer["serving"]:
+            told.append(f"{name} hands out no clip before it has followed the network; look again soon.")
+        if answer["clips_missing"]:
+            told.append(f"{name} lacks {answer['clips_missing']} clips and fetches them from other custodians.")
+    for member, entry in waiting.items():
+        for erasure in entry["overdue"][:_SHOWN_COUNT]:
+            who = names_of.get(member, f"the custodian with key {member[:16]}...")
+            told.append(
+                f"{who} has not confirmed the erasure {erasure['erasure_id'][:16]}... of {erasure['records']} records, "
+                f"asked for {erasure['age_s']} s ago. Next step: start it, or see its log."
+            )
+        if len(entry["overdue"]) > _SHOWN_COUNT:
+            told.append(f"... and {len(entry['overdue']) - _SHOWN_COUNT} more overdue erasures; --json lists them.")
+    return told
+
+
+def _shown(found: Sequence[Any]) -> str:
+    """Return the first record ids, whole: they are what `custody hunt` takes."""
+    ids = [f"{each['record']} frame {each['frame']}" if isinstance(each, dict) else str(each) for each in found]
+    return ", ".join(ids[:_SHOWN_COUNT]) + (", ..." if len(ids) > _SHOWN_COUNT else "")
+
+
+def scrub_sentences(report: dict[str, Any]) -> list[str]:
+    """Say what a scrub found at one custodian."""
+    node = report["node"]
+    told = [
+        f"{node}, at height {report['height']}: {report['records_count']} records of the chain looked up, "
+        f"{report['clips_compared_count']} clips and {report['frames_compared_count']} frames read."
+    ]
+    for field, (sentence, step) in _SCRUB_FINDINGS.items():
+        found = report[field]
+        if found:
+            shown = "" if field == "unclaimed_keys" else _shown(found)
+            told.append("  " + f"{sentence} {step}".format(count=len(found), ids=shown, node=node))
+    if report["dirty_slots_count"]:
+        told.append(
+            f"  {report['dirty_slots_count']} empty slots of the erase keys hold bytes; restart {node} to wipe them"
+        )
+    if report["log_bytes"] or report["dirty_bytes"]:
+        told.append(f"  the database's log keeps {report['log_bytes']} bytes, its free pages {report['dirty_bytes']}")
+    if report["nothing_erased_is_left"]:
+        told.append("  Of what was erased, no ciphertext and no key is left here.")
+        if report["dirty_bytes"] is None:
+            told.append(
+                "  (The files of the database's server cannot be looked into from here; see docs/how-to/mongodb.md.)"
+            )
+    return told
+
+
+def rebuild_sentences(report: dict[str, Any]) -> list[str]:
+    """Say what a rebuild did at one custodian."""
+    done = [
+        (len(report["erased_again"]), "records erased again, as the chain says"),
+        (len(report["corrected"]), "records set right"),
+        (len(report["forgotten"]), "clips or marks dropped that were not what the chain says"),
+        (report["keys_destroyed_count"], "erase keys destroyed that belonged to no frame"),
+        (report["fetched_count"], "clips fetched from other custodians"),
+        (len(report["mended"]), "clips mended with another custodian's copy"),
+    ]
+    told = [f"{report['node']}, at height {report['height']}: {report['clips_count']} clips looked at."]
+    told += [f"  {count} {what}" for count, what in done if count]
+    if report["still_missing_count"]:
+        told.append(f"  {report['still_missing_count']} clips are still missing: no custodian in touch has them.")
+    if report["still_damaged"]:
+        told.append(f"  {len(report['still_damaged'])} clips are still damaged: nobody has a sound copy.")
+    if report["unknown_to_chain"]:
+        told.append(f"  {len(report['unknown_to_chain'])} clips are not of this chain; they were left alone.")
+    if report["ok"]:
+        told.append("  The store has what the chain says, and nothing else.")
+    return told

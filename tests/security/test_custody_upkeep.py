@@ -1,0 +1,190 @@
+"""A custodian's upkeep is for its operator alone: everybody else is tried at each route, and nothing is done for them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import AsyncIterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestServer, make_mocked_request
+
+from consensus.errors import BlockRobotError
+from network.custody.asking import ask_status, run_work
+from node.config import NodeConfig
+from node.faults import TOKEN_FILE_NAME
+from node.operator import create_operator_listener
+
+TOKEN = "5e" * 32
+ROUTES = [("GET", "/custody"), ("POST", "/custody/scrub"), ("POST", "/custody/rebuild")]
+
+
+class Status:
+    def is_ready(self) -> bool:
+        return True
+
+    def problem(self) -> None:
+        return None
+
+    def describe(self) -> Mapping[str, Any]:
+        return {}
+
+    def metrics(self) -> bytes:
+        return b""
+
+
+class ScriptedUpkeep:
+    """Notes what is asked of it; fails as the test says."""
+
+    def __init__(self) -> None:
+        self.asked: list[str] = []
+        self.failure: Exception | None = None
+
+    async def status(self) -> dict[str, Any]:
+        self._note("status")
+        return {"behind_blocks": 0}
+
+    async def scrub(self, tell: Any) -> dict[str, Any]:
+        tell("records", 5, 0)
+        self._note("scrub")
+        return {"ok": True}
+
+    async def rebuild(self, tell: Any) -> dict[str, Any]:
+        self._note("rebuild")
+        return {"ok": True}
+
+    def _note(self, what: str) -> None:
+        self.asked.append(what)
+        if self.failure is not None:
+            raise self.failure
+
+
+@pytest.fixture
+def upkeep() -> ScriptedUpkeep:
+    return ScriptedUpkeep()
+
+
+@pytest.fixture
+async def server(upkeep: ScriptedUpkeep) -> AsyncIterator[TestServer]:
+    application = create_operator_listener(Status(), None, TOKEN, upkeep)  # type: ignore[arg-type]
+    async with TestServer(application, host="127.0.0.1") as running:
+        yield running
+
+
+@pytest.fixture
+def config(server: TestServer, tmp_path: Path) -> NodeConfig:
+    """What a command knows of the node: its folder with the token, and its operator's port."""
+    (tmp_path / TOKEN_FILE_NAME).write_text(TOKEN)
+    names = {name: tmp_path / name for name in ("genesis_path", "tls_certificate_path", "tls_key_path")}
+    ports = {"p2p_port": 1, "api_port": 2, "operator_port": server.port or 0}
+    keys = {"producer_key_path": None, "custodian_key_path": tmp_path / "key"}
+    plain = {"name": "node-1", "host": "127.0.0.1", "custody_store": "sqlite", "log_level": "info"}
+    return NodeConfig(data_dir=tmp_path, **names, **ports, **keys, **plain)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("method", "path"), ROUTES)
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Authorization": "Bearer "},
+        {"Authorization": f"Bearer {'0' * 64}"},
+        {"Authorization": TOKEN},
+        {"Authorization": f"Bearer {TOKEN}", "Origin": "http://127.0.0.1"},
+    ],
+    ids=["none", "empty", "wrong", "bare", "web page"],
+)
+async def test_nobody_without_the_operators_token_is_answered(
+    server: TestServer, upkeep: ScriptedUpkeep, method: str, path: str, headers: dict[str, str]
+) -> None:
+    async with (
+        aiohttp.ClientSession() as session,
+        session.request(method, server.make_url(path), headers=headers) as response,
+    ):
+        assert response.status in {401, 403}
+        assert (await response.json())["code"] in {"OPERATOR_TOKEN_INVALID", "NOT_PERMITTED"}
+    assert upkeep.asked == []
+
+
+@pytest.mark.parametrize(("method", "path"), ROUTES)
+async def test_another_machine_is_not_answered_even_with_the_token(
+    upkeep: ScriptedUpkeep, method: str, path: str
+) -> None:
+    application = create_operator_listener(Status(), None, TOKEN, upkeep)  # type: ignore[arg-type]
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    request = make_mocked_request(method, path, headers=headers, app=application).clone(remote="10.0.0.7")
+    response = await (await application.router.resolve(request)).handler(request)
+    assert isinstance(response, web.Response)
+    assert isinstance(response.body, bytes)
+    assert json.loads(response.body)["code"] == "NOT_PERMITTED"
+    assert upkeep.asked == []
+
+
+async def test_work_is_not_begun_by_looking(server: TestServer, upkeep: ScriptedUpkeep) -> None:
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    async with aiohttp.ClientSession(headers=headers) as session:
+        for path in ("/custody/scrub", "/custody/rebuild"):
+            async with session.get(server.make_url(path)) as response:
+                assert response.status == 405
+    assert upkeep.asked == []
+
+
+async def test_a_node_without_a_token_or_without_clips_refuses(upkeep: ScriptedUpkeep) -> None:
+    for token, kept, code in (("", upkeep, "OPERATOR_TOKEN_INVALID"), (TOKEN, None, "CUSTODY_ELSEWHERE")):
+        application = create_operator_listener(Status(), None, token, kept)  # type: ignore[arg-type]
+        headers = {"Authorization": f"Bearer {token}"}
+        request = make_mocked_request("GET", "/custody", headers=headers, app=application).clone(remote="127.0.0.1")
+        response = await (await application.router.resolve(request)).handler(request)
+        assert isinstance(response, web.Response)
+        assert isinstance(response.body, bytes)
+        assert json.loads(response.body)["code"] == code
+    assert upkeep.asked == []
+
+
+async def test_the_command_asks_with_the_token_of_the_data_directory(
+    config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    progress: list[tuple[str, str, int, int]] = []
+    assert await ask_status(config) == {"behind_blocks": 0}
+    for work in ("scrub", "rebuild"):
+        report = await run_work(config, work, lambda *told: progress.append(told))
+        assert report == {"node": "node-1", "ok": True}
+    assert upkeep.asked == ["status", "scrub", "rebuild"]
+
+
+@pytest.mark.parametrize(
+    ("failure", "code"),
+    [
+        (BlockRobotError("STORE_UNAVAILABLE", "The store's server failed."), "STORE_UNAVAILABLE"),
+        (BlockRobotError("CUSTODY_CATCHING_UP"), "CUSTODY_CATCHING_UP"),
+        (ZeroDivisionError(), "INTERNAL"),
+    ],
+)
+async def test_what_fails_on_the_way_reaches_the_command_by_its_code(
+    config: NodeConfig, upkeep: ScriptedUpkeep, failure: Exception, code: str
+) -> None:
+    upkeep.failure = failure
+    with pytest.raises(BlockRobotError) as refusal:
+        await run_work(config, "scrub", lambda *_: None)
+    assert refusal.value.code == code
+
+
+async def test_a_wrong_token_a_missing_one_and_a_node_that_is_down_are_told_apart(
+    config: NodeConfig, server: TestServer
+) -> None:
+    path = config.data_dir / TOKEN_FILE_NAME
+    path.write_text("0" * 64)
+    codes = []
+    for change in (lambda: None, path.unlink):
+        change()
+        with pytest.raises(BlockRobotError) as refusal:
+            await ask_status(config)
+        codes.append(refusal.value.code)
+    path.write_text(TOKEN)
+    await server.close()
+    with pytest.raises(BlockRobotError) as refusal:
+        await ask_status(config)
+    assert [*codes, refusal.value.code] == ["OPERATOR_TOKEN_INVALID", "NODE_UNREACHABLE", "NODE_UNREACHABLE"]

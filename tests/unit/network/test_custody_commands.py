@@ -1,0 +1,178 @@
+"""`blockrobot custody`: what custodians answer becomes a table, sentences with a next step, and an exit code."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from consensus.errors import BlockRobotError
+from network.cli.main import main
+from network.layout import create_network
+
+ERASURE = "ab" * 32
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("custody-commands") / "network"
+    create_network(folder, nodes=4, organisations=2, base_port=46_310)
+    return folder
+
+
+def _run(folder: Path, *arguments: str) -> Result:
+    return CliRunner().invoke(main, ["custody", *arguments, "--dir", str(folder)])
+
+
+def _answer(name: str, **changes: Any) -> dict[str, Any]:
+    answer = {
+        "name": name,
+        "member": name.encode().hex(),
+        "checkpoint_height": 9,
+        "finalized_height": 9,
+        "behind_blocks": 0,
+        "serving": True,
+        "busy": False,
+        "clips_held": 7,
+        "clips_staged": 1,
+        "clips_missing": 0,
+        "clips_erased": 2,
+        "frames": 30,
+        "owed": 0,
+        "erasures_under_way": 0,
+        "slots_used": 30,
+        "slots_total": 4096,
+        "store_bytes": 2_000_000,
+        "waiting_for": {},
+    }
+    return answer | changes
+
+
+@pytest.fixture
+def says(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
+    """What each custodian says: an answer, or what it refuses with."""
+    said: dict[str, Any] = {name: _answer(name) for name in ("node-1", "node-2")}
+
+    async def ask_all(configs: list[Any]) -> list[Any]:
+        return [said[config.name] for config in configs]
+
+    async def run_work(config: Any, work: str, tell: Any) -> dict[str, Any]:
+        tell(config.name, "records", 1, 2)
+        report = said[f"{work} {config.name}"]
+        if isinstance(report, BlockRobotError):
+            raise report
+        return {"node": config.name, **report}
+
+    monkeypatch.setattr("network.cli.custody_commands.ask_all", ask_all)
+    monkeypatch.setattr("network.cli.custody_commands.run_work", run_work)
+    return said
+
+
+def test_custodians_that_are_well_are_shown_in_a_table_and_exit_0(folder: Path, says: dict[str, Any]) -> None:
+    result = _run(folder, "status")
+    assert result.exit_code == 0, result.output
+    for text in ("node-1", "node-2", "up to date", "30", "2.0 MB"):
+        assert text in result.stdout
+    answer = json.loads(_run(folder, "status", "--json").stdout)
+    assert answer["ok"]
+    assert [row["clips_held"] for row in answer["custodians"]] == [7, 7]
+
+
+def test_what_is_behind_missing_and_overdue_is_said_with_a_next_step(folder: Path, says: dict[str, Any]) -> None:
+    overdue = {"receipts": 1, "overdue": [{"erasure_id": ERASURE, "age_s": 900, "records": 3}]}
+    late = _answer("node-2")["member"]
+    says["node-1"] = _answer("node-1", waiting_for={late: overdue}, clips_missing=4)
+    says["node-2"] = _answer("node-2", behind_blocks=120, waiting_for={late: overdue})
+    result = _run(folder, "status")
+    assert result.exit_code == 1
+    assert "120 blocks behind" in result.stdout
+    assert "node-1 lacks 4 clips" in result.stdout
+    assert result.stdout.count("node-2 has not confirmed the erasure abababababababab") == 1
+    assert "900 s ago. Next step" in result.stdout
+
+
+def test_an_erasure_that_a_silent_custodian_owes_is_told_by_the_other(folder: Path, says: dict[str, Any]) -> None:
+    key = json.loads((folder / "genesis.json").read_text())["nodes"][1]["custodian_key"]
+    overdue = {"receipts": 1, "overdue": [{"erasure_id": ERASURE, "age_s": 900, "records": 3}]}
+    says["node-1"] = _answer("node-1", waiting_for={key: overdue})
+    says["node-2"] = BlockRobotError("NODE_UNREACHABLE", "node-2 does not answer.")
+    result = _run(folder, "status")
+    assert result.exit_code == 1
+    assert "silent" in result.stdout
+    assert "node-2 has not confirmed the erasure" in result.stdout
+
+
+def _scrubbed(**changes: Any) -> dict[str, Any]:
+    lists = ("missing", "held_though_erased", "unknown_to_chain", "other_facts", "unclaimed_frames", "unclaimed_keys")
+    report: dict[str, Any] = {name: [] for name in (*lists, "frames_held_though_erased", "corrupted")}
+    counts = {"height": 9, "records_count": 7, "clips_compared_count": 7, "frames_compared_count": 30}
+    files = {"dirty_slots_count": 0, "log_bytes": 0, "dirty_bytes": 0}
+    return {"ok": True, "nothing_erased_is_left": True, **report, **counts, **files, **changes}
+
+
+def test_a_clean_scrub_says_so_and_exits_0(folder: Path, says: dict[str, Any]) -> None:
+    says |= {"scrub node-1": _scrubbed(), "scrub node-2": _scrubbed(dirty_bytes=None, log_bytes=None)}
+    result = _run(folder, "scrub")
+    assert result.exit_code == 0, result.output
+    assert result.stdout.count("no ciphertext and no key is left here") == 2
+    assert result.stdout.count("database's server cannot be looked into") == 1
+
+
+@pytest.mark.parametrize(
+    ("finding", "told"),
+    [
+        ({"held_though_erased": ["aa" * 16]}, "erased them: " + "aa" * 16 + ". Next step"),
+        ({"corrupted": [{"record": "bb" * 16, "frame": 3}]}, "bb" * 16 + " frame 3"),
+        ({"missing": ["cc" * 16] * 5}, "5 records are missing"),
+        ({"unclaimed_keys": [4, 5]}, "2 erase keys belong to no frame"),
+        ({"dirty_slots_count": 1}, "restart node-1"),
+        ({"dirty_bytes": 4096}, "free pages 4096"),
+    ],
+)
+def test_what_a_scrub_finds_is_said_and_exits_1(
+    folder: Path, says: dict[str, Any], finding: dict[str, Any], told: str
+) -> None:
+    says["scrub node-1"] = _scrubbed(ok=False, nothing_erased_is_left=False, **finding)
+    result = _run(folder, "scrub", "node-1")
+    assert result.exit_code == 1
+    assert told in result.stdout
+    assert "no key is left" not in result.stdout
+    assert json.loads(_run(folder, "scrub", "node-1", "--json").stdout)["ok"] is False
+
+
+def test_a_rebuild_says_what_it_did_and_what_is_still_to_be_had(folder: Path, says: dict[str, Any]) -> None:
+    lists = {name: ["aa" * 16] for name in ("erased_again", "corrected", "forgotten", "mended", "still_damaged")}
+    done = {"ok": False, "height": 9, "clips_count": 7, "keys_destroyed_count": 1, "fetched_count": 5}
+    says["rebuild node-2"] = {**done, **lists, "unknown_to_chain": ["bb" * 16], "still_missing_count": 2}
+    result = _run(folder, "rebuild", "node-2")
+    assert result.exit_code == 1
+    for text in ("1 records erased again", "5 clips fetched", "2 clips are still missing", "1 clips are still damaged"):
+        assert text in result.stdout
+    assert "nothing else" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("code", "exit_code"), [("CUSTODY_CATCHING_UP", 1), ("OPERATOR_TOKEN_INVALID", 4), ("NODE_UNREACHABLE", 1)]
+)
+def test_a_custodian_that_refuses_is_told_by_code_and_exit_code(
+    folder: Path, says: dict[str, Any], code: str, exit_code: int
+) -> None:
+    says["scrub node-1"] = BlockRobotError(code)
+    result = _run(folder, "scrub", "node-1", "--json")
+    assert result.exit_code == exit_code
+    assert json.loads(result.stdout)["error"]["code"] == code
+
+
+def test_a_node_that_keeps_no_clips_and_one_that_is_not_there_are_refused(folder: Path) -> None:
+    for name, exit_code, code in (("node-4", 3, "CUSTODY_ELSEWHERE"), ("node-9", 3, "NOT_FOUND")):
+        result = _run(folder, "status", name, "--json")
+        assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (exit_code, code)
+
+
+def test_a_network_that_is_down_is_said_to_be(folder: Path) -> None:
+    result = _run(folder, "status", "--json")
+    assert result.exit_code == 1
+    assert [row["error"] for row in json.loads(result.stdout)["custodians"]] == ["NODE_UNREACHABLE"] * 2
