@@ -35,8 +35,9 @@ class VisitBook:
 
     def chain_for(self, alias: str, row: RosterRow, now_ms: int) -> VisitChain:
         """Return the chain of the person's open visit, opening one if there is none."""
+        self._forget_ended(now_ms)
         known = self._open.get(alias)
-        if known is not None and now_ms - known.opened_at_ms < _VISIT_ROLL_MS:
+        if known is not None:
             return known.chain
         keys = open_visit_keys(secrets.token_bytes(32), row.view, row.spend, chain_id=self._chain_id, robot=self._robot)
         chain = VisitChain(
@@ -49,6 +50,12 @@ class VisitBook:
         )
         self._open[alias] = _Open(chain=chain, opened_at_ms=now_ms)
         return chain
+
+    def _forget_ended(self, now_ms: int) -> None:
+        """Forget whose the visits were that are over: who steals a running robot must not find them in its memory."""
+        self._open = {
+            alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
+        }
 
     def forget(self, alias: str) -> None:
         """End a person's visit here: should she be recorded again, it is in a new one."""

@@ -62,6 +62,16 @@ def test_the_chain_of_a_new_visit_begins_at_its_beginning() -> None:
     assert (second.record_count, second.previous_hash) == (0, bytes(32))
 
 
+def test_a_visit_that_is_over_is_in_nobodys_memory() -> None:
+    """Also of somebody who does not come again: a thief would learn whose it was."""
+    visits, ann, bob = book(), Person(), Person()
+    over = visits.chain_for("ann", ann.row, START_MS)
+    visits.chain_for("bob", bob.row, START_MS + VISIT_MAX_MS)
+    assert over.owner not in {visit.chain.owner for visit in visits._open.values()}
+    assert "bob" in visits._open
+    assert "ann" not in visits._open
+
+
 def test_two_visits_of_one_person_have_nothing_in_common_on_the_chain() -> None:
     visits, ann = book(), Person()
     first = visits.chain_for("ann", ann.row, START_MS)
