@@ -27,6 +27,7 @@ from node.offchain.store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
+    VisitStanding,
 )
 
 Pause = Callable[[], Awaitable[None]]
@@ -46,6 +47,7 @@ class MemoryCustodyStore:
         self._frames: dict[bytes, dict[int, FrameRow]] = {}
         self._missing: dict[bytes, RecordFacts] = {}
         self._grants: dict[bytes, Grant] = {}
+        self._standings: dict[bytes, VisitStanding] = {}
         self._outbox: dict[tuple[str, bytes, int], OutboxRow] = {}
         self._backgrounds: dict[bytes, bytes] = {}
         self._checkpoint: Checkpoint | None = None
@@ -87,6 +89,11 @@ class MemoryCustodyStore:
         await self._begin_writing()
         for row in effects.outbox:
             self._outbox.setdefault(row.key, row)
+        self._standings.update({standing.owner: standing for standing in effects.standings})
+        for record_id, expires_at_ms in effects.expiries:
+            clip = self._clips.get(record_id)
+            if clip is not None and clip.status == "confirmed":
+                self._clips[record_id] = replace(clip, expires_at_ms=expires_at_ms)
         for facts in effects.confirmed:
             clip = self._clips.get(facts.record_id)
             if clip is not None and clip.status == "staged":
@@ -194,6 +201,12 @@ class MemoryCustodyStore:
         self._require_open()
         found = [grant for grant in self._grants.values() if grant.owner == owner]
         return sorted(found, key=lambda grant: grant.access_id)
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """See `CustodyStore.standings`."""
+        self._require_open()
+        asked = self._standings if owners is None else owners
+        return {owner: self._standings[owner] for owner in asked if owner in self._standings}
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """See `CustodyStore.put_background`."""

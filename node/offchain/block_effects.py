@@ -18,7 +18,8 @@ from node.offchain.erasing import (
     compute_expiry_subject,
 )
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
-from node.offchain.store import BlockEffects, ClipRow, CustodyStore, Grant, OutboxRow, RecordFacts
+from node.offchain.standing import STANDING_EVENTS, find_standing, follow_event, hold, is_void, settle
+from node.offchain.store import BlockEffects, ClipRow, CustodyStore, Grant, OutboxRow, RecordFacts, VisitStanding
 
 RELEASED_KIND = "access.released"
 REFUSED_KIND = "access.refused"
@@ -59,12 +60,15 @@ class EffectsOfBlock:
         self._block = block
         self._confirmed: list[RecordFacts] = []
         self._missing: list[RecordFacts] = []
+        self._standings: dict[bytes, VisitStanding] = {}
         self._settled: list[tuple[str, bytes, int]] = []
 
     async def bring_about(self) -> None:
         """Take every event of the block into the store and the erase keys. The checkpoint is the caller's."""
         recorded = [event.data["record_id"] for event in self._block.events if event.kind == "records.recorded"]
         staged = await self._store.clips(recorded)
+        owners = {event.data["owner"] for event in self._block.events if event.kind == "records.recorded"}
+        self._standings = await self._store.standings(sorted(owners)) if owners else {}
         for event in self._block.events:
             match event.kind:
                 case "records.recorded":
@@ -78,6 +82,9 @@ class EffectsOfBlock:
                 case "access.released" | "access.refused" | "erasure.receipted" | "erasure.expired":
                     if event.data["custodian"] == self._member:
                         await self._on_own_receipt(event)
+                case kind if kind in STANDING_EVENTS:
+                    await self._flush()
+                    await self._on_right(event)
                 case _:
                     pass
         await self._flush()
@@ -101,6 +108,11 @@ class EffectsOfBlock:
             expires_at_ms=data["expires_at_ms"],
             height=self._block.height,
         )
+        standing = self._standings.get(facts.owner)
+        if standing is not None and standing.whole:
+            standing, facts = hold(standing, facts)
+            self._standings[facts.owner] = standing
+            await self._store.apply(BlockEffects(standings=(standing,)))
         if clip is None:
             self._missing.append(facts)
         elif clip.status == "staged":
@@ -114,6 +126,9 @@ class EffectsOfBlock:
     async def _on_access(self, data: dict[str, Any]) -> None:
         named = tuple(data["records"])
         grant = Grant(data["access_id"], data["owner"], named, self._block.height)
+        if is_void(grant, await find_standing(self._store, grant.owner)):
+            await self._store.apply(BlockEffects(grants=(grant,)))
+            return
         held = [clip.record_id for clip in await self._store.clips_of_owner(grant.owner)]
         if named:
             own = set(held)
@@ -126,6 +141,12 @@ class EffectsOfBlock:
             arguments = encode_value([grant.access_id, "CLIP_ERASED"])
             owed = [OutboxRow(REFUSED_KIND, grant.access_id, 0, "access", "refused", arguments, grant.height)]
         await self._store.apply(BlockEffects(outbox=tuple(owed), grants=(grant,)))
+
+    async def _on_right(self, event: FinalizedEvent) -> None:
+        """Heed what the owner, or an officer, says of a visit, from this event on."""
+        owner = event.data["owner"]
+        before = await find_standing(self._store, owner) or VisitStanding(owner)
+        self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
 
     async def _awaits_any(self, record_ids: Sequence[bytes]) -> bool:
         for record_id in record_ids:

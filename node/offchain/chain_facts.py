@@ -7,17 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
+
+from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
-from node.offchain.store import Checkpoint, RecordFacts
+from node.offchain.standing import prolong, read_restriction, with_natural
+from node.offchain.store import Checkpoint, RecordFacts, VisitStanding
 
 RECORD_PREFIX = b"records\x00record/"
 ACCESS_PREFIX = b"access\x00access/"
 RELEASE_PREFIX = b"access\x00release/"
 ERASURE_PREFIX = b"erasure\x00erasure/"
 AUDIT_PREFIX = b"audit\x00entry/"
+RESTRICTION_PREFIX = b"rights\x00restriction/"
+OBJECTION_PREFIX = b"rights\x00objection/"
+QUARANTINE_PREFIX = b"rights\x00quarantine/"
+OF_VISIT_PREFIX = b"records\x00of-visit/"
 ALL_ROWS_COUNT = 1 << 60
 
 
@@ -78,8 +86,7 @@ class ChainFacts:
         self.point = point
 
     def _rows(self, prefix: bytes) -> Iterator[tuple[bytes, dict[str, Any]]]:
-        for key, value in self._state.scan(prefix, ALL_ROWS_COUNT):
-            yield key[len(prefix) :], decode_value(value)
+        return self._values(prefix)
 
     def active_records(self) -> Iterator[RecordFacts]:
         """Yield the records whose clips are to be kept, those being erased too: the erasure comes after."""
@@ -90,12 +97,47 @@ class ChainFacts:
     def records(self) -> Iterator[RecordState]:
         """Yield every record that the state has ever had, by its id."""
         for record_id, entry in self._rows(RECORD_PREFIX):
-            yield _record(record_id, entry)
+            yield self._record(record_id, entry)
 
     def record(self, record_id: bytes) -> RecordState | None:
         """Return one record, or None if the state has none of this id."""
         value = self._state.get(RECORD_PREFIX + record_id)
-        return None if value is None else _record(record_id, decode_value(value))
+        return None if value is None else self._record(record_id, decode_value(value))
+
+    def _record(self, record_id: bytes, entry: dict[str, Any]) -> RecordState:
+        """Return a record with the expiry that it has now: a restriction may keep it longer."""
+        expires_at_ms = prolong(self._restrictions.get(entry["owner"]), record_id, entry["expires_at_ms"])
+        return _record(record_id, entry | {"expires_at_ms": expires_at_ms})
+
+    @cached_property
+    def _restrictions(self) -> dict[bytes, VisitStanding]:
+        return {owner: read_restriction(owner, row) for owner, row in self._rows(RESTRICTION_PREFIX)}
+
+    def standings(self) -> Iterator[VisitStanding]:
+        """Yield what stands of every visit of which something was said.
+
+        The state does not say when, so every request up to it is void: who wants to see a record asks again.
+        """
+        denied = {owner for owner, _ in self._values(QUARANTINE_PREFIX)}
+        objected = {owner for owner, _ in self._values(OBJECTION_PREFIX)}
+        for owner in sorted(denied | objected | set(self._restrictions)):
+            told = self._restrictions.get(owner, VisitStanding(owner))
+            standing = structs.replace(told, narrowed_height=self.point.height, quarantined=owner in denied)
+            yield with_natural(standing, self._natural(told))
+
+    def _natural(self, standing: VisitStanding) -> dict[bytes, int]:
+        """Return when the records of a visit that are kept longer would expire, ms."""
+        natural = {}
+        for record_id, _ in self._values(OF_VISIT_PREFIX + standing.owner) if standing.until_ms else ():
+            value = self._state.get(RECORD_PREFIX + record_id)
+            own_ms: int = 0 if value is None else decode_value(value)["expires_at_ms"]
+            if value is not None and prolong(standing, record_id, own_ms) != own_ms:
+                natural[record_id] = own_ms
+        return natural
+
+    def _values(self, prefix: bytes) -> Iterator[tuple[bytes, Any]]:
+        for key, value in self._state.scan(prefix, ALL_ROWS_COUNT):
+            yield key[len(prefix) :], decode_value(value)
 
     def erased_frames(self) -> dict[bytes, frozenset[int]]:
         """Return which frames were asked to be erased of records that stay, by record."""

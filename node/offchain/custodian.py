@@ -26,6 +26,7 @@ from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.reconciling import Reconciliation
+from node.offchain.standing import find_standing, is_void, require_release
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, Grant, OutboxRow, RecordFacts
 
 CLOCK_SLACK_MS = 60_000
@@ -210,7 +211,9 @@ class Custodian:
         clip = (await self._store.clips([facts.record_id])).get(facts.record_id)
         if clip is None or clip.status != "confirmed":
             return
-        grants = [grant for grant in await self._store.grants_of_owner(facts.owner) if grant_covers(grant, clip)]
+        standing = await find_standing(self._store, facts.owner)
+        asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, standing)]
+        grants = [grant for grant in asked if grant_covers(grant, clip)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
         await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
 
@@ -332,7 +335,8 @@ class Custodian:
         """Return a clip to its owner (33 bytes, proven by her session) under a final access request of hers.
 
         Erased frames keep their places, without bytes; one whose row was changed comes as it is, for her to judge.
-        Raises ACCESS_NOT_GRANTED, CLIP_ERASED, CLIP_NOT_CONFIRMED (also while it is fetched), NOT_FOUND.
+        Raises ACCESS_NOT_GRANTED, ACCESS_ENDED, CLIP_QUARANTINED, CLIP_ERASED, CLIP_NOT_CONFIRMED (also while it is
+        fetched), NOT_FOUND.
         """
         grant = await self._store.grant(access_id)
         if grant is None or grant.owner != owner or (grant.records and record_id not in grant.records):
@@ -340,7 +344,10 @@ class Custodian:
         clip = await self._confirmed_clip(record_id)
         if not grant_covers(grant, clip):
             raise BlockRobotError("ACCESS_NOT_GRANTED")
-        return await self._assemble(clip)
+        found = await self._assemble(clip)
+        # Last, since a word may have become final while the frames were read.
+        require_release(grant, await find_standing(self._store, owner))
+        return found
 
     async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
         clip = (await self._store.clips([record_id])).get(record_id)
@@ -387,7 +394,19 @@ class Custodian:
     # Between custodians
 
     async def export(self, record_id: bytes) -> ClipDownload:
-        """Return a confirmed clip for another custodian (the caller has checked that it is one). Raises as `download`."""
+        """Return a confirmed clip for another custodian (the caller has checked that it is one). Raises as `download`.
+
+        A restricted clip may be copied, since that is storing it; one of a denied visit stays where it is.
+        """
+        found = await self.look_at(record_id)
+        clip = await self._confirmed_clip(record_id)
+        standing = await find_standing(self._store, clip.owner)
+        if standing is not None and standing.quarantined:
+            raise BlockRobotError("CLIP_QUARANTINED")
+        return found
+
+    async def look_at(self, record_id: bytes) -> ClipDownload:
+        """Return a confirmed clip as it is, for this custodian's own upkeep. Raises as `download`."""
         return await self._assemble(await self._confirmed_clip(record_id))
 
     async def missing(self, limit: int) -> list[RecordFacts]:

@@ -1,4 +1,4 @@
-"""What a custodian hears of a finalized block: events of three contracts. Must never tell of a block that is not final."""
+"""What a custodian hears of a finalized block: events of four contracts. Must never tell of a block that is not final."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from consensus.block import Receipt
 from consensus.primitives.encoding import decode_value
 from node.offchain.store import Checkpoint
 
-CUSTODY_CONTRACTS = frozenset({"records", "access", "erasure"})
+CUSTODY_CONTRACTS = frozenset({"records", "access", "erasure", "rights"})
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,17 @@ from bson.int64 import Int64
 from pymongo import UpdateOne
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import u32
-from node.offchain.store import Checkpoint, ClipRow, FramePlace, FrameRow, Grant, OutboxRow, RecordFacts
+from consensus.primitives.encoding import decode, encode, u32
+from node.offchain.store import (
+    Checkpoint,
+    ClipRow,
+    FramePlace,
+    FrameRow,
+    Grant,
+    OutboxRow,
+    RecordFacts,
+    VisitStanding,
+)
 
 Document = dict[str, Any]
 Row = TypeVar("Row")
@@ -86,6 +95,21 @@ def confirmation(facts: RecordFacts) -> UpdateOne:
         "height": facts.height,
     }
     return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
+
+
+def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
+    """Return the write that changes when a confirmed clip expires."""
+    return UpdateOne({"_id": record_id, "status": "confirmed"}, {"$set": {"expires_at_ms": expires_at_ms}})
+
+
+def standing_document(standing: VisitStanding) -> Document:
+    """Return what was said of a visit as a document."""
+    return {"_id": standing.owner, "standing": encode(standing)}
+
+
+def standing_row(found: Document) -> VisitStanding:
+    """Return what a document says was said of a visit."""
+    return decode(bytes(found["standing"]), VisitStanding)
 
 
 def frame_document(row: FrameRow) -> Document:

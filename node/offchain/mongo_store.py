@@ -38,11 +38,12 @@ from node.offchain.store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
+    VisitStanding,
 )
 
 Order = Sequence[tuple[str, int]]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -65,6 +66,7 @@ _INDEXES: Mapping[str, Sequence[Order]] = {
     "frames": (_rising("record_id", "index"), _rising("slot")),
     "grants": (_rising("owner", "_id"),),
     "missing": (_NEWEST_FIRST, _rising("expires_at_ms")),
+    "standings": (),
     "outbox": (_rising("status", "height", "kind", "subject", "part"), _rising("kind", "subject", "part")),
 }
 
@@ -212,6 +214,9 @@ class MongoStore:
                 for row in effects.outbox
             ],
         )
+        standings = [documents.standing_document(row) for row in effects.standings]
+        await self._bulk("standings", [ReplaceOne({"_id": row["_id"]}, row, upsert=True) for row in standings])
+        await self._bulk("clips", [documents.expiry(*change) for change in effects.expiries])
         await self._bulk("clips", [documents.confirmation(facts) for facts in effects.confirmed])
         await self._bulk("missing", [DeleteOne({"_id": facts.record_id}) for facts in effects.confirmed])
         missing = [documents.missing_document(facts) for facts in effects.missing]
@@ -308,6 +313,13 @@ class MongoStore:
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         """See `CustodyStore.grants_of_owner`."""
         return rows(documents.grant_row, await self._many("grants", {"owner": owner}))
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """See `CustodyStore.standings`."""
+        if owners is not None and not owners:
+            return {}
+        found = await self._many("standings", {} if owners is None else {"_id": {"$in": list(owners)}})
+        return {standing.owner: standing for standing in rows(documents.standing_row, found)}
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """See `CustodyStore.put_background`."""

@@ -15,7 +15,8 @@ from node.offchain.block_effects import RELEASED_KIND, EffectsOfBlock, matches_r
 from node.offchain.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
-from node.offchain.store import BlockEffects, CustodyStore, RecordFacts
+from node.offchain.standing import settle
+from node.offchain.store import BlockEffects, CustodyStore, RecordFacts, VisitStanding
 
 RECORDS_AT_ONCE_COUNT = 256
 
@@ -30,7 +31,7 @@ class Reconciliation:
         self._facts = facts
 
     async def bring_about(self) -> None:
-        """Take records, then access, then erasures into the store, as their blocks would have."""
+        """Take records, what was said of visits, access and erasures into the store, as their blocks would have."""
         batch: list[RecordFacts] = []
         for facts in self._facts.active_records():
             batch.append(facts)
@@ -38,6 +39,7 @@ class Reconciliation:
                 await self._take_records(batch)
                 batch = []
         await self._take_records(batch)
+        await self._take_standings()
         for access in self._facts.accesses():
             await self._take_access(access)
         for erasure in self._facts.erasures():
@@ -57,6 +59,15 @@ class Reconciliation:
             elif clip is None:
                 missing.append(facts)
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
+
+    async def _take_standings(self) -> None:
+        """Heed what stands of each visit; what no longer does, because it was lifted meanwhile, is let go."""
+        standing = {row.owner: row for row in self._facts.standings()}
+        for owner, before in (await self._store.standings()).items():
+            lifted = VisitStanding(owner, before.narrowed_height, natural=before.natural)
+            standing.setdefault(owner, lifted)
+        for row in standing.values():
+            await settle(self._store, row)
 
     async def _take_access(self, access: AccessFacts) -> None:
         if await self._store.grant(access.access_id) is None:

@@ -108,7 +108,7 @@ class Judge:
     async def _compare_frames(self, clip: ClipRow, record: RecordState, report: ScrubReport) -> bool:
         report.compared_count += 1
         erased, is_well = self.erased_frames(record), True
-        download = await self._custodian.export(clip.record_id)
+        download = await self._custodian.look_at(clip.record_id)
         for frame, leaf in zip(download.frames, clip.ciphertext_leaves, strict=True):
             report.frames_count += 1
             made = ciphertext_leaf(frame.index, sha256(frame.ciphertext), sha256(frame.sealed_key))

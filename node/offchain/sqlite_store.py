@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES
 from node.offchain.sqlite_pages import count_dirty_free_bytes
 from node.offchain.store import (
@@ -29,12 +30,13 @@ from node.offchain.store import (
     OutboxStatus,
     RecordFacts,
     StoreCounts,
+    VisitStanding,
 )
 
 T = TypeVar("T")
 
 DATABASE_FILE_NAME = "custody.sqlite3"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 _PAGE_ROWS_COUNT = 500
 
 _SCHEMA = """
@@ -55,6 +57,7 @@ CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
     height INTEGER NOT NULL) WITHOUT ROWID;
 CREATE INDEX grants_by_owner ON grants (owner, access_id);
+CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;
 CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
     entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
     plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;
@@ -96,6 +99,13 @@ def _insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> N
 
 def _apply(database: sqlite3.Connection, effects: BlockEffects) -> None:
     _insert_outbox(database, effects.outbox)
+    database.executemany(
+        "INSERT OR REPLACE INTO standings VALUES (?, ?)", [(row.owner, encode(row)) for row in effects.standings]
+    )
+    database.executemany(
+        "UPDATE clips SET expires_at_ms = ? WHERE record_id = ? AND status = 'confirmed'",
+        [(expires_at_ms, record_id) for record_id, expires_at_ms in effects.expiries],
+    )
     database.executemany(
         "UPDATE clips SET status = 'confirmed', txid = ?, owner = ?, expires_at_ms = ?, height = ? "
         "WHERE record_id = ? AND status = 'staged'",
@@ -351,6 +361,19 @@ class SqliteStore:
         """See `CustodyStore.grants_of_owner`."""
         query = "SELECT access_id, owner, records, height FROM grants WHERE owner = ? ORDER BY access_id"
         return [Grant(row[0], row[1], _split(row[2], 16), row[3]) for row in await self._read(query, owner)]
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """See `CustodyStore.standings`."""
+
+        def read() -> dict[bytes, VisitStanding]:
+            database, query = self._opened(), "SELECT owner, standing FROM standings"
+            if owners is None:
+                found = database.execute(query).fetchall()
+            else:
+                found = [row for owner in owners for row in database.execute(f"{query} WHERE owner = ?", (owner,))]
+            return {owner: decode(standing, VisitStanding) for owner, standing in found}
+
+        return await self._in_worker(read)
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """See `CustodyStore.put_background`."""

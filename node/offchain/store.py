@@ -84,6 +84,24 @@ class Grant:
     height: int
 
 
+class VisitStanding(Wire, frozen=True):
+    """What a visit's owner (33 bytes) said of it last: restricted, kept beyond its expiry, objected to, denied.
+
+    Requests up to `narrowed_height` are void. Restricted are the named records, or (`whole`) all those that would expire
+    after `whole_since_ms`; with `until_ms` (0: no) they are kept until then. `natural` are the record ids and expiries of
+    clips that are kept longer now than they would be, ms.
+    """
+
+    owner: bytes
+    narrowed_height: int = 0
+    quarantined: bool = False
+    whole: bool = False
+    whole_since_ms: int = 0
+    until_ms: int = 0
+    records: tuple[bytes, ...] = ()
+    natural: tuple[tuple[bytes, int], ...] = ()
+
+
 class ErasurePart(Wire, frozen=True):
     """What is erased of one record: these frames, whose keys are in these slots; `whole` if the clip goes with them."""
 
@@ -138,7 +156,8 @@ class BlockEffects:
     """What a stretch of a block's events changes, written together and in this order; the checkpoint is last.
 
     Outbox rows that are already there stay as they are; `confirmed` clips stop being missing; `settled` are keys of
-    outbox rows that the chain has shown. A checkpoint also gives up missing clips that expired by its time.
+    outbox rows that the chain has shown. `standings` come before the clips that they prolong; `expiries` are confirmed
+    clips and when they expire now, ms. A checkpoint also gives up missing clips that expired by its time.
     """
 
     outbox: tuple[OutboxRow, ...] = ()
@@ -146,6 +165,8 @@ class BlockEffects:
     missing: tuple[RecordFacts, ...] = ()
     grants: tuple[Grant, ...] = ()
     settled: tuple[tuple[str, bytes, int], ...] = ()
+    standings: tuple[VisitStanding, ...] = ()
+    expiries: tuple[tuple[bytes, int], ...] = ()
     checkpoint: Checkpoint | None = None
 
 
@@ -284,6 +305,10 @@ class CustodyStore(ReceiptOutbox, Protocol):
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         """Return the final access requests of an owner, by access id."""
+        ...
+
+    async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
+        """Return what was said of the visits of these owners, or of all; nothing for those of which nothing was."""
         ...
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
