@@ -6,21 +6,28 @@ The cut is all that remains of a frame: it must never hold a pixel of another si
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from clients.robot.events import Depth
 from clients.robot.hiding.background import PNG_LEVEL, Background
-from clients.robot.hiding.segmentation import Segmented, Silhouette, foreground_of
+from clients.robot.hiding.segmentation import DEPTH_EDGE_MM, Segmented, Silhouette, foreground_of
 from consensus.errors import BlockRobotError
 
 REGROW_PX = 3
 BODY_DEPTH_MM = 650
+STEP_MM = np.uint16(DEPTH_EDGE_MM)  # a pixel at the edge is the owner's only if hers beside it are as near
 FAINT_SHARE = 0.5
 
+_Pixel = TypeVar("_Pixel", np.uint8, np.uint16)
+
 _REGROW = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REGROW_PX + 1, 2 * REGROW_PX + 1))
+_FARTHEST_MM = np.uint16(65_535)
 _FENCE = np.ones((5, 5), np.uint8)
+_BESIDE = np.ones((5, 5), np.uint8)  # at half resolution: as far as an edge is regrown
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +64,10 @@ def encode_cut(out: CutOut) -> Cut:
 
 
 def cut_out(depth: Depth, background: Background, segmented: Segmented, silhouette: Silhouette) -> CutOut:
-    """Return one silhouette's pixels, its edge regrown by 3 px into what differs from the background."""
+    """Return one silhouette's pixels, its edge regrown by 3 px into what differs from the background.
+
+    Of somebody behind her little may be left to see, too little for a label; it is told by the step in depth.
+    """
     assert segmented.labels is not None
     left, top, width, height = silhouette.box
     x0, y0 = max(0, 2 * left - 4), max(0, 2 * top - 4)
@@ -67,21 +77,28 @@ def cut_out(depth: Depth, background: Background, segmented: Segmented, silhouet
     pixels = depth[box]
     labels = segmented.labels[y0 // 2 : (y1 + 1) // 2, x0 // 2 : (x1 + 1) // 2]
     size = (2 * labels.shape[1], 2 * labels.shape[0])
-    own = _enlarge((labels == silhouette.label).view(np.uint8), size, pixels.shape)
+    inside = labels == silhouette.label
+    own = _enlarge(inside.view(np.uint8), size, pixels.shape, 255)
     mask = np.asarray(cv2.dilate(own, _REGROW))
     faint = (background.threshold[box] * np.float32(FAINT_SHARE)).astype(np.uint16)
     mask = np.asarray(cv2.bitwise_and(mask, foreground_of(pixels, background.depth[box], faint)))
     low, high = silhouette.median_mm - BODY_DEPTH_MM, silhouette.median_mm + BODY_DEPTH_MM
     mask = np.asarray(cv2.bitwise_and(mask, cv2.inRange(pixels, max(low, 1), high)))
+    half = pixels[::2, ::2]
+    nearest = np.asarray(cv2.erode(np.where(inside, half, _FARTHEST_MM), _BESIDE), dtype=np.uint16)
+    farthest = np.asarray(cv2.dilate(np.where(inside, half, np.uint16(0)), _BESIDE), dtype=np.uint16)
+    low_mm = _enlarge(np.maximum(nearest, STEP_MM) - STEP_MM, size, pixels.shape)
+    high_mm = _enlarge(np.minimum(farthest, _FARTHEST_MM - STEP_MM) + STEP_MM, size, pixels.shape)
+    mask[(pixels < low_mm) | (pixels > high_mm)] = 0
     others = (labels != 0) & (labels != silhouette.label)
     if others.any():
-        fence = cv2.dilate(_enlarge(others.view(np.uint8), size, pixels.shape), _FENCE)
+        fence = cv2.dilate(_enlarge(others.view(np.uint8), size, pixels.shape, 255), _FENCE)
         mask[np.asarray(fence) > 0] = 0
     return CutOut(x0, y0, np.where(mask > 0, pixels, np.uint16(0)))
 
 
 def _enlarge(
-    half: np.ndarray[tuple[int, ...], np.dtype[np.uint8]], size: tuple[int, int], shape: tuple[int, ...]
-) -> np.ndarray[tuple[int, ...], np.dtype[np.uint8]]:
-    large = np.asarray(cv2.resize(half, size, interpolation=cv2.INTER_NEAREST), dtype=np.uint8)
-    return np.ascontiguousarray(large[: shape[0], : shape[1]] * np.uint8(255))
+    half: npt.NDArray[_Pixel], size: tuple[int, int], shape: tuple[int, ...], times: int = 1
+) -> npt.NDArray[_Pixel]:
+    large = np.asarray(cv2.resize(half, size, interpolation=cv2.INTER_NEAREST), dtype=half.dtype)
+    return np.ascontiguousarray(large[: shape[0], : shape[1]] * half.dtype.type(times))

@@ -92,6 +92,23 @@ def test_a_silhouettes_cut_stays_inside_its_own_pixels(small_text: str, backgrou
     assert np.count_nonzero(shown & (part == 1)) > 0.95 * np.count_nonzero((truth == 1) & (depth > 0))
 
 
+@pytest.mark.parametrize("aside_m", [0.14, 0.20, 0.26])
+def test_a_sliver_of_somebody_close_behind_is_not_taken_for_the_owners_edge(
+    small_text: str, background: Background, aside_m: float
+) -> None:
+    """Too little of them is left to see for a silhouette: what is regrown must stop where depth jumps."""
+    renderer = scene(small_text, (0.0, 1.8), (aside_m, 2.42))
+    depth, truth = renderer.frame_with_truth(1)
+    assert np.count_nonzero(truth == 2) > 600
+    segmented = segment(depth, background, FOCAL_PX)
+    near = min(segmented.silhouettes, key=lambda silhouette: silhouette.z_m)
+    made = cut(depth, background, segmented, near)
+    shown = decode_depth_png(made.pixels_png) > 0
+    part = truth[made.y : made.y + made.height, made.x : made.x + made.width]
+    assert np.count_nonzero(shown & (part == 2)) == 0
+    assert np.count_nonzero(shown & (part == 1)) > 0.95 * np.count_nonzero((truth == 1) & (depth > 0))
+
+
 def test_a_background_keeps_what_is_measured_and_marks_what_never_is() -> None:
     frames = [np.full((8, 8), 3_000, np.uint16) for _ in range(5)]
     for number, frame in enumerate(frames):
