@@ -1,0 +1,161 @@
+"""A person takes along what a real network holds of her; then the network is gone, and a stranger checks the file."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from clients.registrar.desk import Desk
+from clients.robot.bag import make_bag
+from clients.robot.enrolment import register_robot
+from clients.robot.identity import create_identity
+from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.scenario import parse_scenario
+from clients.robot.sources.rosbag import BagSource
+from clients.sdk.picture import decode_colour_png, decode_depth_png
+from clients.wallet.consenting import Consenting
+from clients.wallet.erasing import Erasing
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.wallet import Wallet
+from tests.cluster.network_under_test import NetworkUnderTest
+from tests.unit.clients.wallet.conftest import CHEAP
+
+UID = "E200000000000001"
+SECONDS = 5.0
+SCENARIO = f"""
+name = "short"
+duration_s = {SECONDS}
+frame_rate = 4
+width = 640
+height = 480
+focal_px = 525.0
+camera_height_m = 1.2
+seed = 7
+empty_frames = 3
+
+[reader]
+distance_sigma_m = 0.1
+antenna_front = 1
+antenna_back = 2
+front_misread = 0.0
+
+[[people]]
+alias = "ann"
+height_m = 1.7
+girth = 1.0
+cadence = 1.0
+path = [[0.0, -0.5, 2.5], [{SECONDS}, 0.5, 2.0]]
+readings_s = [{", ".join(str(round(0.1 + 0.4 * number, 1)) for number in range(12))}]
+also_every_s = 0.4
+"""
+
+
+async def run(*arguments: object, home: Path) -> tuple[int, dict[str, Any]]:
+    """Run a command in a process of its own and return its exit code and what it printed as JSON."""
+    environment = {**os.environ, "BLOCKROBOT_HOME": str(home), "BLOCKROBOT_PASSPHRASE_FILE": str(home / "passphrase")}
+    child = await asyncio.create_subprocess_exec(
+        sys.executable,
+        "-m",
+        "network.cli.main",
+        *map(str, arguments),
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+        env=environment,
+    )
+    output, errors = await child.communicate()
+    assert output, errors.decode()
+    return child.returncode or 0, json.loads(output)
+
+
+async def _record(network: NetworkUnderTest, wallet: Wallet, folder: Path) -> None:
+    genesis = network.genesis
+    bag = await asyncio.to_thread(make_bag, parse_scenario(SCENARIO), {"ann": UID}, folder / "bags", workers=1)
+    desk = Desk(network.folder / "organisations" / genesis.organisations[0].name, genesis)
+    await wallet.register(desk.issue(UID, "subject"), ["demo"])
+    robot = folder / "robot"
+    identity = create_identity(robot)
+    await register_robot(robot, identity, desk.issue("0BADF00D", "robot"), genesis)
+    sealed, _ = await desk.make_roster(identity.identity.public_key)
+    (robot / "roster.sealed").write_bytes(sealed)
+    options = ReplayOptions(
+        roster=robot / "roster.sealed",
+        purpose="demo",
+        clip_ms=500,
+        events=robot / "events.jsonl",
+        at_once=False,
+        real_time=True,
+    )
+    summary = await replay_recording(robot, BagSource(bag), genesis, options, lambda figures, *, last=False: None)
+    assert summary["frames"]["kept"] > 0
+
+
+async def _erase_one(wallet: Wallet) -> str:
+    (report,) = await wallet.records()
+    entry = report.records[0]
+    erasing = Erasing(wallet)
+    ids = await erasing.request(entry.visit, [entry.record_id], [])
+    await erasing.wait_complete(entry.visit, ids, timeout_s=30)
+    return entry.record_id.hex()
+
+
+def _look_at(bundle: Path, count: int) -> None:
+    """Pictures are there in order, and show somebody: the person's own pixels stand in front of the empty room."""
+    with zipfile.ZipFile(bundle) as packed:
+        pictures = [name for name in packed.namelist() if name.startswith("pictures/")]
+        depths = [name for name in packed.namelist() if name.startswith("depth/")]
+        assert (len(pictures), len(depths)) == (count, count)
+        assert pictures == sorted(pictures)
+        shown = decode_colour_png(packed.read(pictures[0]))
+        own = decode_depth_png(packed.read(depths[0]))
+        room = decode_depth_png(packed.read(next(name for name in packed.namelist() if "backgrounds/" in name)))
+    assert shown.shape == (480, 640, 3)
+    assert 1_000 < np.count_nonzero(own) < own.size // 2
+    assert np.median(own[own > 0]) < np.median(room[own > 0])
+
+
+async def test_a_bundle_outlives_the_network_it_is_from(network: NetworkUnderTest, tmp_path: Path) -> None:
+    home, bundle, genesis_file = tmp_path / "home", tmp_path / "mine.zip", tmp_path / "genesis.json"
+    (home / "wallets").mkdir(parents=True)
+    (home / "passphrase").write_text("tea\n")
+    genesis_file.write_bytes((network.folder / "genesis.json").read_bytes())
+    store = Keystore.create(home / "wallets" / "default.wallet", draw_words(), "tea", CHEAP)
+    async with Wallet(store, network.genesis) as wallet:
+        await _record(network, wallet, tmp_path)
+        await Consenting(wallet).give(["care"], ["rgb"])
+        await Consenting(wallet).withdraw(["care"], ["rgb"])
+        erased = await _erase_one(wallet)
+    command = ("wallet", "--genesis", genesis_file, "export", bundle, "--yes", "--json")
+    code, exported = await run(*command, home=home)
+    assert (code, exported["ok"], exported["problems"]) == (0, True, []), exported
+    assert (await run(*command, home=home))[1]["error"]["code"] == "FILE_EXISTS"
+
+    network.cluster.stop_all()
+    nowhere = tmp_path / "nowhere"
+    nowhere.mkdir()
+    code, told = await run("verify", bundle, "--genesis", genesis_file, "--json", home=nowhere)
+    assert (code, told["is_anchored"], told["is_complete"]) == (0, True, True), told
+    assert told["pictures"] == exported["pictures"] > 5
+    assert told["metadata_proved"] == told["records"] - 1
+    assert told["erasures"] == 1
+    assert told["accesses"] == 1
+    assert told["consent_receipts"] == 2
+    assert not any("in block" in line for line in told["not_proved"])
+    with zipfile.ZipFile(bundle) as packed:
+        (erasure,) = json.loads(packed.read("data/erasures.json"))["erasures"]
+    assert (erasure["records"], erasure["status"], len(erasure["receipts"])) == ([erased], "complete", 2)
+    await asyncio.to_thread(_look_at, bundle, told["pictures"])
+
+    content = bytearray(bundle.read_bytes())
+    content[len(content) // 2] ^= 1
+    bundle.write_bytes(content)
+    code, told = await run("verify", bundle, "--genesis", genesis_file, "--json", home=nowhere)
+    assert (code, told["ok"], told["error"]["code"]) == (1, False, "BUNDLE_INVALID")
