@@ -12,17 +12,19 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, home_folder, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import audit_all
 from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
-from clients.wallet.opening import read_passphrase, run_opened, show_moment
+from clients.wallet.opening import place_wallet, read_passphrase, run_opened, show_moment, wallet_options
 from clients.wallet.pictures import write_pictures
+from clients.wallet.rights import describe_event
+from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.viewing import RecordView, Viewing
-from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from clients.wallet.wallet import RecordEntry, VisitReport, VisitRights, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
@@ -31,27 +33,14 @@ ERASE_WAIT_S = 60.0
 
 
 @click.group()
-@click.option("--profile", default="default", show_default=True, help="Which wallet, if there are several.")
-@click.option(
-    "--wallet-dir", type=click.Path(path_type=Path, file_okay=False), help="The folder of wallets (default: your own)."
-)
-@click.option(
-    "--genesis",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="The network's genesis file: all that is trusted.",
-)
+@wallet_options
 @click.pass_context
 def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
     """See, check, follow and erase what robots recorded of you.
 
     Example: blockrobot wallet new; blockrobot wallet register BR1-...; blockrobot wallet records
     """
-    if not profile.replace("-", "").replace("_", "").isalnum():
-        raise click.UsageError("A profile's name has letters, digits, - and _ only.")
-    ctx.obj = (
-        (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
-        genesis or home_folder() / "network" / "genesis.json",
-    )
+    ctx.obj = place_wallet(profile, wallet_dir, genesis)
 
 
 @wallet.command()
@@ -84,6 +73,8 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
 
 
 wallet.add_command(consent)
+for right in RIGHTS_COMMANDS:
+    wallet.add_command(right)
 wallet.add_command(export)
 
 
@@ -179,8 +170,38 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
         "missing_records": report.missing_count,
         "erased_records": [record_id.hex() for record_id in report.erased_ids],
         "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
-        "records": [_entry_json(entry) for entry in report.records],
+        "records": [
+            _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in report.records
+        ],
+        **_rights_json(report.standing),
     }
+
+
+def _rights_json(standing: VisitRights) -> dict[str, Any]:
+    row = standing.restriction
+    return {
+        "restriction": None
+        if row is None
+        else {"ground": row["ground"], "whole_visit": row["whole"], "kept_until_ms": row["until_ms"] or None},
+        "objected_purposes": list(standing.objections),
+        "corrections": standing.corrections_count,
+        "breach_id": standing.breach_id.hex() or None,
+    }
+
+
+def _print_rights(standing: VisitRights) -> None:
+    row = standing.restriction
+    if standing.breach_id:
+        name = standing.breach_id.hex()[:12]
+        console.print(f"  You denied this visit: nobody sees it until breach {name} is decided.")
+    if row is not None:
+        what = "All of this visit is" if row["whole"] else f"{len(row['records'])} records of this visit are"
+        kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
+        console.print(f"  {what} restricted ({row['ground']}): only you see it{kept}.")
+    if standing.objections:
+        console.print(f"  You objected to its release for: {', '.join(standing.objections)}.")
+    if standing.corrections_count:
+        console.print(f"  It has {standing.corrections_count} corrections of yours.")
 
 
 @wallet.command()
@@ -201,7 +222,9 @@ def records(ctx: click.Context, as_json: bool) -> None:
     for number, report in enumerate(reports, 1):
         frames = sum(_picture_count(entry) for entry in report.records)
         state = "ended" if report.closed else "still open"
-        console.print(f"Visit {number} at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
+        name = report.visit.owner.hex()[:12]
+        console.print(f"Visit {number} ({name}) at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
+        _print_rights(report.standing)
         for entry in report.records:
             meta = entry.metadata
             what = _THINGS.get(meta.sensor, "pictures")
@@ -220,8 +243,12 @@ def records(ctx: click.Context, as_json: bool) -> None:
 
 
 async def _chosen(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEntry]:
-    """Return the named records (all if none is named). Raises NOT_FOUND for one that is not this person's."""
+    """Return the named records; if none is named all, but for visits that she denied.
+
+    Raises NOT_FOUND for one that is not this person's.
+    """
     reports = await opened.records()
+    reports = [report for report in reports if record_ids or not report.standing.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     missing = [record_id for record_id in record_ids if record_id not in entries]
     if missing:
@@ -332,6 +359,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
                 "kind": entry.kind,
                 "time_ms": entry.time_ms,
                 "height": entry.height,
+                "detail": describe_event(entry.kind, entry.data),
             }
             for entry in entries
         ]
@@ -341,7 +369,9 @@ def audit(ctx: click.Context, as_json: bool) -> None:
         console.print("Nothing has happened yet.")
     for entry in entries:
         subject = f"record {entry.record_id.hex()}" if entry.record_id else f"visit {entry.owner.hex()[:12]}"
-        console.print(f"{show_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}")
+        detail = describe_event(entry.kind, entry.data)
+        line = f"{show_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}"
+        console.print(line + (f"  {detail}" if detail else ""))
 
 
 @wallet.command()

@@ -23,6 +23,7 @@ from nacl.exceptions import CryptoError
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
+from consensus.records.rights import Correction
 
 _MAGIC = b"BRWALLET1"
 _SALT_BYTES = pwhash.argon2id.SALTBYTES
@@ -63,6 +64,7 @@ class WalletContent(msgspec.Struct):
     scanned_count: int = 0
     pin: bytes = b""
     asked_erasures: list[bytes] = msgspec.field(default_factory=list)
+    corrections: list[Correction] = msgspec.field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

@@ -11,17 +11,41 @@ import os
 import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import load_genesis
+from clients.sdk.terminal import home_folder, load_genesis
 from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
 
 T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
 
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
+
+
+def wallet_options(command: F) -> F:
+    """Add the options that name a wallet and its network, to a group."""
+    place = click.Path(path_type=Path, file_okay=False)
+    file = click.Path(path_type=Path, dir_okay=False)
+    for option in (
+        click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
+        click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
+        click.option("--profile", default="default", show_default=True, help="Which wallet, if there are several."),
+    ):
+        command = option(command)
+    return command
+
+
+def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
+    """Return the files of a wallet and of its network's genesis, as a group's context holds them."""
+    if not profile.replace("-", "").replace("_", "").isalnum():
+        raise click.UsageError("A profile's name has letters, digits, - and _ only.")
+    return (
+        (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
+        genesis or home_folder() / "network" / "genesis.json",
+    )
 
 
 def read_passphrase(*, confirm: bool = False) -> str:

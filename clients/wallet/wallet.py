@@ -41,6 +41,24 @@ class RecordEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class VisitRights:
+    """What stands of a visit by its owner's words: `restriction` is the contract's row, `objections` are purposes.
+
+    `breach_id` is there while the visit is denied, and in quarantine.
+    """
+
+    restriction: dict[str, Any] | None = None
+    objections: tuple[str, ...] = ()
+    corrections_count: int = 0
+    breach_id: bytes = b""
+
+    def restricts(self, record_id: bytes) -> bool:
+        """Whether a record is restricted."""
+        row = self.restriction
+        return row is not None and (row["whole"] or record_id in row["records"])
+
+
+@dataclass(frozen=True, slots=True)
 class VisitReport:
     """A visit as the wallet knows it: its records in order, and whether any is missing.
 
@@ -53,6 +71,16 @@ class VisitReport:
     closed: bool
     missing_count: int
     unreadable_ids: tuple[bytes, ...] = ()
+    standing: VisitRights = VisitRights()
+
+
+_RIGHTS = tuple(
+    b"rights\x00" + name + b"/" for name in (b"restriction", b"objection", b"correction-count", b"quarantine")
+)
+
+
+def _read_rights(restriction: Any, objections: Any, corrections_count: Any, breach_id: Any) -> VisitRights:
+    return VisitRights(restriction, tuple(sorted(objections or {})), corrections_count or 0, breach_id or b"")
 
 
 class Wallet:
@@ -161,7 +189,9 @@ class Wallet:
         """
         key = self.owner_key(visit)
         visit_key = b"records\x00visit/" + visit.owner
-        visit_state = (await self.values([visit_key], key))[visit_key]
+        rights_keys = [place + visit.owner for place in _RIGHTS]
+        found = await self.values([visit_key, *rights_keys], key)
+        visit_state = found[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
         ids = [entry.record_id for entry in await audit_visit(self, visit) if entry.kind == RECORDED_KIND]
@@ -194,6 +224,7 @@ class Wallet:
             closed=closed,
             missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
             unreadable_ids=tuple(unreadable),
+            standing=_read_rights(*(found[place] for place in rights_keys)),
         )
 
     async def records(self) -> list[VisitReport]:

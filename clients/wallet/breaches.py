@@ -1,0 +1,133 @@
+"""What data protection officers do of denied visits: read, assess, notify, close. Must never show what is not proven.
+
+An officer is a member like others, with a wallet of her own; what she does is signed with her member key and stands in
+the audit of the visit. The clock of 72 hours is the chain's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.receipts import FinalReceipt
+from clients.wallet.auditing import RECORDED_KIND
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u32, u64
+
+ID_PREFIX_MIN_CHARS = 8
+RECORDS_A_CALL_MAX_COUNT = 64
+_COUNT_KEY = b"rights\x00breach-count"
+_NUMBER = b"rights\x00breach-number/"
+_BREACH = b"rights\x00breach/"
+Tell = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Breach:
+    """One denied visit, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
+
+    breach_id: bytes
+    state: dict[str, Any]
+    now_ms: int
+
+    @property
+    def is_open(self) -> bool:
+        """Whether an officer still has something to do."""
+        return bool(self.state["status"] != "closed")
+
+    @property
+    def left_ms(self) -> int:
+        """How much is left of the 72 hours by the chain's clock; negative once they are over."""
+        return int(self.state["due_ms"]) - self.now_ms
+
+    @property
+    def is_overdue(self) -> bool:
+        """Whether the authority should have been told, and was not."""
+        waits = self.state["risk"] != "none" and "authority" not in self.state["notified"]
+        return self.is_open and waits and self.left_ms < 0
+
+
+class Breaches:
+    """The breaches of a network, as one officer reads and handles them."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+        self._key = wallet.keys.identity
+
+    async def read_all(self) -> list[Breach]:
+        """Return all breaches in the order in which they were opened. Raises SESSION_REFUSED for who is no member."""
+        count = (await self._wallet.values([_COUNT_KEY], self._key))[_COUNT_KEY] or 0
+        numbers = [_NUMBER + u64(number) for number in range(count)]
+        found = await self._wallet.values(numbers, self._key)
+        ids = [found[key] for key in numbers]
+        states = await self._wallet.values([_BREACH + breach_id for breach_id in ids], self._key)
+        now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
+        return [Breach(breach_id, states[_BREACH + breach_id], now_ms) for breach_id in ids]
+
+    async def find(self, start: str) -> Breach:
+        """Return the breach whose id (hexadecimal) begins so. Raises NOT_FOUND, REQUEST_INVALID."""
+        if len(start) < ID_PREFIX_MIN_CHARS:
+            raise BlockRobotError("REQUEST_INVALID", f"Name a breach by at least {ID_PREFIX_MIN_CHARS} characters.")
+        found = [breach for breach in await self.read_all() if breach.breach_id.hex().startswith(start.lower())]
+        if len(found) != 1:
+            code = "REQUEST_INVALID" if found else "NOT_FOUND"
+            raise BlockRobotError(code, f"There are {len(found) or 'no'} breaches that begin with {start}.")
+        return found[0]
+
+    async def assess(self, breach: Breach, risk: str, reason: str) -> FinalReceipt:
+        """Say how much risk there is, and why. Raises CALL_REFUSED with the contract's code."""
+        return await self._call("assess", [breach.breach_id, risk, reason])
+
+    async def notify(self, breach: Breach, recipient: str, reason: str) -> FinalReceipt:
+        """Say that the authority or the subjects were told. Raises CALL_REFUSED with the contract's code."""
+        return await self._call("notify", [breach.breach_id, recipient, reason])
+
+    async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
+        """End a breach; where it ends as `erased`, have every record erased before. Returns how many were ordered."""
+        ids = await self._records_to_erase(breach) if outcome == "erased" else []
+        for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
+            tell(start, len(ids))
+            await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
+        await self._call("close", [breach.breach_id, outcome, reason])
+        return len(ids)
+
+    async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
+        return await self._wallet.network.call(self._key, "rights", entry, arguments)
+
+    async def _records_to_erase(self, breach: Breach) -> list[bytes]:
+        """Return the visit's records that nobody has had erased yet, by its proven audit: none can be left out."""
+        owner = breach.state["owner"]
+        count_key = b"audit\x00count/" + owner
+        count = (await self._wallet.values([count_key], self._key))[count_key] or 0
+        entries = [b"audit\x00entry/" + owner + u32(number) for number in range(count)]
+        audit = await self._wallet.values(entries, self._key)
+        ids = [audit[key]["record_id"] for key in entries if audit[key]["kind"] == RECORDED_KIND]
+        states = await self._wallet.values([b"records\x00record/" + record_id for record_id in ids], self._key)
+        return [record_id for record_id in ids if states[b"records\x00record/" + record_id]["status"] == "active"]
+
+
+def breach_json(breach: Breach) -> dict[str, Any]:
+    """Return a breach by names, for a program."""
+    state = breach.state
+    return {
+        "breach_id": breach.breach_id.hex(),
+        "kind": state["kind"],
+        "organisation": state["org"],
+        "robot": state["robot"].hex(),
+        "visit": state["owner"].hex(),
+        "status": state["status"],
+        "risk": state["risk"] or None,
+        "opened_ms": state["opened_ms"],
+        "due_ms": state["due_ms"],
+        "left_ms": breach.left_ms,
+        "overdue": breach.is_overdue,
+        "assessed": _step(state["assessed"]),
+        "notified": {recipient: _step(step) for recipient, step in state["notified"].items()},
+        "closed": _step(state["closed"]),
+    }
+
+
+def _step(step: dict[str, Any] | None) -> dict[str, Any] | None:
+    return None if step is None else {**step, "officer": step["officer"].hex()}

@@ -1,0 +1,214 @@
+"""A person's rights over what was recorded: restrict, object, correct, deny. Must never let one word join her to a visit.
+
+What is about a visit is signed with that visit's owner key; only an objection to being recorded at all with her member
+key. Where one word goes to many visits, they are spoken to one by one, in an order and at moments that chance decides.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import msgspec
+
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.rights import (
+    CORRECTION_MAX_BYTES,
+    CORRECTION_SALT_BYTES,
+    CORRECTIONS,
+    GROUNDS,
+    OWN_PURPOSES,
+    Correction,
+    commit_correction,
+)
+
+SPREAD_MAX_MS = 4_000
+VISIT_PREFIX_MIN_CHARS = 8
+_OBJECTION = b"rights\x00objection/"
+_QUARANTINE = b"rights\x00quarantine/"
+Tell = Callable[[int, int], None]
+Sleep = Callable[[float], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Chosen:
+    """What of one visit is meant: these records, or (none) the whole visit."""
+
+    visit: KnownVisit
+    records: tuple[RecordEntry, ...] = ()
+
+    @property
+    def record_ids(self) -> list[bytes]:
+        """The ids, as the contract takes them."""
+        return [entry.record_id for entry in self.records]
+
+
+@dataclass(frozen=True, slots=True)
+class Said:
+    """A final word about one visit."""
+
+    visit: KnownVisit
+    record_ids: tuple[bytes, ...]
+    txid: bytes
+    height: int
+    time_ms: int
+    data: dict[str, Any] = field(default_factory=dict)
+
+
+def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[Chosen]:
+    """Return what is meant by record ids and by beginnings of visits' names (hexadecimal).
+
+    Raises NOT_FOUND for what is not this person's, REQUEST_INVALID for a beginning that is too short or fits several.
+    """
+    chosen = [Chosen(_find_visit(reports, start).visit) for start in visits]
+    entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
+    by_visit: dict[bytes, list[RecordEntry]] = {}
+    for record_id in record_ids:
+        if record_id not in entries:
+            raise BlockRobotError("NOT_FOUND", f"You have no record {record_id}.")
+        by_visit.setdefault(entries[record_id].visit.owner, []).append(entries[record_id])
+    whole = {one.visit.owner for one in chosen}
+    chosen += [Chosen(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
+    return chosen
+
+
+def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
+    if len(start) < VISIT_PREFIX_MIN_CHARS:
+        raise BlockRobotError("REQUEST_INVALID", f"Name a visit by at least {VISIT_PREFIX_MIN_CHARS} characters.")
+    found = [report for report in reports if report.visit.owner.hex().startswith(start.lower())]
+    if len(found) != 1:
+        code = "REQUEST_INVALID" if found else "NOT_FOUND"
+        raise BlockRobotError(code, f"You have {len(found) or 'no'} visits that begin with {start}.")
+    return found[0]
+
+
+class Rights:
+    """The rights of one wallet's person."""
+
+    def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
+        self._wallet = wallet
+        self._sleep = sleep
+
+    async def _say(self, chosen: Chosen, entry: str, arguments: list[Any], event: str) -> Said:
+        key = self._wallet.owner_key(chosen.visit)
+        receipt = await self._wallet.network.call(key, "rights", entry, arguments)
+        (data,) = receipt.event_data("rights", event)
+        named = tuple(chosen.record_ids)
+        return Said(chosen.visit, named, receipt.txid, receipt.height, receipt.timestamp_ms, data)
+
+    async def restrict(self, chosen: Chosen, ground: str) -> Said:
+        """Let nobody but her see records any more. Raises VALUE_INVALID, CALL_REFUSED with the contract's code."""
+        if ground not in GROUNDS:
+            raise BlockRobotError("VALUE_INVALID", f"{ground!r} is no ground: {', '.join(GROUNDS)}.")
+        return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
+
+    async def lift(self, chosen: Chosen) -> Said:
+        """Lift a restriction. Raises CALL_REFUSED with the contract's code."""
+        return await self._say(chosen, "lift", [chosen.record_ids], "lifted")
+
+    async def deny(self, visit: KnownVisit) -> Said:
+        """Say that a visit shows somebody else. Raises CALL_REFUSED with the contract's code."""
+        return await self._say(Chosen(visit), "wrong_person", [], "quarantined")
+
+    async def correct(self, chosen: Chosen, kind: str, text: str) -> tuple[Said, Correction]:
+        """Append a correction; its text stays in this wallet. Raises VALUE_INVALID, CALL_REFUSED.
+
+        It is kept before it is said: if the chain took it and the answer was lost, text and salt are still there.
+        """
+        if kind not in CORRECTIONS:
+            raise BlockRobotError("VALUE_INVALID", f"{kind!r} is nothing to correct: {', '.join(CORRECTIONS)}.")
+        if not 0 < len(text.encode()) <= CORRECTION_MAX_BYTES:
+            raise BlockRobotError("VALUE_INVALID", f"A correction has 1 to {CORRECTION_MAX_BYTES} bytes of text.")
+        correction = Correction(
+            kind=kind,
+            text=text,
+            salt=secrets.token_bytes(CORRECTION_SALT_BYTES).hex(),
+            visit=chosen.visit.owner.hex(),
+            record_ids=[record_id.hex() for record_id in chosen.record_ids],
+        )
+        store = self._wallet.store
+        store.content.corrections.append(correction)
+        store.save()
+        arguments = [chosen.record_ids, kind, commit_correction(correction)]
+        try:
+            return await self._say(chosen, "rectify", arguments, "corrected"), correction
+        except BlockRobotError as error:
+            if error.code == "CALL_REFUSED":
+                store.content.corrections.remove(correction)
+                store.save()
+            raise
+
+    async def object_to_recording(self, purposes: list[str]) -> int:
+        """Object to being recorded for purposes; return the height from which it counts. Raises VALUE_INVALID."""
+        self._check(purposes)
+        await self._wallet.require_registered()
+        arguments = [self._wallet.store.content.handle, purposes]
+        receipt = await self._wallet.network.call(self._wallet.keys.identity, "rights", "object_to", arguments)
+        (data,) = receipt.event_data("consent", "objected")
+        height: int = data["height"]
+        return height
+
+    async def object_to_release(self, purposes: list[str], *, at_once: bool, tell: Tell) -> list[Said]:
+        """Object, visit by visit, to any release for purposes; visits that said so, or were denied, are passed over.
+
+        Between two visits lies up to four seconds, unless `at_once`: close together, they could be told to be one's.
+        """
+        self._check(purposes)
+        visits = [visit for visit in await self._wallet.scan() if await self._is_to_be_told(visit, purposes)]
+        secrets.SystemRandom().shuffle(visits)
+        said = []
+        for number, visit in enumerate(visits):
+            tell(number, len(visits))
+            if not at_once:
+                await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            said.append(await self._say(Chosen(visit), "object_to_release", [purposes], "objected"))
+        return said
+
+    async def _is_to_be_told(self, visit: KnownVisit, purposes: list[str]) -> bool:
+        keys = [_OBJECTION + visit.owner, _QUARANTINE + visit.owner]
+        found = await self._wallet.values(keys, self._wallet.owner_key(visit))
+        known = found[keys[0]] or {}
+        return found[keys[1]] is None and not all(code in known for code in purposes)
+
+    def _check(self, purposes: list[str]) -> None:
+        known = self._wallet.genesis.purposes
+        for code in purposes:
+            if code not in known:
+                raise BlockRobotError("VALUE_INVALID", f"{code!r} is no purpose of this network: {', '.join(known)}.")
+            if code in OWN_PURPOSES:
+                raise BlockRobotError("VALUE_INVALID", f"{code!r} is your own: it would keep you from your records.")
+
+
+def write_correction(correction: Correction) -> bytes:
+    """Return a correction as JSON, for who is to act on it: with it anybody can check the commitment on the chain."""
+    return msgspec.json.format(msgspec.json.encode(correction), indent=2) + b"\n"
+
+
+def read_correction(data: bytes) -> Correction:
+    """Read a correction that was handed on. Raises FILE_UNUSABLE."""
+    try:
+        return msgspec.json.decode(data, type=Correction)
+    except msgspec.MsgspecError:
+        raise BlockRobotError("FILE_UNUSABLE", "This is no correction.") from None
+
+
+_WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "restricted": lambda data: f"ground: {data['ground']}" + (", kept beyond its time" if data["until_ms"] else ""),
+    "objected": lambda data: f"to: {', '.join(data['purposes'])}",
+    "corrected": lambda data: f"number {data['number'] + 1}, {data['kind']}",
+    "denied": lambda data: f"breach {data['breach_id'].hex()[:12]}",
+    "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
+    "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
+    "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
+}
+
+
+def describe_event(kind: str, data: dict[str, Any]) -> str:
+    """Return what an entry of the audit says beyond its kind, in a few words; empty if that is all."""
+    words = _WORDS.get(kind)
+    return words(data) if words is not None else ""

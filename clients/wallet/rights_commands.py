@@ -1,0 +1,245 @@
+"""`blockrobot wallet restrict|lift|object|correct|wrong-person`. Must never take what a person writes as an argument."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
+from clients.wallet.wallet import Wallet
+from consensus.records.purposes import PURPOSES
+from consensus.records.rights import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
+
+
+def _what(command: Any) -> Any:
+    visit = click.option(
+        "--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name; may be repeated."
+    )
+    return click.argument("record_ids", nargs=-1)(visit(command))
+
+
+def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None:
+    if not record_ids and not visits:
+        raise click.UsageError("Name records, or a whole visit by --visit. To see them: blockrobot wallet records.")
+
+
+async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[Chosen]:
+    return choose(await opened.records(), record_ids, visits)
+
+
+def said_json(said: Said) -> dict[str, Any]:
+    """Return a word by names, for a program."""
+    return {
+        "visit": said.visit.owner.hex(),
+        "records": [record_id.hex() for record_id in said.record_ids],
+        "txid": said.txid.hex(),
+        "height": said.height,
+        "time_ms": said.time_ms,
+    }
+
+
+def _name(said: Said) -> str:
+    visit = f"visit {said.visit.owner.hex()[:12]}"
+    return f"{len(said.record_ids)} records of {visit}" if said.record_ids else f"all of {visit}"
+
+
+@click.command()
+@_what
+@click.option("--ground", type=click.Choice(sorted(GROUNDS)), required=True, help="Why: see below.")
+@json_option
+@click.pass_context
+@plain_errors
+def restrict(
+    ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, as_json: bool
+) -> None:
+    """Keep records as they are, and let nobody but you see them, until you lift it.
+
+    The ground says why: `accuracy` (it is not right, and being checked), `unlawful` (it should not have been recorded, but
+    is to be kept), `legal-claim` (you need it for a claim), `objection` (you objected, and that is being checked). For
+    `unlawful` and `legal-claim` it is also kept beyond its time, for a year; say it again to prolong that.
+
+    Example: blockrobot wallet restrict --visit 02ab34cd --ground legal-claim
+    """
+    _require_named(record_ids, visits)
+
+    async def action(opened: Wallet) -> list[Said]:
+        rights = Rights(opened)
+        return [await rights.restrict(one, ground) for one in await _choose(opened, record_ids, visits)]
+
+    words = run_opened(ctx, action)
+    if as_json:
+        rows = [said_json(said) | {"kept_until_ms": said.data["until_ms"] or None} for said in words]
+        print_json({"ok": True, "ground": ground, "restricted": rows})
+        return
+    for said in words:
+        kept = f" It is kept until {show_moment(said.data['until_ms'])}." if ground in KEEPING_GROUNDS else ""
+        console.print(f"Restricted: {_name(said)}. Only you can look at it now.{kept}")
+    console.print("  To lift it: blockrobot wallet lift, with the same records or visit.")
+
+
+@click.command()
+@_what
+@json_option
+@click.pass_context
+@plain_errors
+def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], as_json: bool) -> None:
+    """Lift a restriction. What has outlived its time under it is erased at once.
+
+    Example: blockrobot wallet lift --visit 02ab34cd
+    """
+    _require_named(record_ids, visits)
+
+    async def action(opened: Wallet) -> list[Said]:
+        rights = Rights(opened)
+        return [await rights.lift(one) for one in await _choose(opened, record_ids, visits)]
+
+    words = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "lifted": [said_json(said) for said in words]})
+    for said in () if as_json else words:
+        console.print(f"Lifted: {_name(said)}.")
+
+
+def _tell_progress(number: int, count: int) -> None:
+    click.echo(f"visit {number + 1} of {count}, after a pause that chance decides (--now: without)", err=True)
+
+
+@click.command("object")
+@click.option("--purpose", "purposes", multiple=True, help="A purpose's code; may be repeated.")
+@click.option(
+    "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
+)
+@click.option(
+    "--recording-only", is_flag=True, help="Object to new recordings only, and leave past visits as they are."
+)
+@json_option
+@click.pass_context
+@plain_errors
+def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recording_only: bool, as_json: bool) -> None:
+    """Object to a purpose: nothing more is recorded of you for it, and nothing that was is released for it.
+
+    Example: blockrobot wallet object --purpose research
+    """
+    if not purposes:
+        raise click.UsageError(f"Say what you object to: --purpose CODE, one of {', '.join(PURPOSES)}.")
+    if now and not as_json:
+        click.echo("Without pauses, whoever watches the network can tell that these visits are one person's.", err=True)
+
+    async def action(opened: Wallet) -> tuple[int, list[Said]]:
+        rights = Rights(opened)
+        height = await rights.object_to_recording(list(purposes))
+        if recording_only:
+            return height, []
+        return height, await rights.object_to_release(list(purposes), at_once=now, tell=_tell_progress)
+
+    height, words = run_opened(ctx, action)
+    if as_json:
+        rows = [said_json(said) for said in words]
+        print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows})
+        return
+    console.print(
+        f"You object to: {', '.join(purposes)}. From block {height} on nothing is recorded of you for that; "
+        f"{len(words)} visits are released for it no more.\n"
+        "  What was recorded stays until you erase it: blockrobot wallet erase. To see it: blockrobot wallet consent list."
+    )
+
+
+def _read_text(text_file: Path | None) -> str:
+    if text_file is not None:
+        return text_file.read_text(encoding="utf-8").strip()
+    if not sys.stdin.isatty():
+        raise click.UsageError("There is no terminal to ask what is right: give --text-file.")
+    text: str = click.prompt("What is right")
+    return text.strip()
+
+
+@click.command()
+@_what
+@click.option("--of", "kind", type=click.Choice(sorted(CORRECTIONS)), default="attribution", show_default=True)
+@click.option("--text-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="What is right.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it here, to hand it on (mode 0600)."
+)
+@json_option
+@click.pass_context
+@plain_errors
+def correct(
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    visits: tuple[str, ...],
+    kind: str,
+    text_file: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Say what is wrong with a visit or records. It stands beside them on the chain; nothing is changed.
+
+    The text stays in your wallet, the chain holds a seal of it. To have the hospital act on it, hand it the file that
+    --out writes: with it, everybody can check that you said it, and when.
+
+    Example: blockrobot wallet correct --visit 02ab34cd --text-file what-is-right.txt --out correction.json
+    """
+    _require_named(record_ids, visits)
+    text = _read_text(text_file)
+
+    async def action(opened: Wallet) -> tuple[Said, Correction]:
+        chosen = await _choose(opened, record_ids, visits)
+        if len(chosen) != 1:
+            raise click.UsageError("A correction is of one visit, or of records of one.")
+        return await Rights(opened).correct(chosen[0], kind, text)
+
+    said, correction = run_opened(ctx, action)
+    if out is not None:
+        descriptor = os.open(out, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(write_correction(correction))
+    if as_json:
+        number = {"number": said.data["number"], "out": None if out is None else str(out)}
+        print_json({"ok": True, "kind": kind, **said_json(said), **number})
+        return
+    console.print(f"Correction {said.data['number'] + 1} of {_name(said)} stands on the chain. Nothing was changed.")
+    console.print(f"  To have it acted on, hand over {out}." if out else "  To hand it on, say --out FILE next time.")
+
+
+@click.command("wrong-person")
+@click.argument("visit")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> None:
+    """Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.
+
+    Data protection officers are told at once, and decide within days. You cannot take it back yourself.
+
+    Example: blockrobot wallet wrong-person 02ab34cd
+    """
+    if not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        click.confirm("Nobody will see this visit any more, you neither, until an officer decides. Go on?", abort=True)
+
+    async def action(opened: Wallet) -> Said:
+        (chosen,) = choose(await opened.records(), (), (visit,))
+        return await Rights(opened).deny(chosen.visit)
+
+    said = run_opened(ctx, action)
+    breach_id, due_ms = said.data["breach_id"].hex(), said.data["due_ms"]
+    if as_json:
+        told = {"breach_id": breach_id, "organisation": said.data["org"], "due_ms": due_ms}
+        print_json({"ok": True, **said_json(said), **told})
+        return
+    console.print(
+        f"The visit is in quarantine: nobody sees it any more. The officers of {said.data['org']} are told, "
+        f"and have until {show_moment(due_ms)} to tell the authority.\n"
+        f"  It is breach {breach_id[:12]}. To follow it: blockrobot wallet audit."
+    )
+
+
+COMMANDS = (restrict, lift, object_to, correct, wrong_person)
