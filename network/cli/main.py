@@ -31,6 +31,7 @@ _COMMANDS = {
     "card": ("clients.registrar.cli", "card"),
     "roster": ("clients.registrar.cli", "roster"),
     "wallet": ("clients.wallet.cli", "wallet"),
+    "officer": ("clients.wallet.breach_commands", "officer"),
     "verify": ("clients.bundle.cli", "verify"),
     "robot": ("clients.robot.cli", "robot"),
     "reference": ("network.cli.reference_command", "reference"),
