@@ -16,10 +16,12 @@ from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
 from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.scenario import load_scenario, published_run_1
 from clients.robot.source_options import open_recording, source_options
-from clients.robot.sources.rosbag import BagSource
 from clients.robot.sources.source import Source
-from clients.robot.synthetic_recording import default_recording
+from clients.robot.sources.synthetic import SyntheticSource
+from clients.robot.stopping import stopped_by_signals
+from clients.robot.synthetic_recording import load_or_draw_tags
 from clients.robot.topics_cli import topics
 from clients.sdk.terminal import (
     EXIT_FAILED,
@@ -31,8 +33,11 @@ from clients.sdk.terminal import (
     print_json,
 )
 from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
 
 _PROGRESS_EVERY_S = 0.25
+_STOPPING = "\nEnding: what is in memory is sealed and recorded, and visits are closed. Once more ends it at once."
+_RATE_DEFAULT = 10
 
 
 @click.group()
@@ -119,7 +124,6 @@ def _common(command: Any) -> Any:
             "--now", "at_once", is_flag=True, help="Submit without random delay. This links owners of a scene."
         ),
         click.option("--viewpoint", default="", metavar="NAME", help="Use this viewpoint's approved empty frames."),
-        click.option("--fast", is_flag=True, help="Read as fast as possible instead of in real time."),
     ):
         command = option(command)
     return command
@@ -139,6 +143,15 @@ def _tell_consents(figures: dict[str, Any]) -> None:
         console.print(f"{figures['clips_dropped']} sealed clips were destroyed: consent to them had ended.")
 
 
+async def _record(
+    folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
+) -> dict[str, Any]:
+    """Record until the source ends, or the user ends it."""
+    stop = asyncio.Event()
+    with stopped_by_signals(stop, lambda: click.echo(_STOPPING, err=True)):
+        return await replay_recording(folder, source, genesis, options, progress, stop)
+
+
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
     folder, genesis_path = ctx.obj
     chosen = ReplayOptions(
@@ -147,13 +160,18 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         clip_ms=options["clip_ms"],
         events=options["events"] or folder / "events.jsonl",
         at_once=options["at_once"],
-        real_time=not options["fast"],
+        real_time=not options.get("fast"),
         viewpoint=options["viewpoint"],
+        lasts_s=options.get("seconds"),
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
     progress = _Progress(as_json=as_json)
-    summary = asyncio.run(replay_recording(folder, source, load_genesis(genesis_path), chosen, progress))
+    try:
+        summary = asyncio.run(_record(folder, source, load_genesis(genesis_path), chosen, progress))
+    except asyncio.CancelledError:
+        click.echo("Ended at once. What is sealed is in the spool; the next run records it.", err=True)
+        raise click.Abort from None
     fault = summary["intake"]["fault"]
     if as_json:
         print_json({"ok": _lost(summary) == 0 and fault is None, **summary, **_error_json(fault)})
@@ -199,11 +217,14 @@ robot.add_command(background)
 @click.argument("recording", type=click.Path(path_type=Path))
 @source_options
 @_common
+@click.option("--fast", is_flag=True, help="Read as fast as possible instead of in real time.")
 @json_option
 @click.pass_context
 @plain_errors
 def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any) -> None:
     """Record from a ROS bag (ROS 1 .bag, rosbag2 folder, .mcap or .db3), in real time unless --fast is given.
+
+    Ctrl-C ends it in good order, as the recording's end does.
 
     Example: blockrobot robot replay recording.mcap --topics topics.toml --fast
     """
@@ -211,13 +232,27 @@ def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any
 
 
 @robot.command()
+@click.option("--seconds", type=click.FloatRange(min=1), help="End after so long. [default: at Ctrl-C]")
+@click.option(
+    "--rate", default=_RATE_DEFAULT, show_default=True, type=click.IntRange(1, 30), help="Frames a second, at most."
+)
+@click.option(
+    "--scenario",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Who walks in the corridor. [default: the published first run]",
+)
 @_common
 @json_option
 @click.pass_context
 @plain_errors
 def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
-    """Record from the synthetic corridor (rendered once and kept), until its end.
+    """Record live from the synthetic corridor, where the same people come again and again, until Ctrl-C.
 
-    Example: blockrobot robot run --purpose demo
+    Nothing of the corridor is written: it is rendered while it is looked at. Ctrl-C ends the run in good order: what was
+    seen is recorded, and visits are closed.
+
+    Example: blockrobot robot run --seconds 60
     """
-    _replay(ctx, BagSource(default_recording(home_folder())), as_json, options)
+    scenario = load_scenario(options["scenario"]) if options["scenario"] else published_run_1()
+    tags = load_or_draw_tags(home_folder() / "recordings", scenario)
+    _replay(ctx, SyntheticSource(scenario, tags, frames_per_s=options["rate"], endless=True), as_json, options)

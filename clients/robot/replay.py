@@ -29,7 +29,7 @@ from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.registry import NetworkMajority, RegistryReader
 from clients.robot.rosters import load_roster
-from clients.robot.sources.source import Source
+from clients.robot.sources.source import Source, StoppableClock
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
@@ -50,7 +50,7 @@ class ReplayOptions:
     """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
 
     With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
-    checked for what moves in them.
+    checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given.
     """
 
     roster: Path
@@ -60,6 +60,7 @@ class ReplayOptions:
     at_once: bool
     real_time: bool
     viewpoint: str = ""
+    lasts_s: float | None = None
 
 
 class ProgressListener(Protocol):
@@ -69,12 +70,18 @@ class ProgressListener(Protocol):
         """Take frames_read, frames_recorded and waiting."""
 
 
-async def _events(source: Source, *, real_time: bool) -> AsyncIterator[SourceEvent]:
-    if real_time:
-        async for event in source.play():
+async def _events(source: Source, stop: asyncio.Event, options: ReplayOptions) -> AsyncIterator[SourceEvent]:
+    """Yield what the source gives until it ends or `stop` is set."""
+    if options.real_time:
+        ends_ms = None if options.lasts_s is None else source.start_ms + round(options.lasts_s * 1000)
+        async for event in source.play(StoppableClock(stop, ends_ms)):
+            if stop.is_set():
+                return
             yield event
     else:
         for event in source.events():
+            if stop.is_set():
+                return
             yield event
 
 
@@ -85,10 +92,18 @@ def _note_refused(refused: Refused, log: EventLog, now_ms: int) -> None:
 class _Run:
     """One run: the parts that are put together, and what they tell each other."""
 
-    def __init__(self, folder: Path, client: NetworkClient, options: ReplayOptions, progress: ProgressListener) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        client: NetworkClient,
+        options: ReplayOptions,
+        progress: ProgressListener,
+        stop: asyncio.Event | None = None,
+    ) -> None:
         self._folder = folder
         self._options = options
         self._progress = progress
+        self._stop = stop or asyncio.Event()
         self._identity = load_identity(folder)
         self._client = client
         self._chain_id = client.genesis.chain_id
@@ -157,7 +172,7 @@ class _Run:
             )
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
             inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
-            events = inputs.usable(_events(source, real_time=self._options.real_time))
+            events = inputs.usable(_events(source, self._stop, self._options))
             telling = asyncio.create_task(self._tell_regularly(statistics))
             try:
                 await pipeline.run(events, live=self._options.real_time)
@@ -204,10 +219,16 @@ class _Run:
 
 
 async def replay_recording(
-    folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: ProgressListener
+    folder: Path,
+    source: Source,
+    genesis: Genesis,
+    options: ReplayOptions,
+    progress: ProgressListener,
+    stop: asyncio.Event | None = None,
 ) -> dict[str, Any]:
     """Replay a source through the robot in `folder` and return its summary once all its records are final.
 
+    When `stop` is set the source ends there, and what came before is worked through as at any other end.
     `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
     Raises EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the network refuses
     for good.
@@ -215,7 +236,7 @@ async def replay_recording(
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
     async with open_pinned_client(genesis, folder / PIN_FILE) as client:
-        run = _Run(folder, client, options, progress)
+        run = _Run(folder, client, options, progress, stop)
         statistics = await run.work(source)
     return {
         "roster_rows": run.roster_rows,

@@ -7,6 +7,7 @@ message never ends a stream. It must never write what it reads.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
 from collections.abc import AsyncIterator, Iterator
 from typing import Protocol
@@ -36,6 +37,26 @@ class SystemClock:
     async def sleep_until(self, at_ms: int) -> None:
         """Return at or after a time, at once (but after letting others run) if it has passed."""
         await asyncio.sleep(max(0.0, (at_ms - self.now_ms()) / 1000))
+
+
+class StoppableClock(SystemClock):
+    """The machine's clock until `stop` is set, which wakes every sleeper; at `ends_ms` it is set by itself."""
+
+    def __init__(self, stop: asyncio.Event, ends_ms: int | None = None) -> None:
+        self._stop = stop
+        self._ends_ms = ends_ms
+
+    async def sleep_until(self, at_ms: int) -> None:
+        """Return at or after a time, or when it is time to stop."""
+        until_ms = at_ms if self._ends_ms is None else min(at_ms, self._ends_ms)
+        left_ms = until_ms - self.now_ms()
+        if left_ms <= 0:
+            await asyncio.sleep(0)
+        else:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self._stop.wait(), left_ms / 1000)
+        if self._ends_ms is not None and self._ends_ms <= at_ms:
+            self._stop.set()
 
 
 class Source(Protocol):

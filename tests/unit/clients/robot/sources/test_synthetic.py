@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from clients.robot.events import Frame, Sighting
+from clients.robot.events import Frame, Sighting, SourceEvent
 from clients.robot.scenario import Scenario
 from clients.robot.sources.rosbag import BagSource
 from clients.robot.sources.source import Source
@@ -47,6 +47,54 @@ async def test_it_plays_on_a_shifted_timeline(small_scenario: Scenario) -> None:
     times = [event.captured_at_ms async for event in source.play(clock) if isinstance(event, Frame)]
     assert times == [1_000_000 + 100 * index for index in range(6)]
     assert clock.now == 1_000_500
+
+
+async def played(source: SyntheticSource, clock: FakeClock, count: int) -> list[SourceEvent]:
+    """Return the first events of a source that need not end."""
+    found: list[SourceEvent] = []
+    async for event in source.play(clock):
+        found.append(event)
+        if len(found) == count:
+            break
+    return found
+
+
+async def test_an_endless_corridor_begins_again_with_time_and_frame_numbers_going_on(small_scenario: Scenario) -> None:
+    source = SyntheticSource(small_scenario, UIDS, endless=True)
+    source.shift_to(1_000_000)
+    events = await played(source, FakeClock(1_000_000), 27)
+    frames = [event for event in events if isinstance(event, Frame)]
+    assert [(frame.sequence, frame.captured_at_ms) for frame in frames] == [
+        (index, 1_000_000 + 100 * index) for index in range(18)
+    ]
+    assert np.array_equal(frames[0].depth, frames[6].depth)
+    seen = [event.first_seen_ms for event in events if isinstance(event, Sighting)]
+    assert seen == [1_000_000 + at for lap in (0, 600, 1_200) for at in (lap + 100, lap + 300, lap + 500)]
+
+
+async def test_fewer_frames_a_second_are_the_same_frames_thinned(small_scenario: Scenario) -> None:
+    every, some = (SyntheticSource(small_scenario, UIDS, frames_per_s=rate) for rate in (None, 5))
+    whole = [event for event in every.events() if isinstance(event, Frame)]
+    thinned = [event for event in some.events() if isinstance(event, Frame)]
+    assert [frame.captured_at_ms for frame in thinned] == [frame.captured_at_ms for frame in whole[::2]]
+    assert [frame.sequence for frame in thinned] == [0, 1, 2]
+    assert all(np.array_equal(one.depth, two.depth) for one, two in zip(thinned, whole[::2], strict=True))
+
+
+async def test_what_the_machine_is_too_slow_for_is_never_seen_and_no_reading_is_lost(small_scenario: Scenario) -> None:
+    """As with a camera: the newest frame comes, on time, and the ones in between do not."""
+    clock = FakeClock(1_000_000)
+    source = SyntheticSource(small_scenario, UIDS)
+    source.shift_to(1_000_000)
+    frames, readings = [], 0
+    async for event in source.play(clock):
+        if isinstance(event, Frame):
+            frames.append((event.sequence, event.captured_at_ms - 1_000_000, event.received_at_ms))
+            clock.now += 250
+        else:
+            readings += 1
+    assert frames == [(0, 0, 1_000_000), (1, 200, 1_000_250), (2, 500, 1_000_500)]
+    assert readings == 3
 
 
 def test_a_tag_without_uid_is_refused(small_scenario: Scenario) -> None:

@@ -1,0 +1,142 @@
+"""A run ends when its user says so: with all that was seen in order, or at once with what is sealed in the spool."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import signal
+from collections.abc import AsyncIterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from clients.robot import cli
+from clients.robot.consents import ConsentFigures
+from clients.robot.events import Label, SourceEvent
+from clients.robot.replay import ReplayOptions, _events
+from clients.robot.scenario import Scenario
+from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
+from clients.robot.sources.synthetic import SyntheticSource
+from clients.robot.synthetic_recording import load_or_draw_tags
+from tests.virtual_time import run_virtual
+
+FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
+FAR_S = 3_600
+
+
+class Estimates:
+    """A source of one estimate a second, for ever."""
+
+    def __init__(self) -> None:
+        self.start_ms = SystemClock().now_ms()
+
+    def events(self) -> Any:
+        number = 0
+        while True:
+            yield Label(self.start_ms + 1_000 * number, number, "calm")
+            number += 1
+
+    def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
+        return play_events(self.events(), clock)
+
+
+async def listen(stop: asyncio.Event, options: ReplayOptions, stop_after: int = 0) -> int:
+    """Return how many events came until the end."""
+    count = 0
+    source: Any = Estimates()
+    async for _ in _events(source, stop, options):
+        count += 1
+        if count == stop_after:
+            stop.set()
+    return count
+
+
+@pytest.mark.parametrize("real_time", [True, False])
+def test_a_source_that_never_ends_ends_where_it_is_stopped(real_time: bool) -> None:
+    options = ReplayOptions(Path("roster"), "demo", 500, Path("events"), False, real_time)
+    assert run_virtual(listen(asyncio.Event(), options, stop_after=3)) == 3
+
+
+async def test_whoever_waits_for_the_next_event_hears_at_once() -> None:
+    stop = asyncio.Event()
+    clock = StoppableClock(stop)
+    waiting = asyncio.create_task(clock.sleep_until(clock.now_ms() + FAR_S * 1_000))
+    await asyncio.sleep(0)
+    assert not waiting.done()
+    stop.set()
+    async with asyncio.timeout(5):
+        await waiting
+
+
+async def test_a_run_of_so_many_seconds_ends_by_itself() -> None:
+    stop = asyncio.Event()
+    clock = StoppableClock(stop, ends_ms=SystemClock().now_ms() - 1)
+    await clock.sleep_until(clock.now_ms() + FAR_S * 1_000)
+    assert stop.is_set()
+    early = asyncio.Event()
+    await StoppableClock(early, ends_ms=clock.now_ms() + FAR_S * 1_000).sleep_until(0)
+    assert not early.is_set()
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Run the command; the run itself is a stand-in that waits to be stopped, and works on for a while then."""
+    seen: list[Any] = []
+
+    def start(*options: str, signals: int = 1) -> tuple[Any, list[Any]]:
+        async def recording(
+            _folder: Path, source: Any, _genesis: Any, chosen: ReplayOptions, _: Any, stop: asyncio.Event
+        ) -> dict[str, Any]:
+            seen.extend((source, chosen))
+            for _number in range(signals):
+                os.kill(os.getpid(), signal.SIGINT)
+                await asyncio.sleep(0.01)
+            await stop.wait()
+            consents = ConsentFigures().as_json()
+            intake = {"messages_refused": {}, "fault": None}
+            return {"frames": FRAMES, "senses": {}, "records": 3, "intake": intake, "consents": consents}
+
+        monkeypatch.setattr(cli, "replay_recording", recording)
+        monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
+        monkeypatch.setenv("BLOCKROBOT_HOME", str(tmp_path))
+        return CliRunner().invoke(cli.robot, ["--robot-dir", str(tmp_path), "run", *options]), seen
+
+    return start
+
+
+def test_ctrl_c_ends_a_live_run_in_good_order_and_says_so(run: Any, tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    done, (source, chosen) = run("--rate", "5", "--seconds", "60")
+    assert done.exit_code == 0
+    assert "what is in memory is sealed and recorded" in done.output
+    assert "6 kept in 3 records" in done.output
+    assert isinstance(source, SyntheticSource)
+    assert (chosen.real_time, chosen.lasts_s) == (True, 60)
+    assert (tmp_path / "recordings" / "tags.json").exists()
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_ctrl_c_twice_ends_it_at_once_and_says_what_becomes_of_the_rest(run: Any) -> None:
+    done, _ = run(signals=2)
+    assert done.exit_code == 1
+    assert "the next run records it" in done.output
+
+
+def test_a_scenario_that_cannot_be_read_is_named_before_the_run(run: Any, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("name = 1", encoding="utf-8")
+    done, seen = run("--scenario", str(tmp_path / "scene.toml"))
+    assert (done.exit_code != 0, seen) == (True, [])
+    assert "CONFIGURATION_INVALID" in done.output
+
+
+def test_tags_are_drawn_once_and_those_of_another_scene_are_not_lost(small_scenario: Scenario, tmp_path: Path) -> None:
+    other = replace(small_scenario, people=(replace(small_scenario.people[0], alias="ben"),))
+    first = load_or_draw_tags(tmp_path, small_scenario)
+    both = load_or_draw_tags(tmp_path, other)
+    assert set(first) == {"ann"}
+    assert set(both) == {"ann", "ben"}
+    assert load_or_draw_tags(tmp_path, small_scenario)["ann"] == first["ann"] == both["ann"]
+    assert (tmp_path / "tags.json").stat().st_mode & 0o077 == 0
