@@ -241,6 +241,8 @@ def make_figures(
         "frame_to_final_p50_ms": round(percentile(took, 0.50)),
         "frame_to_final_p95_ms": round(percentile(took, 0.95)),
         "frame_to_final_max_ms": max(took, default=0),
+        "submit_to_final_p95_ms": max(summary["latency_ms"]["submit_to_final"]["p95"] for _, summary, _ in robots),
+        "frames_per_s": round(min(logged.frames_per_s for _, _, logged in robots), 2),
         "rss_peak_mb": round(max(cost["rss_peak_bytes"] for cost in costs) / _MB, 1),
         "spool_peak_bytes": max(summary["spool_peak_bytes"] for _, summary, _ in robots),
         "stored_bytes_per_frame": round(sum(summary["stored_bytes"] for _, summary, _ in robots) / max(1, kept)),

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 
-from clients.robot.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_WITHHELD
+from clients.robot.event_log import BLOCKCHAIN_TRANSACTION, IMAGE_PAIRED, IMAGE_RETRIEVE, IMAGE_WITHHELD
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,12 +26,22 @@ class Timed:
 
 @dataclass(slots=True)
 class LoggedFrames:
-    """What a robot's own log says: of each alias, how often each frame was paired, kept, withheld; and how long it took."""
+    """What a robot's own log says: of each alias, how often each frame was paired, kept, withheld; and how long it took.
+
+    `taken_at_ms` is when each frame was taken up, in that order.
+    """
 
     paired: dict[str, Counter[int]] = field(default_factory=dict)
     kept: dict[str, Counter[int]] = field(default_factory=dict)
     withheld: dict[str, Counter[int]] = field(default_factory=dict)
     times: list[Timed] = field(default_factory=list)
+    taken_at_ms: list[int] = field(default_factory=list)
+
+    @property
+    def frames_per_s(self) -> float:
+        """How many frames a second the robot took up, from the first to the last; 0 for fewer than two."""
+        took_ms = self.taken_at_ms[-1] - self.taken_at_ms[0] if self.taken_at_ms else 0
+        return 1000 * (len(self.taken_at_ms) - 1) / took_ms if took_ms > 0 else 0.0
 
 
 def read_frames(lines: Iterable[str]) -> LoggedFrames:
@@ -40,6 +50,8 @@ def read_frames(lines: Iterable[str]) -> LoggedFrames:
     counts = {IMAGE_PAIRED: found.paired, BLOCKCHAIN_TRANSACTION: found.kept, IMAGE_WITHHELD: found.withheld}
     for line in lines:
         row = json.loads(line)
+        if row["activity"] == IMAGE_RETRIEVE:
+            found.taken_at_ms.append(row["time_ms"])
         if row["activity"] not in counts or not row["case"].startswith("frame-"):
             continue
         of_alias = counts[row["activity"]].setdefault(row["alias"], Counter())

@@ -76,7 +76,7 @@ def test_a_robot_keeps_every_frame_over_a_cut_and_its_owners_find_each_once(
     wrong = ("lost", "never_arrived", "doubled", "unexplained", "unreadable")
     assert [figures[f"frames_{name}"] for name in wrong] == [0] * 5
     assert 0 < figures["frame_to_final_p50_ms"] <= figures["frame_to_final_p95_ms"] <= figures["frame_to_final_max_ms"]
-    assert all(figures[name] > 0 for name in ("rss_peak_mb", "spool_peak_bytes", "robot_cpu_share"))
+    assert all(figures[name] > 0 for name in ("rss_peak_mb", "spool_peak_bytes", "robot_cpu_share", "frames_per_s"))
     assert list((tmp_path / "recordings").glob("bench-robot-10fps-6s-seed1-*/metadata.yaml"))
 
 

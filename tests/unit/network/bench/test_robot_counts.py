@@ -47,6 +47,12 @@ def test_how_long_each_kept_frame_took_is_read_from_the_log() -> None:
     assert sorted(time.took_ms for time in times) == [200, 201, 202, 203, 400, 400, 400]
 
 
+def test_how_many_frames_a_second_were_taken_up_is_read_from_the_log() -> None:
+    lines = [line("IMAGE_RETRIEVE", number, at_ms=1_000 + 40 * number) for number in range(5)]
+    assert read_frames(lines).frames_per_s == 25.0
+    assert read_frames(lines[:1]).frames_per_s == read_frames([]).frames_per_s == 0.0
+
+
 def test_a_frame_that_its_owner_does_not_find_is_lost() -> None:
     assert reckon(read_frames(story()), [A_FOUND, Counter([0, 1, 3])]) == Reckoning(lost=1, doubled=0, unexplained=0)
 

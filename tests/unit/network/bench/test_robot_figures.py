@@ -24,6 +24,7 @@ def summary(**frames: int) -> dict[str, Any]:
         "records": 2,
         "stored_bytes": 3_000,
         "spool_peak_bytes": 4_000,
+        "latency_ms": {"submit_to_final": {"p50": 20.0, "p95": 30.0, "max": 40.0}},
         "consents": {"stale_ms": 0},
         "process": {"cpu_s": 1.0, "seconds": 4.0, "rss_peak_bytes": 100 * 1024 * 1024},
     }
@@ -35,6 +36,7 @@ def logged() -> LoggedFrames:
         kept={"tag-a": Counter([0]), "tag-b": Counter([1])},
         withheld={"tag-a": Counter([1])},
         times=[Timed(100, 300), Timed(100, 700)],
+        taken_at_ms=[0, 250],
     )
 
 
@@ -51,6 +53,7 @@ def test_a_run_in_which_owners_found_all_is_good() -> None:
     assert is_good(found)
     assert (found["frame_to_final_p50_ms"], found["frame_to_final_p95_ms"]) == (200, 600)
     assert (found["rss_peak_mb"], found["robot_cpu_share"], found["stored_bytes_per_frame"]) == (100.0, 0.25, 1_500)
+    assert (found["submit_to_final_p95_ms"], found["frames_per_s"]) == (30.0, 4.0)
     assert found["frames_withheld_by_reason"] == {"contact": 1}
 
 
