@@ -14,7 +14,7 @@ from pymongo.database import Database
 
 from consensus.errors import BlockRobotError
 from node.offchain.mongo_documents import Document
-from node.offchain.mongo_store import MongoStore
+from node.offchain.mongo_store import FORMAT_VERSION, MongoStore
 from node.offchain.open_store import open_store
 from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow
@@ -42,9 +42,9 @@ async def test_a_database_of_another_format_is_refused_untouched(
 ) -> None:
     async with MongoStore(mongo_database):
         pass
-    database["format"].update_one({}, {"$set": {"version": 2}})
+    database["format"].update_one({}, {"$set": {"version": FORMAT_VERSION + 1}})
     assert (await _refusal_of(mongo_database)).code == "STORAGE_DAMAGED"
-    assert [found["version"] for found in database["format"].find()] == [2]
+    assert [found["version"] for found in database["format"].find()] == [FORMAT_VERSION + 1]
 
 
 async def test_somebody_elses_database_is_refused_untouched(mongo_database: str, database: Database[Document]) -> None:
@@ -98,6 +98,7 @@ async def _drain(found: Any) -> None:
 
 QUERIES: Mapping[str, Query] = {
     "checkpoint": lambda store: store.checkpoint(),
+    "standings": lambda store: store.standings([OWNER]),
     "clips": lambda store: store.clips([RECORD_ID, b"\x09" * 16]),
     "clips_of_owner": lambda store: store.clips_of_owner(OWNER),
     "frames": lambda store: store.frames(RECORD_ID),

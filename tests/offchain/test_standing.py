@@ -15,7 +15,7 @@ from node.offchain.custodian import Custodian
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.scrub import Judge, ScrubReport
 from node.offchain.standing import find_standing
-from node.offchain.store import BlockEffects
+from node.offchain.store import BlockEffects, VisitStanding
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -271,6 +271,32 @@ async def _dies_after(
         except BlockRobotError:
             return True
     return False
+
+
+async def test_a_store_keeps_one_standing_for_each_owner_over_a_restart(house: House) -> None:
+    first = VisitStanding(ALICE, 4, quarantined=True, natural=((b"\x01" * 16, 9),))
+    second = VisitStanding(BOB, 5, whole=True, whole_since_ms=3, until_ms=1 << 50, records=(b"\x02" * 16,))
+    async with house.open():
+        await house.store.apply(BlockEffects(standings=(VisitStanding(ALICE), second)))
+        await house.store.apply(BlockEffects(standings=(first,)))
+    async with house.open():
+        assert await house.store.standings() == {ALICE: first, BOB: second}
+        assert await house.store.standings([BOB, b"\x07" * 33]) == {BOB: second}
+        assert await house.store.standings([]) == {}
+
+
+async def test_only_a_confirmed_clip_gets_another_expiry(opened: House) -> None:
+    staged, kept = record_clip(), record_clip()
+    await opened.keep(kept)
+    await opened.custodian.stage(staged.upload)
+    unknown = b"\x09" * 16
+    changes = tuple((key, EXPIRES_MS + 7) for key in (staged.record_id, kept.record_id, unknown))
+    await opened.store.apply(BlockEffects(expiries=changes))
+    found = await opened.store.clips([staged.record_id, kept.record_id, unknown])
+    assert {key: clip.expires_at_ms for key, clip in found.items()} == {
+        staged.record_id: 0,
+        kept.record_id: EXPIRES_MS + 7,
+    }
 
 
 # Where the state is all there is
