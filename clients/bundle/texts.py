@@ -17,7 +17,8 @@ This is what a robot's network holds of one person, exported by that person (GDP
   depth/           the same as 16-bit PNG in millimetres, the person alone, 0 elsewhere
   sounds/ labels/  other senses, where there are any
   data/            everything about it as JSON: visits and records, the audit trail, who asked for access, what was
-                   erased and who confirmed, consents. schema.json says what each field means.
+                   erased and who confirmed, restrictions and corrections, consents. schema.json says what each
+                   field means.
   proofs/          what shows that all of it is so
   committed/ backgrounds/   the very bytes that the robot committed to, and the recorded empty rooms
   genesis.json     the network, as it began

@@ -1,0 +1,46 @@
+"""The published schema: made from the types, the same in program, docs and bundles; and every bundle keeps to it."""
+
+from __future__ import annotations
+
+import json
+from hashlib import sha256
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from clients.bundle.documents import DOCUMENTS, FORMAT_VERSION, make_schema
+from clients.bundle.proving import schema_text
+from clients.bundle.texts import README_TEXT, player_page
+from tests.unit.clients.bundle.conftest import Made
+
+ROOT = Path(__file__).resolve().parents[4]
+SCHEMA = json.loads(schema_text())
+
+
+def test_the_schema_is_that_of_the_types() -> None:
+    assert make_schema() == SCHEMA
+
+
+def test_the_docs_publish_the_same_schema() -> None:
+    assert (ROOT / "docs" / "reference" / "export-bundle-v1.schema.json").read_bytes() == schema_text()
+
+
+def test_the_schema_itself_is_sound() -> None:
+    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+
+
+@pytest.mark.parametrize("place", [name for name, _ in DOCUMENTS])
+def test_every_document_of_a_bundle_keeps_to_its_schema(made: Made, place: str) -> None:
+    part = SCHEMA["x-files"][place] | {"$defs": SCHEMA["$defs"]}
+    validator = jsonschema.Draft202012Validator(part)
+    names = [name for name in made.files if name == place or (place.startswith("proofs/state") and "state-" in name)]
+    assert names
+    for name in names:
+        validator.validate(json.loads(made.files[name]))
+
+
+def test_what_a_bundle_says_to_people_is_fixed_within_a_version() -> None:
+    """Else a bundle written by one release would be refused by the next. A change here is version 2 of the format."""
+    said = sha256(README_TEXT.encode() + player_page([]) + schema_text()).hexdigest()
+    assert (FORMAT_VERSION, said) == (1, "07950936621c1f2dfc1d181ff4931333bc13724de24b79fc0ec03f9a0c5fe547")
