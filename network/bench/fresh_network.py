@@ -26,6 +26,7 @@ from consensus.records.owner_keys import open_visit_keys
 from consensus.records.vouchers import Card, decode_card_code
 from consensus.transaction import Transaction
 from network.cluster import Cluster
+from network.demo.tampering import drop_databases
 from network.layout import PORTS_PER_NODE, create_network
 
 HOST = "127.0.0.1"
@@ -79,9 +80,10 @@ class LoadRobot:
 class FreshNetwork:
     """A network that lasts for one measurement. Use as `async with`."""
 
-    def __init__(self, nodes: int, *, faults: bool = False) -> None:
-        """`faults`: the network may be broken on purpose."""
+    def __init__(self, nodes: int, *, faults: bool = False, store: str = "sqlite") -> None:
+        """`faults`: the network may be broken on purpose; `store`: where its custodians keep what they keep."""
         self._nodes_count = nodes
+        self._store = store
         self._faults = faults
         self._folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
         self._clients: list[NetworkClient] = []
@@ -109,6 +111,8 @@ class FreshNetwork:
                 organisations=min(2, self._nodes_count),
                 base_port=find_base_port(self._nodes_count),
                 faults=self._faults,
+                store=self._store,
+                network=f"bench-{secrets.token_hex(4)}",
             )
             self._cluster = Cluster(place)
             self._cluster.start_all()
@@ -128,12 +132,19 @@ class FreshNetwork:
             await client.close()
         if self._cluster is not None:
             await asyncio.to_thread(self._cluster.stop_all)
+            await asyncio.to_thread(drop_databases, self._cluster)
         shutil.rmtree(self._folder, ignore_errors=True)
 
     def client_of(self, number: int) -> NetworkClient:
         """Return a new client that speaks to one node, the nodes taking turns by `number`."""
         node = self.genesis.nodes[number % len(self.genesis.nodes)]
         client = NetworkClient(self.genesis, {node.name: node.api_url})
+        self._clients.append(client)
+        return client
+
+    def open_client(self) -> NetworkClient:
+        """Return a new client that speaks to any node, as a robot's or a wallet's does."""
+        client = NetworkClient(self.genesis)
         self._clients.append(client)
         return client
 

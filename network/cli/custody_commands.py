@@ -28,6 +28,7 @@ _PLACES = {
     "status": ("network.cli.custody_commands", "status"),
     "scrub": ("network.cli.custody_commands", "scrub"),
     "rebuild": ("network.cli.custody_commands", "rebuild"),
+    "hunt": ("network.cli.custody_hunt_command", "hunt"),
 }
 
 

@@ -18,6 +18,8 @@ from clients.robot.scenario import Scenario, published_run_1
 from clients.robot.synthetic_recording import load_or_draw_tags
 from consensus.errors import BlockRobotError
 from network.cluster import read_metric
+from network.custody.hunt import gather, hunt
+from network.custody.traces import Trace
 from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
 from network.demo.processes import LongCommand
@@ -265,6 +267,7 @@ class Demo:
     async def erase(self) -> None:
         """Erase two frames, then everything; wait for the custodians' receipts each time."""
         records = self.state.records["patient-a"]
+        traces = await asyncio.to_thread(self._trace, records)
         chosen = next(row for row in records if int(row["frames"]) >= 4)
         first = await self.stage.wallet("patient-a", "erase", chosen["record_id"], "--frames", "0,1", "--yes", "--wait")
         out = self.options.out / "pictures" / "after-two"
@@ -290,12 +293,32 @@ class Demo:
             ok=refused in {"NOT_FOUND", "CLIP_ERASED"},
             detail=f"asking for it again is answered {refused or 'with the record'}",
         )
+        await self._hunt(traces)
         listed_b = await self.stage.wallet("patient-b", "records")
         kept_b = sum(len(visit["records"]) for visit in listed_b["visits"])
         self.checks.add(
             "patient B's records are untouched",
             ok=kept_b == len(self.state.records["patient-b"]),
             detail=f"{kept_b} records",
+        )
+
+    def _trace(self, records: list[dict[str, Any]]) -> list[Trace]:
+        """Note what there is to be found of records, while it is there."""
+        return gather(self.stage.cluster, [bytes.fromhex(row["record_id"]) for row in records])
+
+    async def _hunt(self, traces: list[Trace]) -> None:
+        """Search every file and store of the network for what was noted before the erasure."""
+        started, cluster = time.monotonic(), self.stage.cluster
+        now = await asyncio.to_thread(gather, cluster, [trace.record_id for trace in traces], traces)
+        report = await asyncio.to_thread(hunt, cluster, now)
+        pieces = sum(len(found) for trace in traces for found in trace.pieces.values())
+        left = ", ".join(sorted({f"{finding.what} in {finding.place}" for finding in report.forbidden}))
+        self.checks.add(
+            "no byte and no key of it is left at any custodian",
+            ok=report.is_clean and any(trace.pieces.get("ciphertext") for trace in traces),
+            detail=left
+            or f"{pieces} pieces of ciphertexts and keys hunted in {report.files_count} files and "
+            f"{report.documents_count} documents, {report.size_bytes / 1e6:.0f} MB, in {time.monotonic() - started:.1f} s",
         )
 
     async def read_trail(self) -> None:

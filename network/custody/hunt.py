@@ -1,0 +1,223 @@
+"""The hunt: searches a whole network for anything of a record, and says what may be left of it, where and until when.
+
+Must never call clean a place that it could not read. Every file below the network's folder is searched as bytes, free
+pages and logs of databases too, and every document of a MongoDB server; what its server's own files keep can only be
+searched where they are named.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.custody.searching import Search
+from network.custody.traces import Trace, mongo_documents, trace_chain, trace_store
+from node.config import NodeConfig
+from node.offchain.open_store import MONGO_SCHEMES
+from node.storage.lmdb_reader import LedgerFile
+
+Tell = Callable[[str], None]
+
+_UNTIL_PRUNED = "what the chain says of it, until the blocks are pruned (`keep_blocks`) and their pages used again"
+_UNTIL_CUT = "blocks that the node voted on, until its journal is cut"
+_UNTIL_NEXT_SNAPSHOT = "the chain's state at an older block, until the next snapshot takes its place"
+_ON_CHAIN = frozenset({"id", "root", "metadata"})
+_WHILE_KEPT = "the record is kept"
+_MARK = "the mark that the record was erased: its id alone, so that it is never kept again"
+_ALARM = "a line that tells of a fault, until the log is removed"
+
+_PLACES = (("ledger", "ledger"), ("journal", "journal"), ("snapshots", "snapshots"), ("snapshots.fetched", "snapshots"))
+_LOGS = frozenset({"node.log", "output.log"})
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something of a record in one place; `why` says what it is there for, or nothing if it must not be there."""
+
+    record_id: bytes
+    place: str
+    what: str
+    count: int
+    why: str
+
+
+@dataclass(slots=True)
+class HuntReport:
+    """All findings, and what was searched for and where."""
+
+    traces: list[Trace]
+    findings: list[Finding] = field(default_factory=list)
+    files_count: int = 0
+    documents_count: int = 0
+    size_bytes: int = 0
+    unread: list[str] = field(default_factory=list)
+
+    @property
+    def forbidden(self) -> list[Finding]:
+        """What must not be there."""
+        return [finding for finding in self.findings if not finding.why]
+
+    @property
+    def is_clean(self) -> bool:
+        """Tell whether everything could be read and nothing is there that must not be."""
+        return not self.forbidden and not self.unread
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report for JSON, ids in hex."""
+        return {
+            "ok": self.is_clean,
+            "records": {trace.record_id.hex(): trace.status for trace in self.traces},
+            "found": [
+                {
+                    "record": finding.record_id.hex(),
+                    "place": finding.place,
+                    "what": finding.what,
+                    "count": finding.count,
+                    "allowed": bool(finding.why),
+                    "why": finding.why,
+                }
+                for finding in self.findings
+            ],
+            "searched_for": dict(_count_kinds(self.traces)),
+            "files_count": self.files_count,
+            "documents_count": self.documents_count,
+            "size_bytes": self.size_bytes,
+            "unread": self.unread,
+        }
+
+
+def _count_kinds(traces: Sequence[Trace]) -> Counter[str]:
+    counts: Counter[str] = Counter()
+    for trace in traces:
+        counts.update({kind: len(pieces) for kind, pieces in trace.pieces.items()})
+    return counts
+
+
+def place_of(relative: Path) -> str:
+    """Return the kind of a place by a file's path below the network's folder."""
+    parts = relative.parts
+    if len(parts) >= 3 and parts[0] == "nodes":
+        if parts[2] in _LOGS:
+            return "log"
+        if parts[2] == "custody":
+            return "store"
+        if parts[2] == "erase-keys":
+            return "erase-keys"
+        return next((kind for name, kind in _PLACES if parts[2] == name), "other")
+    return "other"
+
+
+def explain(place: str, what: str, *, is_gone: bool) -> str:
+    """Say why something of a record may be in a kind of place; nothing if it must not be there."""
+    if what in _ON_CHAIN and place in {"ledger", "journal"}:
+        return _UNTIL_PRUNED if place == "ledger" else _UNTIL_CUT
+    if what in _ON_CHAIN and place == "snapshots":
+        return _UNTIL_NEXT_SNAPSHOT
+    if what == "id" and place == "log":
+        return _ALARM
+    if is_gone:
+        return _MARK if (what, place) == ("id", "store") else ""
+    if place == "store":
+        return _WHILE_KEPT if what in {"id", "leaf", "root", "ciphertext", "wrapped-key"} else ""
+    return _WHILE_KEPT if (place, what) == ("erase-keys", "erase-key") else ""
+
+
+def _custodians(cluster: Cluster) -> list[NodeConfig]:
+    return [config for config in cluster.configs.values() if config.custodian_key_path is not None]
+
+
+def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace] = ()) -> list[Trace]:
+    """Return traces of these records, from every ledger and every store, with the pieces that were known before.
+
+    Raises NOT_FOUND if no ledger knows one of them and nothing is known of it, STORE_UNAVAILABLE, STORAGE_*.
+    """
+    remembered = {trace.record_id: trace for trace in known}
+    traces = [Trace(each, pieces=remembered[each].pieces if each in remembered else {}) for each in record_ids]
+    for config in cluster.configs.values():
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as snapshot:
+            for trace in traces:
+                trace_chain(trace, snapshot)
+    for trace in traces:
+        if trace.status == "unknown" and trace.record_id not in remembered:
+            raise BlockRobotError("NOT_FOUND", f"No node's chain knows a record {trace.record_id.hex()}.")
+        for config in _custodians(cluster):
+            trace_store(trace, config)
+        if "leaf" in trace.pieces:
+            trace.pieces["leaf"] -= trace.pieces.get("root", set())  # of a clip of one frame they are the same
+    return traces
+
+
+class _Tally:
+    """Findings as they come, put under the records that they belong to."""
+
+    def __init__(self, traces: Sequence[Trace]) -> None:
+        self.owners: dict[bytes, list[tuple[Trace, str]]] = {}
+        for trace in traces:
+            for kind, pieces in trace.pieces.items():
+                for piece in pieces:
+                    for form in (piece, piece.hex().encode()):
+                        self.owners.setdefault(form, []).append((trace, kind))
+        self.search = Search(self.owners)
+
+    def findings(self, place: str, kind: str, found: Counter[bytes]) -> Iterator[Finding]:
+        counts: Counter[tuple[bytes, str]] = Counter()
+        gone = {}
+        for form, count in found.items():
+            for trace, what in self.owners[form]:
+                counts[trace.record_id, what] += count
+                gone[trace.record_id] = trace.is_gone
+        for (record_id, what), count in sorted(counts.items()):
+            yield Finding(record_id, place, what, count, explain(kind, what, is_gone=gone[record_id]))
+
+
+def hunt(
+    cluster: Cluster, traces: Sequence[Trace], also: Sequence[Path] = (), tell: Tell = lambda _text: None
+) -> HuntReport:
+    """Search everything of a network, and folders or files beside it, for these records."""
+    report, tally = HuntReport(list(traces)), _Tally(traces)
+    places = [(path, place_of(path.relative_to(cluster.folder))) for path in _files(cluster.folder)]
+    places += [(path, "other") for each in also for path in _files(each)]
+    for path, kind in places:
+        tell(str(path))
+        try:
+            size = path.stat().st_size
+            found = tally.search.in_file(path)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            report.unread.append(f"{path}: {error.strerror}")
+            continue
+        report.files_count += 1
+        report.size_bytes += size
+        name = path.relative_to(cluster.folder) if path.is_relative_to(cluster.folder) else path
+        report.findings += tally.findings(str(name), kind, found)
+    for config in _custodians(cluster):
+        if config.custody_store.startswith(MONGO_SCHEMES):
+            tell(f"the database of {config.name}")
+            _hunt_documents(config, tally, report)
+    return report
+
+
+def _hunt_documents(config: NodeConfig, tally: _Tally, report: HuntReport) -> None:
+    found: dict[str, Counter[bytes]] = {}
+    try:
+        for collection, content in mongo_documents(config):
+            report.documents_count += 1
+            report.size_bytes += len(content)
+            found.setdefault(collection, Counter()).update(tally.search.in_bytes(content))
+    except BlockRobotError as error:
+        report.unread.append(f"the database of {config.name}: {error.detail}")
+    for collection, counts in found.items():
+        report.findings += tally.findings(f"database of {config.name}, {collection}", "store", counts)
+
+
+def _files(place: Path) -> Iterator[Path]:
+    if place.is_file():
+        yield place
+        return
+    yield from sorted(path for path in place.rglob("*") if path.is_file() and not path.is_symlink())

@@ -1,0 +1,211 @@
+"""What there is to be found of a record: pieces of its id, its ciphertexts, its keys, its roots on the chain.
+
+Must never hold a whole key: a piece of twelve bytes finds a key of 32, and opens nothing. Pieces are taken while a record
+is kept; after its erasure nobody can make them any more, so they can be written to a file before it.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import msgspec
+from pymongo import MongoClient
+from pymongo.errors import PyMongoError
+
+from consensus.block import Block
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, decode_value
+from consensus.transaction import decode_transaction
+from network.custody.searching import PREFIX_BYTES, spread
+from node.config import NodeConfig
+from node.offchain.chain_facts import RECORD_PREFIX
+from node.offchain.erase_keys import (
+    ERASE_KEY_BYTES,
+    ERASE_KEYS_FILE_NAME,
+    HEADER_BYTES,
+    PAGE_SLOTS_COUNT,
+    unwrap_key,
+)
+from node.offchain.open_store import MONGO_SCHEMES
+from node.offchain.sqlite_store import DATABASE_FILE_NAME
+from node.storage.ledger_store import LedgerSnapshot
+
+FORMAT_VERSION = 1
+CIPHERTEXT_PIECES_COUNT = 4
+PLAINTEXT_PIECES_COUNT = 16
+SERVER_MAX_MS = 5_000
+_PAGE_BYTES = PAGE_SLOTS_COUNT * (1 + ERASE_KEY_BYTES)
+
+
+@dataclass
+class Trace:
+    """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key, plaintext.
+
+    `status` is what the finalized state says of the record: active, erasing, erased, expired, or unknown.
+    """
+
+    record_id: bytes
+    status: str = "unknown"
+    pieces: dict[str, set[bytes]] = field(default_factory=dict)
+
+    def add(self, kind: str, content: bytes, count: int = 1) -> None:
+        """Take pieces of a byte string, if it is long enough to tell."""
+        self.pieces.setdefault(kind, set()).update(spread(content, count))
+
+    @property
+    def is_gone(self) -> bool:
+        """Tell whether the chain has the record's erasure behind it, or under way at the latest custodian."""
+        return self.status in {"erasing", "erased", "expired"}
+
+
+class _Kept(msgspec.Struct):
+    format: int
+    records: dict[str, dict[str, list[str]]]
+
+
+def write_traces(path: Path, traces: Sequence[Trace]) -> None:
+    """Write pieces to a new file that only its owner can read. Raises OSError."""
+    records = {
+        trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
+        for trace in traces
+    }
+    path.touch(mode=0o600, exist_ok=False)
+    path.write_bytes(msgspec.json.encode(_Kept(FORMAT_VERSION, records)))
+
+
+def read_traces(path: Path) -> list[Trace]:
+    """Read pieces back. Raises FILE_UNUSABLE for another kind of file."""
+    try:
+        kept = msgspec.json.decode(path.read_bytes(), type=_Kept)
+        traces = [
+            Trace(bytes.fromhex(name), pieces={kind: {bytes.fromhex(piece) for piece in found} for kind, found in each})
+            for name, each in ((name, each.items()) for name, each in kept.records.items())
+        ]
+    except (msgspec.MsgspecError, ValueError):
+        raise BlockRobotError("FILE_UNUSABLE", f"{path.name} is no file of traces that custody hunt wrote.") from None
+    if kept.format != FORMAT_VERSION:
+        raise BlockRobotError("FILE_UNUSABLE", f"{path.name} was written by another version.")
+    return traces
+
+
+def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
+    """Take the record's id, and from its transaction, where that block is still there, its roots and sealed metadata."""
+    trace.add("id", trace.record_id)
+    value = ledger.get(RECORD_PREFIX + trace.record_id)
+    if value is None:
+        return
+    entry = decode_value(value)
+    trace.status = entry["status"]
+    body = ledger.block(entry["height"])
+    if body is None:
+        return
+    for wire in decode(body, Block).transactions:
+        transaction = decode_transaction(wire)
+        if transaction.txid == entry["txid"]:
+            arguments = decode_value(transaction.body.args)
+            for kind, content in (("root", arguments[2]), ("root", arguments[3]), ("metadata", arguments[4])):
+                trace.add(kind, content)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    index: int
+    slot: int
+    wrapped_key: bytes
+    ciphertext: bytes
+
+
+def trace_store(trace: Trace, config: NodeConfig) -> None:
+    """Take what one custodian keeps of the record. Raises STORE_UNAVAILABLE."""
+    is_mongo = config.custody_store.startswith(MONGO_SCHEMES)
+    frames, leaves = (_read_mongo if is_mongo else _read_sqlite)(config, trace.record_id)
+    for leaf in leaves:
+        trace.add("leaf", leaf)
+    for frame in frames:
+        trace.add("ciphertext", frame.ciphertext, CIPHERTEXT_PIECES_COUNT)
+        trace.add("wrapped-key", frame.wrapped_key[-PREFIX_BYTES:])
+        erase_key = _read_erase_key(config, frame.slot)
+        trace.add("erase-key", erase_key[:PREFIX_BYTES])
+        try:
+            sealed_key = unwrap_key(erase_key, trace.record_id, frame.index, frame.wrapped_key)
+        except BlockRobotError:
+            continue
+        trace.add("sealed-key", sealed_key[-PREFIX_BYTES:])
+
+
+def _read_erase_key(config: NodeConfig, slot: int) -> bytes:
+    page, place = divmod(slot, PAGE_SLOTS_COUNT)
+    offset = HEADER_BYTES + page * _PAGE_BYTES + PAGE_SLOTS_COUNT + place * ERASE_KEY_BYTES
+    with (config.erase_keys_dir / ERASE_KEYS_FILE_NAME).open("rb") as file:
+        file.seek(offset)
+        return file.read(ERASE_KEY_BYTES)
+
+
+def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], list[bytes]]:
+    path = config.custody_dir / DATABASE_FILE_NAME
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
+            select = "SELECT place, slot, wrapped_key, ciphertext FROM frames WHERE record_id = ?"
+            frames = [_Frame(*row) for row in database.execute(select, (record_id,))]
+            select = "SELECT commitment_leaves, ciphertext_leaves FROM clips WHERE record_id = ?"
+            joined = b"".join(part for row in database.execute(select, (record_id,)) for part in row)
+    except sqlite3.Error as error:
+        raise BlockRobotError("STORE_UNAVAILABLE", f"The store of {config.name} cannot be read: {error}.") from None
+    return frames, [joined[start : start + 32] for start in range(0, len(joined), 32)]
+
+
+def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], list[bytes]]:
+    leaves: list[bytes] = []
+    try:
+        with MongoClient[dict[str, object]](config.custody_store, serverSelectionTimeoutMS=SERVER_MAX_MS) as client:
+            database = client[urlsplit(config.custody_store).path.lstrip("/")]
+            frames = [
+                _Frame(row["index"], row["slot"], row["wrapped_key"], row["ciphertext"])  # type: ignore[arg-type]
+                for row in database["frames"].find({"record_id": record_id})
+            ]
+            for row in database["clips"].find({"_id": record_id}):
+                leaves += [*row["commitment_leaves"], *row["ciphertext_leaves"]]  # type: ignore[misc]
+    except PyMongoError as error:
+        raise BlockRobotError(
+            "STORE_UNAVAILABLE", f"The store's server of {config.name} failed ({type(error).__name__})."
+        ) from None
+    return frames, leaves
+
+
+def mongo_documents(config: NodeConfig) -> Iterator[tuple[str, bytes]]:
+    """Yield each document of a custodian's database as its collection's name and its BSON bytes.
+
+    Raises STORE_UNAVAILABLE.
+    """
+    from bson.raw_bson import RawBSONDocument  # noqa: PLC0415 - only where there is a server
+
+    try:
+        with MongoClient[RawBSONDocument](
+            config.custody_store, document_class=RawBSONDocument, serverSelectionTimeoutMS=SERVER_MAX_MS
+        ) as client:
+            database = client[urlsplit(config.custody_store).path.lstrip("/")]
+            for name in sorted(database.list_collection_names()):
+                for document in database[name].find():
+                    yield name, bytes(document.raw)
+    except PyMongoError as error:
+        raise BlockRobotError(
+            "STORE_UNAVAILABLE", f"The store's server of {config.name} failed ({type(error).__name__})."
+        ) from None
+
+
+def trace_plaintext(trace: Trace, path: Path) -> None:
+    """Take pieces of a picture: of the file as it is, and of its pixels if it is an image. Raises OSError."""
+    import cv2  # noqa: PLC0415 - slow to import, and only for pictures
+    import numpy as np  # noqa: PLC0415
+
+    content = path.read_bytes()
+    trace.add("plaintext", content, PLAINTEXT_PIECES_COUNT)
+    image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    if image is not None:
+        for pixels in (image, image.byteswap()):
+            trace.add("plaintext", pixels.tobytes(), PLAINTEXT_PIECES_COUNT)

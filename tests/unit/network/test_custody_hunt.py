@@ -1,0 +1,155 @@
+"""The hunt for what is left of a record: needles in large files, what may be where, and traces that open nothing."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import stat
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from consensus.errors import BlockRobotError
+from network.cli.main import main
+from network.custody import searching
+from network.custody.hunt import explain, place_of
+from network.custody.searching import PREFIX_BYTES, Search, spread
+from network.custody.traces import Trace, read_traces, trace_plaintext, write_traces
+from network.layout import create_network
+
+KINDS = ("id", "root", "metadata", "leaf", "ciphertext", "wrapped-key", "sealed-key", "erase-key", "plaintext")
+PLACES = ("store", "erase-keys", "ledger", "journal", "snapshots", "log", "other")
+
+
+def test_needles_are_counted_wherever_they_lie_also_across_the_pieces_that_a_file_is_read_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(searching, "CHUNK_BYTES", 1000)
+    needles = [secrets.token_bytes(length) for length in (12, 13, 16, 40)]
+    alike = [needles[0][:8] + secrets.token_bytes(8), needles[3][:39] + bytes([needles[3][39] ^ 1])]
+    content = bytearray(secrets.token_bytes(10_000))
+    for number, place in enumerate((0, 990, 1999, 3000, 4985, 9_960)):
+        needle = needles[number % 4]
+        content[place : place + len(needle)] = needle
+    path = tmp_path / "file"
+    path.write_bytes(bytes(content))
+    found = Search([*needles, *alike]).in_file(path)
+    assert found == {needle: bytes(content).count(needle) for needle in needles if needle in content}
+    assert sum(found.values()) >= 5
+    assert Search(needles).in_bytes(bytes(content)) == found
+
+
+def test_nothing_is_found_in_empty_short_and_missing_files(tmp_path: Path) -> None:
+    search = Search([secrets.token_bytes(16)])
+    (tmp_path / "empty").touch()
+    (tmp_path / "short").write_bytes(b"short")
+    for name in ("empty", "short", "missing"):
+        assert not search.in_file(tmp_path / name)
+    assert not Search([]).in_bytes(bytes(100))
+    with pytest.raises(ValueError, match="twelve"):
+        Search([b"too short"])
+
+
+def test_pieces_come_from_start_to_end_and_none_of_them_is_background(tmp_path: Path) -> None:
+    content = secrets.token_bytes(1000)
+    pieces = spread(content, 4)
+    assert len(pieces) == 4
+    assert (pieces[0], pieces[-1]) == (content[:12], content[-12:])
+    assert spread(bytes(1000), 4) == []
+    assert spread(b"short", 4) == []
+
+
+@pytest.mark.parametrize("what", KINDS)
+def test_of_an_erased_record_only_the_chains_word_and_a_mark_may_be_left(what: str) -> None:
+    allowed = {place for place in PLACES if explain(place, what, is_gone=True)}
+    chain = {"ledger", "journal", "snapshots"}
+    expected = {"id": chain | {"store", "log"}, "root": chain, "metadata": chain}
+    assert allowed == expected.get(what, set())
+
+
+@pytest.mark.parametrize("what", ["sealed-key", "plaintext"])
+def test_bare_keys_and_pictures_may_never_be_anywhere(what: str) -> None:
+    assert not [place for place in PLACES for gone in (False, True) if explain(place, what, is_gone=gone)]
+
+
+def test_an_erase_key_may_only_be_in_its_file_and_a_ciphertext_only_in_the_store() -> None:
+    assert [place for place in PLACES if explain(place, "erase-key", is_gone=False)] == ["erase-keys"]
+    assert [place for place in PLACES if explain(place, "ciphertext", is_gone=False)] == ["store"]
+
+
+@pytest.mark.parametrize(
+    ("path", "kind"),
+    [
+        ("nodes/node-1/custody/custody.sqlite3-wal", "store"),
+        ("nodes/node-1/erase-keys/erase-keys", "erase-keys"),
+        ("nodes/node-1/ledger/data.mdb", "ledger"),
+        ("nodes/node-1/journal/votes.journal", "journal"),
+        ("nodes/node-1/snapshots.fetched/x/chunk", "snapshots"),
+        ("nodes/node-1/node.log", "log"),
+        ("nodes/node-1/custody.backup/custody.sqlite3", "other"),
+        ("organisations/hospital/admin.key", "other"),
+    ],
+)
+def test_a_place_is_known_by_its_path(path: str, kind: str) -> None:
+    assert place_of(Path(path)) == kind
+
+
+def test_traces_are_for_their_owner_only_and_hold_no_whole_key(tmp_path: Path) -> None:
+    key, trace = secrets.token_bytes(32), Trace(secrets.token_bytes(16), "active")
+    trace.add("erase-key", key[:PREFIX_BYTES])
+    trace.add("id", trace.record_id)
+    path = tmp_path / "before.json"
+    write_traces(path, [trace])
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert (
+        max(len(piece) for piece in json.loads(path.read_text())["records"][trace.record_id.hex()]["erase-key"]) == 24
+    )
+    (again,) = read_traces(path)
+    assert (again.record_id, again.pieces) == (trace.record_id, trace.pieces)
+    with pytest.raises(FileExistsError):
+        write_traces(path, [trace])
+
+
+@pytest.mark.parametrize("content", [b"", b"{}", b'{"format": 2, "records": {}}', b'{"format":1,"records":{"x":{}}}'])
+def test_a_file_that_is_none_of_traces_is_refused(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "x").write_bytes(content)
+    with pytest.raises(BlockRobotError) as refusal:
+        read_traces(tmp_path / "x")
+    assert refusal.value.code == "FILE_UNUSABLE"
+
+
+def test_a_picture_is_looked_for_by_its_file_and_by_its_pixels_in_either_order_of_bytes(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(1).integers(0, 65536, (40, 40), dtype=np.uint16)
+    path = tmp_path / "frame.png"
+    assert cv2.imwrite(str(path), pixels)
+    trace = Trace(bytes(16))
+    trace_plaintext(trace, path)
+    search = Search(trace.pieces["plaintext"])
+    for content in (path.read_bytes(), pixels.tobytes(), pixels.byteswap().tobytes()):
+        assert len(search.in_bytes(b"before" + content + b"after")) >= 8
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("custody-hunt") / "network"
+    create_network(folder, nodes=2, organisations=1, base_port=46_510)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("arguments", "exit_code"),
+    [((), 2), (("xyz",), 2), (("ab" * 15,), 2), (("ab" * 16, "cd" * 16, "--plaintext", __file__), 2)],
+)
+def test_wrong_usage_is_said_to_be(folder: Path, arguments: tuple[str, ...], exit_code: int) -> None:
+    result = CliRunner().invoke(main, ["custody", "hunt", *arguments, "--dir", str(folder)])
+    assert result.exit_code == exit_code, result.output
+
+
+def test_traces_of_other_records_are_refused(folder: Path, tmp_path: Path) -> None:
+    write_traces(tmp_path / "x.json", [Trace(secrets.token_bytes(16))])
+    arguments = ["custody", "hunt", "ab" * 16, "--trace", str(tmp_path / "x.json"), "--dir", str(folder), "--json"]
+    result = CliRunner().invoke(main, arguments)
+    assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (1, "FILE_UNUSABLE")
