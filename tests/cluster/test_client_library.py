@@ -30,6 +30,23 @@ async def test_a_call_is_proved_final_and_its_state_can_be_read_at_once_from_eve
                 assert (await one.announcements(0, network.registrar)).count == 0
 
 
+async def test_who_reads_from_node_to_node_is_never_led_back_though_one_lags(network: NetworkUnderTest) -> None:
+    ahead, behind = network.names[0], network.names[1]
+    count = [b"records\x00announcement-count"]
+    async with NetworkClient(network.genesis) as client:
+        await client.submit_and_wait(network.transaction())
+        network.cluster.pause(behind)
+        try:
+            for _ in range(3):
+                await client.submit_and_wait(network.transaction())
+            async with NetworkClient(network.genesis, {ahead: network.url(ahead)}) as first:
+                shown = await first.state_values(count, network.registrar)
+        finally:
+            network.cluster.resume(behind)
+        async with NetworkClient(network.genesis, {behind: network.url(behind)}, pinned=first.pinned) as second:
+            assert (await second.state_values(count, network.registrar)).height >= shown.height
+
+
 async def test_many_clients_receipts_are_proved_wherever_they_ask(network: NetworkUnderTest) -> None:
     async with NetworkClient(network.genesis) as client:
         transactions = [network.transaction() for _ in range(40)]
