@@ -52,7 +52,7 @@ def _read_ids(texts: tuple[str, ...]) -> tuple[bytes, ...]:
     return tuple(dict.fromkeys(ids))
 
 
-def _warning(plan: Plan) -> list[str]:
+def _warning(plan: Plan, *, now: bool) -> list[str]:
     """Return what the bundle would give away, in plain sentences."""
     wanted = plan.wanted
     lines = [f"The bundle will hold {len(plan.visits)} visits with {plan.record_count} records. Whoever has it learns:"]
@@ -63,14 +63,19 @@ def _warning(plan: Plan) -> list[str]:
     if wanted.identity:
         lines.append("  - which member of the network you are, and all your consents (--no-identity leaves that out);")
     lines.append("  - nothing that opens anything else, and nothing to act in your name. It holds no key of yours.")
+    if wanted.pictures and len(plan.visits) > 1:
+        how = "at once (--now), which joins" if now else "one by one, after pauses that chance decides, which may join"
+        lines.append(
+            f"The ledger is asked for your visits {how} them for whoever reads it; --no-pictures asks nothing."
+        )
     lines.append("It is not encrypted, and a later erasure does not reach it. Keep it as you would keep the pictures.")
     return lines
 
 
-def _confirm(plan: Plan, *, yes: bool, as_json: bool) -> None:
+def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
     if yes and as_json:
         return
-    for line in _warning(plan):
+    for line in _warning(plan, now=now):
         click.echo(line, err=as_json)
     if yes:
         return
@@ -85,6 +90,7 @@ def _confirm(plan: Plan, *, yes: bool, as_json: bool) -> None:
 @click.option("--pictures/--no-pictures", default=True, show_default=True, help="Fetch the pictures, or leave them.")
 @click.option("--identity/--no-identity", default=True, show_default=True, help="Say which member you are; consents.")
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
+@click.option("--now", is_flag=True, help="No pauses between visits: whoever reads the ledger can join them then.")
 @click.option("--force", is_flag=True, help="Replace OUT if it is there.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
@@ -99,6 +105,7 @@ def export(
     pictures: bool,
     identity: bool,
     purpose: str,
+    now: bool,
     force: bool,
     yes: bool,
     as_json: bool,
@@ -119,9 +126,9 @@ def export(
     hear = show_progress(quiet=as_json)
 
     async def action(opened: Wallet) -> Verdict:
-        exporting = Exporting(opened, hear)
+        exporting = Exporting(opened, hear, at_once=now)
         plan = await exporting.plan(wanted)
-        _confirm(plan, yes=yes, as_json=as_json)
+        _confirm(plan, now=now, yes=yes, as_json=as_json)
         return write_bundle(out, await exporting.collect(plan, now_ms), replace=force, heard=hear)
 
     verdict = run_opened(ctx, action)

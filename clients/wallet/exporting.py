@@ -6,7 +6,9 @@ read last, so that they tell of the export too, and of what was erased meanwhile
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -26,7 +28,10 @@ from consensus.records.disclosure import derive_box_key
 from consensus.records.renditions import ENCODING_PNG16, encode_rendition
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
+SPREAD_MAX_MS = 4_000
 HELD_MAX_BYTES = 1 << 30
+
+Sleep = Callable[[float], Awaitable[None]]
 
 __all__ = ["Exporting", "Plan", "Wanted"]
 
@@ -103,8 +108,19 @@ class _Held:
 class Exporting:
     """One export of one wallet."""
 
-    def __init__(self, wallet: Wallet, heard: Heard = never_heard, *, viewing: Viewing | None = None) -> None:
+    def __init__(
+        self,
+        wallet: Wallet,
+        heard: Heard = never_heard,
+        *,
+        viewing: Viewing | None = None,
+        sleep: Sleep = asyncio.sleep,
+        at_once: bool = False,
+    ) -> None:
+        """`at_once` leaves out the pauses between visits: who reads the ledger can tell then that they are one's."""
         self._wallet = wallet
+        self._sleep = sleep
+        self._at_once = at_once
         self._heard = heard
         self._viewing = viewing or Viewing(wallet)
         self._held = _Held()
@@ -181,8 +197,13 @@ class Exporting:
     # Pictures
 
     async def _fetch_pictures(self, plan: Plan) -> None:
+        """Ask visit by visit, in an order and after pauses that chance decides: side by side they would tell too much."""
         done = 0
-        for chosen in plan.visits:
+        visits = [chosen for chosen in plan.visits if chosen.entries]
+        secrets.SystemRandom().shuffle(visits)
+        for number, chosen in enumerate(visits):
+            if number and not self._at_once:
+                await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
             active = [entry for entry in chosen.entries if entry.state["status"] == "active"]
             for start in range(0, len(active), RECORDS_A_REQUEST_MAX_COUNT):
                 part = active[start : start + RECORDS_A_REQUEST_MAX_COUNT]

@@ -38,7 +38,7 @@ class Made:
 
 
 async def make(ward: Ward, path: Path, wanted: Wanted | None = None) -> Contents:
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0))
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
     contents = await exporting.collect(await exporting.plan(wanted or Wanted()), NOW_MS)
     write_bundle(path, contents)
     return contents

@@ -30,7 +30,7 @@ def ward(tmp_path: Path) -> Ward:
 
 
 async def export(ward: Ward, path: Path, wanted: Wanted | None = None, *, now_ms: int = NOW_MS) -> Verdict:
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0))
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
     plan = await exporting.plan(wanted or Wanted())
     return write_bundle(path, await exporting.collect(plan, now_ms))
 
@@ -98,9 +98,26 @@ async def test_two_visits_are_never_asked_for_in_one_session(ward: Ward, tmp_pat
         assert askers == {visit.owner}
 
 
+async def test_visits_are_asked_for_after_pauses_and_not_side_by_side(ward: Ward, tmp_path: Path) -> None:
+    """Whoever reads the ledger could join them by time; `at_once` is the user's own choice."""
+    for _ in range(4):
+        ward.record(ward.open_visit())
+    pauses: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        pauses.append(seconds)
+
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), sleep=sleep)
+    contents = await exporting.collect(await exporting.plan(Wanted()), NOW_MS)
+    assert len(pauses) == 3
+    assert all(0 <= pause < exporting_module.SPREAD_MAX_MS / 1000 for pause in pauses)
+    verdict = write_bundle(tmp_path / "mine.zip", contents)
+    assert [visit.number for visit in verdict.visits] == [1, 2, 3, 4]
+
+
 async def test_equal_contents_make_equal_bytes_apart_from_the_stated_time(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0))
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
     contents = await exporting.collect(await exporting.plan(Wanted()), NOW_MS)
     for name in ("one.zip", "two.zip"):
         write_bundle(tmp_path / name, contents)
@@ -254,7 +271,7 @@ async def test_a_record_that_is_erased_while_the_export_runs_is_left_out_and_nam
     visit = ward.open_visit()
     gone, kept = ward.record(visit), ward.record(visit)
     key = await ward.owner_key(visit.owner)
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0))
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
     plan = await exporting.plan(Wanted())
     pending = [gone]
 
@@ -274,7 +291,7 @@ async def test_a_record_that_is_erased_while_the_export_runs_is_left_out_and_nam
 async def test_an_access_that_the_chain_refuses_for_one_record_keeps_back_no_other(ward: Ward, tmp_path: Path) -> None:
     visit = ward.open_visit()
     gone, kept = ward.record(visit), ward.record(visit)
-    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0))
+    exporting = Exporting(ward.wallet, viewing=Viewing(ward.wallet, follow_max_ms=0), at_once=True)
     plan = await exporting.plan(Wanted())
     await ward.erase(visit, [gone])
     verdict = write_bundle(tmp_path / "mine.zip", await exporting.collect(plan, NOW_MS))
