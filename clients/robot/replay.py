@@ -6,7 +6,6 @@ Must never end while a covered frame is neither final, nor withheld, nor counted
 from __future__ import annotations
 
 import asyncio
-import itertools
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -248,12 +247,5 @@ async def replay_recording(
         "records": statistics.records_final,
         "stored_bytes": statistics.stored_bytes,
         "spool_peak_bytes": run.spool_peak_bytes,
-        "final_gap_max_s": _longest_gap_s(statistics.final_times_ms),
+        "final_gap_max_s": round(statistics.final_gap_max_ms / 1000, 3),
     }
-
-
-def _longest_gap_s(times_ms: list[int]) -> float:
-    """Return the longest time between two records that became final, in seconds."""
-    ordered = sorted(times_ms)
-    gaps = [later - earlier for earlier, later in itertools.pairwise(ordered)]
-    return round(max(gaps, default=0) / 1000, 3)

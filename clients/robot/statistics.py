@@ -5,6 +5,8 @@ Frames are counted per frame and owner: covered = kept + withheld + lost.
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,34 +14,57 @@ import numpy as np
 
 from clients.robot.delivery import Delivered
 
+ARRIVALS_MAX_COUNT = 4_096
+"""Of so many frames it is remembered when they came: more than two minutes of 30 a second, longer than any waits here."""
 
-def summarise_ms(values: list[float]) -> dict[str, float]:
-    """Return median, 95th percentile and maximum of a list of milliseconds, rounded; zeros for an empty list."""
-    if not values:
-        return {"p50": 0.0, "p95": 0.0, "max": 0.0}
-    array = np.asarray(values)
-    return {
-        "p50": round(float(np.percentile(array, 50)), 1),
-        "p95": round(float(np.percentile(array, 95)), 1),
-        "max": round(float(array.max()), 1),
-    }
+_EXACT_BELOW_MS = 10_000
+
+
+@dataclass(slots=True)
+class Distribution:
+    """How often each number of milliseconds occurred; from ten seconds on to four digits. A run may last for weeks."""
+
+    counts: Counter[int] = field(default_factory=Counter)
+
+    def add(self, value_ms: int) -> None:
+        """Count one value."""
+        step = 1
+        while abs(value_ms) >= _EXACT_BELOW_MS * step:
+            step *= 10
+        self.counts[value_ms // step * step] += 1
+
+    def summarise(self) -> dict[str, float]:
+        """Return median, 95th percentile and maximum, rounded; zeros if there is nothing."""
+        if not self.counts:
+            return {"p50": 0.0, "p95": 0.0, "max": 0.0}
+        values = np.array(sorted(self.counts))
+        ends = np.cumsum([self.counts[value] for value in values.tolist()])
+
+        def at(share: float) -> float:
+            place = share * float(ends[-1] - 1)
+            low, high = (int(values[np.searchsorted(ends, int(rank), "right")]) for rank in (place, math.ceil(place)))
+            return round(low + (high - low) * (place % 1), 1)
+
+        return {"p50": at(0.50), "p95": at(0.95), "max": float(values[-1])}
 
 
 @dataclass(frozen=True, slots=True)
 class SealedFrames:
     """Which frames a record holds, as (sequence, captured_at_ms), and this run's alias of their owner.
 
-    `decided_at_ms` says of each frame when it was settled that it is kept, None where that is not known.
+    `arrived_at_ms` and `decided_at_ms` say of each frame when it came and when it was settled that it is kept, None
+    where that is not known.
     """
 
     alias: str = ""
     frames: tuple[tuple[int, int], ...] = ()
+    arrived_at_ms: tuple[int | None, ...] = ()
     decided_at_ms: tuple[int | None, ...] = ()
 
 
 @dataclass(slots=True)
 class RunStatistics:
-    """The figures of one run. Times in milliseconds of the robot's wall clock."""
+    """The figures of one run, in memory that does not grow with it. Times in milliseconds of the robot's wall clock."""
 
     window_ms: int
     published: int = 0
@@ -50,20 +75,24 @@ class RunStatistics:
     stored_bytes: int = 0
     arrivals_ms: dict[int, int] = field(default_factory=dict)
     sealed: dict[bytes, SealedFrames] = field(default_factory=dict)
-    frame_to_final_ms: list[float] = field(default_factory=list)
-    arrival_to_final_ms: list[float] = field(default_factory=list)
-    decided_to_final_ms: list[float] = field(default_factory=list)
-    submit_to_final_ms: list[float] = field(default_factory=list)
-    final_times_ms: list[int] = field(default_factory=list)
+    frame_to_final: Distribution = field(default_factory=Distribution)
+    arrival_to_final: Distribution = field(default_factory=Distribution)
+    decided_to_final: Distribution = field(default_factory=Distribution)
+    submit_to_final: Distribution = field(default_factory=Distribution)
+    final_gap_max_ms: int = 0
+    """The longest time between two records that became final."""
     senses: dict[str, RunStatistics] = field(default_factory=dict)
     let_go: int = 0
     """Of another sense: how many could not wait for a verdict, for lack of memory."""
     _decided: dict[tuple[str, int], int] = field(default_factory=dict)
+    _last_final_ms: int | None = None
 
     def frame_arrived(self, sequence: int, arrived_at_ms: int) -> None:
         """Note when a frame came in."""
         self.published += 1
         self.arrivals_ms[sequence] = arrived_at_ms
+        if len(self.arrivals_ms) > ARRIVALS_MAX_COUNT:
+            del self.arrivals_ms[next(iter(self.arrivals_ms))]
 
     def frame_decided(self, alias: str, sequence: int, decided_at_ms: int) -> None:
         """Note when it was settled that a frame is kept for an owner: when what settled it had come, busy or not."""
@@ -76,7 +105,8 @@ class RunStatistics:
     def clip_sealed(self, record_id: bytes, frames: list[tuple[int, int]], alias: str = "") -> None:
         """Note which frames, as (sequence, captured_at_ms), a record holds, and by this run's alias whose they are."""
         decided = tuple(self._decided.pop((alias, sequence), None) for sequence, _ in frames)
-        self.sealed[record_id] = SealedFrames(alias, tuple(frames), decided)
+        arrived = tuple(self.arrivals_ms.get(sequence) for sequence, _ in frames)
+        self.sealed[record_id] = SealedFrames(alias, tuple(frames), arrived, decided)
 
     def clip_dropped(self, record_id: bytes, reason: str) -> SealedFrames:
         """Note that a sealed clip will never be recorded. Returns its frames; none if an earlier run's."""
@@ -99,12 +129,19 @@ class RunStatistics:
         self.records_final += 1
         self.kept_final += len(frames)
         self.stored_bytes += sum(len(text) for text in done.clip.upload.ciphertexts)
-        self.submit_to_final_ms.append(done.final_at_ms - done.submitted_at_ms)
-        self.final_times_ms.append(done.final_at_ms)
-        for sequence, captured_at_ms in frames:
-            self.frame_to_final_ms.append(done.final_at_ms - (captured_at_ms + self.window_ms))
-            self.arrival_to_final_ms.append(done.final_at_ms - self.arrivals_ms[sequence])
-        self.decided_to_final_ms.extend(done.final_at_ms - at_ms for at_ms in sealed.decided_at_ms if at_ms is not None)
+        self.submit_to_final.add(done.final_at_ms - done.submitted_at_ms)
+        if self._last_final_ms is not None:
+            self.final_gap_max_ms = max(self.final_gap_max_ms, done.final_at_ms - self._last_final_ms)
+        self._last_final_ms = done.final_at_ms
+        for _, captured_at_ms in frames:
+            self.frame_to_final.add(done.final_at_ms - (captured_at_ms + self.window_ms))
+        for times, distribution in (
+            (sealed.arrived_at_ms, self.arrival_to_final),
+            (sealed.decided_at_ms, self.decided_to_final),
+        ):
+            for at_ms in times:
+                if at_ms is not None:
+                    distribution.add(done.final_at_ms - at_ms)
         return sealed
 
     @property
@@ -135,8 +172,8 @@ class RunStatistics:
         frame too.
         """
         return {
-            "frame_to_final": summarise_ms(self.frame_to_final_ms),
-            "decided_to_final": summarise_ms(self.decided_to_final_ms),
-            "arrival_to_final": summarise_ms(self.arrival_to_final_ms),
-            "submit_to_final": summarise_ms(self.submit_to_final_ms),
+            "frame_to_final": self.frame_to_final.summarise(),
+            "decided_to_final": self.decided_to_final.summarise(),
+            "arrival_to_final": self.arrival_to_final.summarise(),
+            "submit_to_final": self.submit_to_final.summarise(),
         }

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
+import pytest
+
 from clients.robot.delivery import Delivered
-from clients.robot.statistics import RunStatistics, summarise_ms
+from clients.robot.statistics import ARRIVALS_MAX_COUNT, Distribution, RunStatistics
 from tests.unit.clients.robot.test_spool import clip
 
 
@@ -51,7 +54,7 @@ def test_how_long_a_frame_took_counts_from_when_it_was_decided() -> None:
     statistics.forget_decided("tag-a", 3)
     statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000), (2, 1_033), (3, 1_066)], "tag-a")
     deliver(statistics, 7, 6_400)
-    assert statistics.decided_to_final_ms == [300, 200]
+    assert statistics.decided_to_final.counts == {300: 1, 200: 1}
     assert statistics.latency_json()["decided_to_final"]["max"] == 300.0
 
 
@@ -69,6 +72,49 @@ def test_stored_bytes_are_those_of_the_ciphertexts() -> None:
     assert statistics.stored_bytes == 200
 
 
+def filled(values: list[int]) -> Distribution:
+    distribution = Distribution()
+    for value in values:
+        distribution.add(value)
+    return distribution
+
+
 def test_a_summary_of_nothing_is_zero_and_of_much_is_its_distribution() -> None:
-    assert summarise_ms([]) == {"p50": 0.0, "p95": 0.0, "max": 0.0}
-    assert summarise_ms([float(value) for value in range(101)]) == {"p50": 50.0, "p95": 95.0, "max": 100.0}
+    assert Distribution().summarise() == {"p50": 0.0, "p95": 0.0, "max": 0.0}
+    assert filled(list(range(101))).summarise() == {"p50": 50.0, "p95": 95.0, "max": 100.0}
+
+
+@pytest.mark.parametrize("values", [[7], [3, 9], [5, 5, 5, 1], [-40, 12, 900, 12, 9_999], [1, 2, 3, 4, 100, 100]])
+def test_percentiles_are_those_of_all_values(values: list[int]) -> None:
+    told = filled(values).summarise()
+    assert told["p50"] == round(float(np.percentile(values, 50)), 1)
+    assert told["p95"] == round(float(np.percentile(values, 95)), 1)
+    assert told["max"] == max(values)
+
+
+def test_a_run_of_weeks_takes_no_more_memory_than_one_of_minutes() -> None:
+    """Long times are told to four digits, so that there are not many different ones."""
+    assert filled([59_876, 612_345]).counts == {59_870: 1, 612_300: 1}
+    assert len(filled(list(range(0, 1_000_000, 7))).counts) < 30_000
+    statistics = RunStatistics(window_ms=5_000)
+    for sequence in range(ARRIVALS_MAX_COUNT + 50):
+        statistics.frame_arrived(sequence, 1_000 + sequence)
+    assert len(statistics.arrivals_ms) == ARRIVALS_MAX_COUNT
+    assert min(statistics.arrivals_ms) == 50
+
+
+def test_a_frame_whose_arrival_is_forgotten_is_kept_all_the_same() -> None:
+    statistics = RunStatistics(window_ms=5_000, covered=1)
+    statistics.clip_sealed((7).to_bytes(16, "big"), [(1, 1_000)])
+    deliver(statistics, 7, 6_300)
+    assert statistics.frames_json()["kept"] == 1
+    assert statistics.latency_json()["arrival_to_final"]["max"] == 0.0
+
+
+def test_the_longest_time_between_two_finals_is_known() -> None:
+    statistics = RunStatistics(window_ms=5_000)
+    deliver(statistics, 1, 2_000)
+    assert statistics.final_gap_max_ms == 0
+    for number, final_at_ms in ((2, 2_100), (3, 5_200), (4, 5_300)):
+        deliver(statistics, number, final_at_ms)
+    assert statistics.final_gap_max_ms == 3_100
