@@ -27,6 +27,7 @@ _COMMANDS = {
     "custody": ("network.cli.custody_commands", "custody"),
     "custody": ("network.cli.custody_commands", "custody"),
     "experiment": ("network.cli.experiment_commands", "experiment"),
+    "privacy": ("network.cli.privacy_commands", "privacy"),
     "sim": ("network.cli.sim_command", "sim"),
     "card": ("clients.registrar.cli", "card"),
     "roster": ("clients.registrar.cli", "roster"),

@@ -1,0 +1,123 @@
+"""The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys. Must never be opened twice.
+
+It follows the last day of the chain, is copied as a backup would copy it, erases what some people ask to be erased, and is
+copied again. The copies are what thieves get.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from consensus.records.owner_keys import derive_owner_key
+from network.attack.chain import Block
+from network.attack.days import Played, day_of
+from network.attack.ledger_view import VisitSeen, read_ledger
+from network.sim.cluster import quiet_logs
+from node.offchain.custodian import Custodian
+from node.offchain.erase_keys import EraseKeys
+from node.offchain.finalized import collect_events
+from node.offchain.sqlite_store import SqliteStore
+from node.offchain.store import BlockEffects, Checkpoint
+
+DATABASE_FOLDER, KEYS_FOLDER = "database", "erase-keys"
+ERASED_VISITS_COUNT = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Backup:
+    """Copies of a custodian's two folders, taken at one time."""
+
+    database: Path
+    erase_keys: Path
+
+
+@dataclass(frozen=True, slots=True)
+class CustodyStory:
+    """Backups from before and after the erasure, which records are there, and which were erased in between."""
+
+    before: Backup
+    after: Backup
+    record_ids: tuple[bytes, ...]
+    erased_ids: tuple[bytes, ...]
+
+
+def keep_last_day(played: Played, folder: Path) -> CustodyStory:
+    """Let the custodian follow the last day, and erase some visits of it."""
+    view = read_ledger(played.chain.blocks)
+    last = played.population.days - 1
+    visits = [visit for visit in view.visits.values() if day_of(visit.at_ms) == last and visit.records]
+    first_block = next(place for place, block in enumerate(played.chain.blocks) if day_of(block.time_ms) == last)
+    with quiet_logs():
+        asyncio.run(_follow(played, folder, first_block))
+        before = _copy(folder, "before")
+        chosen = visits[:: max(2, len(visits) // ERASED_VISITS_COUNT)]
+        erasing_from = len(played.chain.blocks)
+        played.run(_ask(played, chosen))
+        asyncio.run(_follow(played, folder, erasing_from))
+        after = _copy(folder, "after")
+    kept = tuple(record.record_id for visit in visits for record in visit.records)
+    erased = tuple(record.record_id for visit in chosen for record in visit.records)
+    return CustodyStory(before, after, kept, erased)
+
+
+async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:
+    """Each owner asks for the erasure of a whole visit."""
+    for visit in visits:
+        keys = played.holders[played.person_of(visit.owner)].keys
+        key = derive_owner_key(
+            keys.spend, keys.view, visit.ephemeral, chain_id=played.chain.chain_id, robot=visit.robot
+        )
+        ids = [record.record_id for record in visit.records]
+        final = await played.chain.submit(played.chain.sign(key, "erasure", "request", [ids, []]))
+        if not final.ok:
+            raise AssertionError(f"the chain refused an erasure: {final.code}")
+
+
+async def _follow(played: Played, folder: Path, first_block: int) -> None:
+    """Bring the blocks from a place on into effect, each clip uploaded before its record's block."""
+    chain, clock = played.chain, _Clock()
+    database = folder / DATABASE_FOLDER
+    database.mkdir(parents=True, exist_ok=True)
+    with EraseKeys(folder / KEYS_FOLDER) as keys:
+        async with SqliteStore(database) as store:
+            custodian = Custodian(store, keys, member=chain.custodian.public_key, clock_ms=clock)
+            await custodian.start()
+            if await store.checkpoint() is None:
+                await store.apply(BlockEffects(checkpoint=_point(chain.blocks[first_block - 1])))
+            for block in chain.blocks[first_block:]:
+                await _take(custodian, block, played, clock)
+
+
+async def _take(custodian: Custodian, block: Block, played: Played, clock: _Clock) -> None:
+    clock.now_ms = block.time_ms
+    for transaction in block.transactions:
+        if (transaction.body.contract, transaction.body.entry) == ("records", "record"):
+            await custodian.stage(played.uploads[transaction.arguments()[0]])
+    events = collect_events(block.height, block.block_id, block.time_ms, block.receipts)
+    await custodian.on_finalized_block(events)
+
+
+class _Clock:
+    """The time of the block that is followed."""
+
+    def __init__(self) -> None:
+        self.now_ms = 0
+
+    def __call__(self) -> int:
+        return self.now_ms
+
+
+def _point(block: Block) -> Checkpoint:
+    return Checkpoint(block.height, block.block_id, block.time_ms)
+
+
+def _copy(folder: Path, name: str) -> Backup:
+    """Copy both folders, as a backup that was told to leave nothing out."""
+    backup = Backup(folder / name / DATABASE_FOLDER, folder / name / KEYS_FOLDER)
+    shutil.copytree(folder / DATABASE_FOLDER, backup.database)
+    shutil.copytree(folder / KEYS_FOLDER, backup.erase_keys)
+    return backup

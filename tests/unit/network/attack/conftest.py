@@ -1,0 +1,35 @@
+"""A small hospital, played once for all tests of the attack, and its custodian."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from network.attack.custody import CustodyStory, keep_last_day
+from network.attack.days import Played, play
+from network.attack.evidence import Evidence, gather
+from network.attack.population import draw_population
+
+SEED = 3
+SERIAL_BITS = 10
+
+
+@dataclass(frozen=True)
+class SmallHospital:
+    """Ten people on two days, and what was left behind."""
+
+    played: Played
+    evidence: Evidence
+    custody: CustodyStory
+    folder: Path
+
+
+@pytest.fixture(scope="session")
+def hospital(tmp_path_factory: pytest.TempPathFactory) -> SmallHospital:
+    folder = tmp_path_factory.mktemp("attacked")
+    population = draw_population(SEED, people=10, days=2, serial_bits=SERIAL_BITS)
+    played = play(population, folder, seed=SEED)
+    evidence = gather(played, seed=SEED, boosting=False)
+    return SmallHospital(played, evidence, keep_last_day(played, folder / "custodian"), folder)

@@ -1,0 +1,95 @@
+"""Who is enrolled and who was here: won on the prototype's way, and on planted leaks; guessed on ours."""
+
+from __future__ import annotations
+
+import hashlib
+
+import pytest
+
+from network.attack.ledger_view import LedgerView, WordSeen
+from network.attack.membership import attack_enrolment, attack_presence, probe_standing
+from network.attack.open_limits import (
+    attack_addresses,
+    attack_consent_words,
+    attack_copresence,
+    attack_one_frame,
+    attack_registration_times,
+    attack_request_bursts,
+    attack_robot_memory,
+    attack_session_times,
+    measure_time_error_s,
+)
+from network.attack.population import DAY_MS
+from network.attack.schemes import make_schemes
+from tests.unit.network.attack.conftest import SEED, SmallHospital
+
+
+@pytest.mark.parametrize(("name", "success"), [("prototype", 1.0), ("salted", 1.0), ("pepper_stolen", 1.0)])
+def test_a_uid_tells_who_is_in_the_papers_registry(hospital: SmallHospital, name: str, success: float) -> None:
+    rate = attack_enrolment(hospital.played, hospital.evidence.marks, make_schemes()[name], seed=SEED)
+    assert rate.success == success
+
+
+def test_without_the_pepper_a_uid_tells_nothing(hospital: SmallHospital) -> None:
+    rate = attack_enrolment(hospital.played, hospital.evidence.marks, make_schemes()["peppered"], seed=SEED)
+    assert rate.success == 0.5
+
+
+def test_a_uid_tells_nothing_of_our_registry(hospital: SmallHospital) -> None:
+    assert attack_enrolment(hospital.played, hospital.evidence.marks, None, seed=SEED).success == 0.5
+
+
+def test_a_handle_made_of_the_uid_would_tell(hospital: SmallHospital) -> None:
+    uids = [person.uid for person in hospital.played.population.enrolled]
+    planted = hospital.evidence.marks | {hashlib.sha256(uid.encode()).digest() for uid in uids}
+    assert attack_enrolment(hospital.played, planted, None, seed=SEED).success == 1.0
+
+
+@pytest.mark.parametrize("name", ["prototype", "salted", "peppered", "pepper_stolen"])
+def test_a_mark_on_each_record_tells_who_was_here(hospital: SmallHospital, name: str) -> None:
+    """Also a peppered one, and without the pepper: it is the same each time."""
+    rate = attack_presence(hospital.played, hospital.evidence.view, make_schemes()[name], seed=SEED)
+    assert rate.trials > 5
+    assert rate.success == 1.0
+
+
+def test_a_handle_does_not_tell_who_was_here(hospital: SmallHospital) -> None:
+    assert attack_presence(hospital.played, hospital.evidence.view, None, seed=SEED).success == 0.5
+
+
+def test_a_robot_that_wrote_something_under_a_handle_would_tell(hospital: SmallHospital) -> None:
+    """As it would if it asked the chain for consent one by one, in transactions."""
+    played, view = hospital.played, hospital.evidence.view
+    words = []
+    for number in played.truth.stay_of_owner.values():
+        stay = played.population.stays[number]
+        holder = played.holders[stay.person]
+        at_ms = played.chain.genesis.created_at_ms + 1000 + (stay.day + 1) * DAY_MS + 1
+        words.append(WordSeen(holder.handle, holder.keys.identity.public_key, "asked", at_ms))
+    told = LedgerView(view.visits, view.registrations, (*view.words, *words))
+    assert attack_presence(played, told, None, seed=SEED, speaking=True).success > 0.95
+
+
+def test_a_node_answers_an_outsider_the_same_of_members_and_strangers(hospital: SmallHospital) -> None:
+    rate = probe_standing(hospital.played, seed=SEED)
+    assert rate.trials == len(hospital.played.holders)
+    assert rate.success == 0.5
+
+
+def test_the_accepted_limits_are_real(hospital: SmallHospital) -> None:
+    """Each of these attacks wins: none may be taken for a promise that holds."""
+    played, visits, view = hospital.played, hospital.evidence.visits, hospital.evidence.view
+    assert attack_copresence(played, visits, seed=SEED).success > 0.9
+    assert attack_addresses(played, seed=SEED).success == 1.0
+    assert attack_session_times(played, seed=SEED).success > 0.5
+    assert attack_registration_times(played, hospital.evidence.view, seed=SEED).trials > 0
+    assert attack_consent_words(played, hospital.evidence.view).trials >= 0
+    assert attack_one_frame(played, visits).trials > 0
+    assert sum(attack_request_bursts(played, view, spread=spread, seed=SEED).trials for spread in (False, True)) > 0
+    assert 0 < measure_time_error_s(played, visits) < 2
+
+
+def test_a_robot_forgets_whose_its_past_visits_were(hospital: SmallHospital) -> None:
+    rate = attack_robot_memory(hospital.played, hospital.evidence.visits)
+    assert rate.trials > 0
+    assert rate.success == 0.0
