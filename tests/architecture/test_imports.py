@@ -42,6 +42,7 @@ def test_the_linter_sees_every_module() -> None:
         ("clients.wallet.cli", ("clients.robot", "clients.registrar")),
         ("clients.robot.cli", ("clients.wallet", "clients.registrar")),
         ("clients.registrar.cli", ("clients.wallet", "clients.robot")),
+        ("clients.bundle.cli", ("clients.wallet", "clients.robot", "clients.registrar")),
     ],
 )
 def test_a_clients_process_loads_no_code_of_a_node(module: str, others: tuple[str, ...]) -> None:

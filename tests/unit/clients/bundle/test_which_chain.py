@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import socket
 from pathlib import Path
 
 import msgspec
@@ -51,6 +52,17 @@ def test_against_a_named_genesis_file_everything_is_proved_and_said_in_plain_wor
         "that the robot saw what it committed to",
     ):
         assert part in text
+
+
+def test_nobody_is_asked(made: Made, genesis_file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No socket is opened, no name is looked up."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("the verifier asked somebody")
+
+    for name in ("socket", "create_connection", "getaddrinfo"):
+        monkeypatch.setattr(socket, name, refuse)
+    assert run(made.path, "--genesis", genesis_file)[0] == 0
 
 
 def test_the_genesis_hash_serves_as_well(made: Made) -> None:
