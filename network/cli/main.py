@@ -25,7 +25,6 @@ _COMMANDS = {
     "doctor": ("network.cli.doctor_command", "doctor"),
     "bench": ("network.cli.bench_commands", "bench"),
     "custody": ("network.cli.custody_commands", "custody"),
-    "custody": ("network.cli.custody_commands", "custody"),
     "experiment": ("network.cli.experiment_commands", "experiment"),
     "privacy": ("network.cli.privacy_commands", "privacy"),
     "sim": ("network.cli.sim_command", "sim"),
