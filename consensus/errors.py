@@ -153,6 +153,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CUSTODY_ELSEWHERE", 404, "This node keeps no clips.", "Ask a node that the genesis file names as a custodian."),
     ErrorEntry("ACCESS_NOT_GRANTED", 403, "There is no final access transaction of the owner for this record.", "Submit an access request and wait until it is final."),
     ErrorEntry("ACCESS_ENDED", 403, "What may be released of this visit was narrowed after this access request, which is void since.", "Ask again: `blockrobot wallet view` makes a new request, and says if it is refused."),
+    ErrorEntry("CORRECTION_UNPROVEN", 409, "The chain holds no such correction of that visit: it was changed, or never said.", "Ask the person for the file that `blockrobot wallet correct --out` wrote."),
     ErrorEntry("CLIP_QUARANTINED", 403, "The visit was denied by its owner, and nothing of it is released to anybody.", "Wait for the data protection officer's decision: `blockrobot wallet audit` shows it."),
     ErrorEntry("ERASE_KEYS_DAMAGED", 500, "The custodian's erase-key file is damaged.", "Stop the custodian and restore the file from its own backup medium."),
     ErrorEntry("STORE_UNAVAILABLE", 503, "The custodian's store does not answer.", "Check the store's server and its URI.", retryable=True),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
 from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
+from clients.wallet.rights import read_correction, write_correction
 from consensus.records.rights import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 
 T = TypeVar("T")
@@ -53,21 +55,28 @@ def _clock(breach: Breach) -> str:
     return f"{hours:.1f} hours left to tell the authority"
 
 
-def _next_step(breach: Breach) -> str:
-    name = breach.breach_id.hex()[:12]
+def _profile(ctx: click.Context) -> str:
+    """Return the profile that the group was called with, so that the next step can be typed as it stands."""
+    return str(ctx.parent.params["profile"]) if ctx.parent is not None else "default"
+
+
+def _next_step(breach: Breach, profile: str) -> str:
+    name, called = breach.breach_id.hex()[:12], "blockrobot officer"
+    if profile != "default":
+        called += f" --profile {profile}"
     state = breach.state
     if state["status"] == "closed":
         return ""
     if state["assessed"] is None:
-        return f"blockrobot officer assess {name} --risk RISK --reason CODE"
+        return f"{called} assess {name} --risk RISK --reason CODE"
     needed = {"none": (), "risk": ("authority",), "high": ("authority", "subjects")}[state["risk"]]
     for recipient in needed:
         if recipient not in state["notified"]:
-            return f"blockrobot officer notify {name} --whom {recipient}"
-    return f"blockrobot officer close {name} --outcome OUTCOME --reason CODE"
+            return f"{called} notify {name} --whom {recipient}"
+    return f"{called} close {name} --outcome OUTCOME --reason CODE"
 
 
-def _show(breach: Breach) -> None:
+def _show(breach: Breach, profile: str) -> None:
     state = breach.state
     risk = f", risk: {state['risk']}" if state["risk"] else ""
     clock = _clock(breach)
@@ -75,7 +84,7 @@ def _show(breach: Breach) -> None:
         f"{breach.breach_id.hex()[:12]}  {state['status']}{risk}  denied {show_moment(state['opened_ms'])} at "
         f"{state['org']}, robot {state['robot'].hex()[:10]}" + (f"  {clock}" if clock else "")
     )
-    step = _next_step(breach)
+    step = _next_step(breach, profile)
     if step:
         console.print(f"  Next: {step}")
 
@@ -98,7 +107,7 @@ def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
     if not shown:
         console.print("There is no open breach.")
     for breach in shown:
-        _show(breach)
+        _show(breach, _profile(ctx))
 
 
 @officer.command()
@@ -114,7 +123,7 @@ def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: boo
     Example: blockrobot officer assess 3fa2c19b07de --risk risk --reason released-before
     """
     _, after = _run(ctx, breach, lambda handled, found: handled.assess(found, risk, reason))
-    _tell(after, RISKS[risk], as_json=as_json)
+    _tell(ctx, after, RISKS[risk], as_json=as_json)
 
 
 @officer.command()
@@ -130,7 +139,7 @@ def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_js
     Example: blockrobot officer notify 3fa2c19b07de --whom authority
     """
     _, after = _run(ctx, breach, lambda handled, found: handled.notify(found, whom, reason or ""))
-    _tell(after, f"Told: {RECIPIENTS[whom]}", as_json=as_json)
+    _tell(ctx, after, f"Told: {RECIPIENTS[whom]}", as_json=as_json)
 
 
 @officer.command()
@@ -151,12 +160,36 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, as_json: b
 
     count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, tell))
     line = OUTCOMES[outcome] + (f" {count} records are being erased." if outcome == "erased" else "")
-    _tell(after, line, as_json=as_json, more={"erasing": count})
+    _tell(ctx, after, line, as_json=as_json, more={"erasing": count})
 
 
-def _tell(breach: Breach, line: str, *, as_json: bool, more: dict[str, Any] | None = None) -> None:
+@officer.command("correction")
+@click.argument("file", type=click.Path(path_type=Path, exists=True, dir_okay=False))
+@json_option
+@click.pass_context
+@plain_errors
+def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
+    """Check a correction that a person handed over: that it was she who said it, of what, and when.
+
+    Example: blockrobot officer correction correction.json
+    """
+    correction = read_correction(file.read_bytes())
+    row: dict[str, Any] = run_opened(ctx, lambda opened: Breaches(opened).find_correction(correction))
+    if as_json:
+        place = {"number": row["number"], "txid": row["txid"].hex(), "height": row["height"], "time_ms": row["time"]}
+        print_json({"ok": True, **place, "correction": json.loads(write_correction(correction))})
+        return
+    of = f"{len(correction.record_ids)} records" if correction.record_ids else "all"
+    console.print(
+        f"Said by the owner of visit {correction.visit[:12]} on {show_moment(row['time'])} (block {row['height']}), "
+        f"of {of} of it, about its {correction.kind}:\n"
+    )
+    console.print(correction.text, markup=False)
+
+
+def _tell(ctx: click.Context, breach: Breach, line: str, *, as_json: bool, more: dict[str, Any] | None = None) -> None:
     if as_json:
         print_json({"ok": True, **breach_json(breach), **(more or {})})
         return
     console.print(line)
-    _show(breach)
+    _show(breach, _profile(ctx))

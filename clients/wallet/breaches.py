@@ -15,12 +15,15 @@ from clients.wallet.auditing import RECORDED_KIND
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32, u64
+from consensus.records.rights import Correction, commit_correction
 
 ID_PREFIX_MIN_CHARS = 8
 RECORDS_A_CALL_MAX_COUNT = 64
 _COUNT_KEY = b"rights\x00breach-count"
 _NUMBER = b"rights\x00breach-number/"
 _BREACH = b"rights\x00breach/"
+_CORRECTION_COUNT = b"rights\x00correction-count/"
+_CORRECTION = b"rights\x00correction/"
 Tell = Callable[[int, int], None]
 
 
@@ -92,6 +95,19 @@ class Breaches:
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
         await self._call("close", [breach.breach_id, outcome, reason])
         return len(ids)
+
+    async def find_correction(self, correction: Correction) -> dict[str, Any]:
+        """Return what the chain holds of a correction that was handed over, proven. Raises CORRECTION_UNPROVEN."""
+        owner = bytes.fromhex(correction.visit)
+        count_key = _CORRECTION_COUNT + owner
+        count = (await self._wallet.values([count_key], self._key))[count_key] or 0
+        keys = [_CORRECTION + owner + u32(number) for number in range(count)]
+        rows = await self._wallet.values(keys, self._key)
+        commitment = commit_correction(correction)
+        for number, key in enumerate(keys):
+            if rows[key]["commitment"] == commitment and rows[key]["kind"] == correction.kind:
+                return {"number": number, **rows[key]}
+        raise BlockRobotError("CORRECTION_UNPROVEN")
 
     async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
         return await self._wallet.network.call(self._key, "rights", entry, arguments)

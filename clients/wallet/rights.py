@@ -192,8 +192,10 @@ def write_correction(correction: Correction) -> bytes:
 def read_correction(data: bytes) -> Correction:
     """Read a correction that was handed on. Raises FILE_UNUSABLE."""
     try:
-        return msgspec.json.decode(data, type=Correction)
-    except msgspec.MsgspecError:
+        correction = msgspec.json.decode(data, type=Correction)
+        commit_correction(correction)
+        return correction
+    except (msgspec.MsgspecError, ValueError):
         raise BlockRobotError("FILE_UNUSABLE", "This is no correction.") from None
 
 

@@ -1,0 +1,204 @@
+"""Rights on real nodes: restricted, corrected, denied, decided by an officer, objected to; each as people do it.
+
+One story from the robot to the custodians: what the person says in her wallet is what custodians do from that block on,
+also under a request that was open.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clients.registrar.desk import Desk
+from clients.robot.bag import make_bag
+from clients.robot.enrolment import register_robot
+from clients.robot.identity import create_identity
+from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.scenario import parse_scenario
+from clients.robot.sources.rosbag import BagSource
+from clients.wallet.auditing import audit_all
+from clients.wallet.breaches import Breaches
+from clients.wallet.consenting import Consenting
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.rights import Chosen, Rights
+from clients.wallet.viewing import Viewing
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.records.rights import commit_correction
+from tests.cluster.network_under_test import NetworkUnderTest
+from tests.unit.clients.wallet.conftest import CHEAP
+
+UID = "E200000000000001"
+SCENE = """
+name = "pace"
+duration_s = 3.0
+frame_rate = 4
+width = 640
+height = 480
+focal_px = 525.0
+camera_height_m = 1.2
+seed = 7
+empty_frames = 3
+
+[reader]
+distance_sigma_m = 0.1
+antenna_front = 1
+antenna_back = 2
+front_misread = 0.0
+
+[[people]]
+alias = "ann"
+height_m = 1.7
+girth = 1.0
+cadence = 1.0
+path = [[0.0, -0.5, 2.5], [3.0, 0.5, 2.0]]
+readings_s = [0.1, 0.5, 0.9, 1.3, 1.7, 2.1, 2.5]
+also_every_s = 0.4
+"""
+
+
+def quiet(_: int, __: int) -> None:
+    """Nobody listens."""
+
+
+def nobody(_: dict[str, Any], *, last: bool = False) -> None:
+    """Nobody asks how far the robot is."""
+
+
+class Ward:
+    """A robot with a roster and a recording on a network, and wallets of people there."""
+
+    def __init__(self, network: NetworkUnderTest, folder: Path) -> None:
+        self.genesis: Genesis = network.genesis
+        self.folder = folder
+        self.desk = Desk(network.folder / "organisations" / self.genesis.organisations[0].name, self.genesis)
+
+    def wallet(self, name: str) -> Wallet:
+        return Wallet(Keystore.create(self.folder / f"{name}.wallet", draw_words(), "tea", CHEAP), self.genesis)
+
+    async def prepare_robot(self) -> None:
+        self.bag = await asyncio.to_thread(
+            make_bag, parse_scenario(SCENE), {"ann": UID}, self.folder / "bags", workers=1
+        )
+        self.robot = self.folder / "robot"
+        identity = create_identity(self.robot)
+        await register_robot(self.robot, identity, self.desk.issue("0BADF00D", "robot"), self.genesis)
+        sealed, _ = await self.desk.make_roster(identity.identity.public_key)
+        (self.robot / "roster.sealed").write_bytes(sealed)
+
+    async def record(self) -> dict[str, Any]:
+        options = ReplayOptions(
+            roster=self.robot / "roster.sealed",
+            purpose="demo",
+            clip_ms=500,
+            events=self.folder / "events.jsonl",
+            at_once=True,
+            real_time=False,
+        )
+        summary = await replay_recording(self.robot, BagSource(self.bag), self.genesis, options, nobody)
+        frames: dict[str, Any] = summary["frames"]
+        return frames
+
+
+async def refusals(wallet: Wallet, entry: RecordEntry, access_id: bytes) -> set[str]:
+    """Return how every custodian answers a request; `RELEASED` if it hands the clip out."""
+    key, answers = wallet.owner_key(entry.visit), set()
+    for custodian in wallet.network.custody.custodians:
+        try:
+            await wallet.network.custody.download_clip(custodian, entry.record_id, access_id, key)
+        except BlockRobotError as error:
+            answers.add(error.code)
+        else:
+            answers.add("RELEASED")
+    return answers
+
+
+async def settle(wallet: Wallet, entry: RecordEntry, access_id: bytes, expected: str) -> None:
+    """Wait until every custodian has followed; each asks at most a few seconds behind the head."""
+    for _ in range(60):
+        if await refusals(wallet, entry, access_id) == {expected}:
+            return
+        await asyncio.sleep(0.25)
+    assert await refusals(wallet, entry, access_id) == {expected}
+
+
+async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
+    network: NetworkUnderTest, tmp_path: Path
+) -> None:
+    ward = Ward(network, tmp_path)
+    async with ward.wallet("ann") as ann, ward.wallet("officer") as officer:
+        await ann.register(ward.desk.issue(UID, "subject"), [])
+        await officer.register(ward.desk.issue("0FF1CE", "officer"), [])
+        await Consenting(ann).give(["demo"], ["depth"])
+        await ward.prepare_robot()
+        assert (await ward.record())["kept"] > 0
+        rights, viewing = Rights(ann), Viewing(ann)
+        (report,) = await ann.records()
+        entry = report.records[0]
+
+        early = await viewing.request_access([entry], "demo")
+        await settle(ann, entry, early, "RELEASED")
+        await _restrict_and_correct(ann, rights, viewing, report, early)
+        await _deny_and_decide(ann, officer, rights, viewing, report)
+
+        await rights.object_to_recording(["demo"])
+        said = await rights.object_to_release(["demo"], at_once=True, tell=quiet)
+        assert [one.visit.owner for one in said] == [report.visit.owner]
+        with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
+            await viewing.request_access([entry], "demo")
+        assert (await ward.record())["kept"] == 0
+        assert len(await ann.records()) == 1, "nothing new was recorded"
+        await Consenting(ann).give(["demo"], ["depth"])
+        assert (await ward.record())["kept"] > 0, "her later word counts, and shows what her objection kept away"
+        kinds = [one.kind for one in await audit_all(ann)]
+    for kind in ("restricted", "restriction_lifted", "corrected", "denied", "breach_assessed", "breach_closed"):
+        assert kinds.count(kind) == 1, kind
+
+
+async def _restrict_and_correct(
+    ann: Wallet, rights: Rights, viewing: Viewing, report: VisitReport, early: bytes
+) -> None:
+    """A request from before is void everywhere, another's purpose is refused, her own look is not."""
+    whole, entry = Chosen(report.visit), report.records[0]
+    await rights.restrict(whole, "legal-claim")
+    await settle(ann, entry, early, "ACCESS_ENDED")
+    with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):
+        await viewing.request_access([entry], "demo")
+    own = await viewing.request_access([entry], "own-access")
+    assert (await viewing.view(entry, own)).verdict == "verified"
+    said, correction = await rights.correct(whole, "attribution", "That is my sister.")
+    (shown,) = await ann.records()
+    assert (shown.standing.corrections_count, shown.standing.restricts(entry.record_id)) == (1, True)
+    place = b"rights\x00correction/" + report.visit.owner + bytes(4)
+    row = (await ann.values([place], ann.owner_key(report.visit)))[place]
+    assert (row["commitment"], row["txid"]) == (commit_correction(correction), said.txid)
+    await rights.lift(whole)
+    assert (await refusals(ann, entry, own)) == {"RELEASED"}
+
+
+async def _deny_and_decide(ann: Wallet, officer: Wallet, rights: Rights, viewing: Viewing, report: VisitReport) -> None:
+    """Nobody gets a denied visit, she neither; an officer ends that, and no one else can."""
+    entry = report.records[0]
+    open_request = await viewing.request_access([entry], "own-access")
+    await settle(ann, entry, open_request, "RELEASED")
+    await rights.deny(report.visit)
+    await settle(ann, entry, open_request, "CLIP_QUARANTINED")
+    with pytest.raises(BlockRobotError, match="VISIT_QUARANTINED"):
+        await viewing.request_access([entry], "own-access")
+
+    handling = Breaches(officer)
+    (breach,) = await handling.read_all()
+    assert (breach.state["owner"], breach.is_open, breach.is_overdue) == (report.visit.owner, True, False)
+    assert 71 * 3600 * 1000 < breach.left_ms <= 72 * 3600 * 1000
+    with pytest.raises(BlockRobotError, match="NOT_AN_OFFICER"):
+        await Breaches(ann).assess(breach, "none", "owner-confirmed")
+    await handling.assess(breach, "none", "owner-confirmed")
+    assert await handling.close(breach, "released", "owner-confirmed", quiet) == 0
+    await settle(ann, entry, open_request, "ACCESS_ENDED")
+    again = await viewing.request_access([entry], "own-access")
+    assert (await viewing.view(entry, again)).verdict == "verified"

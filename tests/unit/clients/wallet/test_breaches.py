@@ -1,0 +1,276 @@
+"""What an officer sees of breaches, and what is done in her name; and both groups of commands as people call them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.wallet import breach_commands, rights_commands
+from clients.wallet import cli as wallet_cli
+from clients.wallet.breaches import Breaches, breach_json
+from clients.wallet.rights import write_correction
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u64
+from consensus.records.rights import BREACH_NOTIFY_MS, Correction, commit_correction
+from tests.unit.clients.wallet.conftest import NOW_MS, ROBOT, World
+from tests.unit.clients.wallet.test_rights import Saying
+
+OFFICER = b"\x02" * 33
+FIRST, SECOND = b"\xb1" * 32, b"\xb2" * 32
+
+
+@dataclass(frozen=True)
+class Header:
+    timestamp_ms: int
+
+
+def put_breach(world: World, breach_id: bytes, number: int, owner: bytes, **changes: Any) -> None:
+    state = {
+        "number": number,
+        "owner": owner,
+        "robot": ROBOT,
+        "org": "hospital",
+        "kind": "wrong-person",
+        "status": "opened",
+        "risk": "",
+        "opened_ms": NOW_MS,
+        "due_ms": NOW_MS + BREACH_NOTIFY_MS,
+        "assessed": None,
+        "notified": {},
+        "closed": None,
+    }
+    world.network.state[b"rights\x00breach/" + breach_id] = state | changes
+    world.network.state[b"rights\x00breach-number/" + u64(number)] = breach_id
+    world.network.state[b"rights\x00breach-count"] = number + 1
+
+
+@pytest.fixture
+def clock(world: World, monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The time of the newest block, which a test may change."""
+    now = [NOW_MS]
+
+    async def newest_header(_: Any) -> Header:
+        return Header(now[0])
+
+    monkeypatch.setattr(world.network, "newest_header", newest_header, raising=False)
+    return now
+
+
+@pytest.fixture
+def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
+    told = {"height": 8, "until_ms": NOW_MS, "number": 0, "breach_id": FIRST, "due_ms": NOW_MS, "org": "hospital"}
+    saying = Saying(told)
+    monkeypatch.setattr(world.network, "call", saying)
+    return saying
+
+
+ASSESSED = {"time": NOW_MS, "officer": OFFICER, "reason": "matched-wrongly"}
+
+
+async def test_the_clock_is_the_chains_and_says_who_is_overdue(world: World, clock: list[int]) -> None:
+    put_breach(world, FIRST, 0, b"o" * 33)
+    put_breach(world, SECOND, 1, b"p" * 33, status="assessed", risk="none", assessed=ASSESSED)
+    clock[0] = NOW_MS + BREACH_NOTIFY_MS - 1000
+    first, second = await Breaches(world.wallet).read_all()
+    assert (first.left_ms, first.is_overdue, second.is_overdue) == (1000, False, False)
+    clock[0] += 2000
+    first, second = await Breaches(world.wallet).read_all()
+    assert (first.left_ms, first.is_overdue, second.is_overdue) == (-1000, True, False), "none has to be told of none"
+    shown = breach_json(second)
+    assert (shown["assessed"]["officer"], shown["risk"]) == (OFFICER.hex(), "none")
+    json.dumps(breach_json(first))
+
+
+async def test_a_breach_is_named_by_a_beginning_that_is_its_own(world: World, clock: list[int]) -> None:
+    assert clock
+    put_breach(world, FIRST, 0, b"o" * 33)
+    assert (await Breaches(world.wallet).find("b1" * 4)).breach_id == FIRST
+    for start, code in (("b1", "REQUEST_INVALID"), ("cc" * 6, "NOT_FOUND")):
+        with pytest.raises(BlockRobotError) as refusal:
+            await Breaches(world.wallet).find(start)
+        assert refusal.value.code == code
+
+
+async def test_closing_as_erased_orders_every_record_in_parts(world: World, clock: list[int], saying: Saying) -> None:
+    assert clock
+    visit = world.open_visit()
+    ids = [number.to_bytes(16, "big") for number in range(130)]
+    for number, record_id in enumerate(ids):
+        status = "erased" if number == 3 else "active"
+        world.network.state[b"records\x00record/" + record_id] = {"status": status, "owner": visit.owner}
+        world.append_audit(visit.owner, "recorded", record_id)
+    world.append_audit(visit.owner, "denied")
+    put_breach(world, FIRST, 0, visit.owner, status="assessed", risk="none", assessed=ASSESSED)
+    handling = Breaches(world.wallet)
+    progress: list[tuple[int, int]] = []
+    count = await handling.close(
+        await handling.find("b1" * 4),
+        "erased",
+        "matched-wrongly",
+        lambda number, all_of: progress.append((number, all_of)),
+    )
+    *orders, end = [(entry, arguments) for _, entry, arguments in saying.said]
+    assert count == 129
+    assert progress == [(0, 129), (64, 129), (128, 129)]
+    assert [entry for entry, _ in orders] == ["rights.order_erasure"] * 3
+    assert [record_id for _, arguments in orders for record_id in arguments[1]] == [*ids[:3], *ids[4:]]
+    assert end == ("rights.close", [FIRST, "erased", "matched-wrongly"])
+    assert {key for key, _, _ in saying.said} == {world.keys.identity.public_key}
+
+
+# As people call them
+
+
+@pytest.fixture
+def run(world: World, clock: list[int], saying: Saying, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Call a command on this wallet."""
+    assert clock
+    assert saying
+
+    def opened(_: Any, action: Any) -> Any:
+        return asyncio.run(action(world.wallet))
+
+    for module in (rights_commands, breach_commands, wallet_cli):
+        monkeypatch.setattr(module, "run_opened", opened)
+
+    def call(*arguments: str) -> Result:
+        group = breach_commands.officer if arguments[0] == "officer" else wallet_cli.wallet
+        return CliRunner().invoke(group, list(arguments[1:]))
+
+    return call
+
+
+def test_a_patient_restricts_lifts_objects_corrects_and_denies(world: World, run: Any, tmp_path: Path) -> None:
+    visit = world.open_visit()
+    record_id = world.record(visit).upload.record_id.hex()
+    (tmp_path / "right.txt").write_text("That is my sister.\n", encoding="utf-8")
+    name, text, out = visit.owner.hex()[:12], str(tmp_path / "right.txt"), tmp_path / "correction.json"
+    for arguments, words in (
+        (("restrict", "--visit", name, "--ground", "legal-claim"), "Only you can look at it now. It is kept until"),
+        (("lift", record_id), f"Lifted: 1 records of visit {name}"),
+        (("object", "--purpose", "demo", "--now"), "1 visits are released for it no more"),
+        (("correct", "--visit", name, "--text-file", text, "--out", str(out)), "Nothing was changed"),
+        (("wrong-person", name, "--yes"), "The visit is in quarantine"),
+    ):
+        spoken = run("wallet", *arguments)
+        assert (spoken.exit_code, words in spoken.output) == (0, True), spoken.output
+        answer = run("wallet", *arguments, "--json")
+        assert json.loads(answer.stdout)["ok"] is True, answer.output
+    assert json.loads(out.read_text(encoding="utf-8"))["text"] == "That is my sister."
+    assert out.stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("restrict", "--ground", "accuracy"), "Name records, or a whole visit"),
+        (("restrict", "--visit", "02ab34cd"), "--ground"),
+        (("lift",), "blockrobot wallet records"),
+        (("object",), "--purpose CODE, one of"),
+        (("correct", "--visit", "02ab34cd"), "--text-file"),
+        (("wrong-person", "02ab34cd"), "--yes"),
+    ],
+)
+def test_what_is_left_out_is_asked_for(run: Any, arguments: tuple[str, ...], words: str) -> None:
+    result = run("wallet", *arguments)
+    assert (result.exit_code, words in result.output) == (2, True), result.output
+
+
+def test_a_correction_is_of_one_visit(world: World, run: Any, tmp_path: Path) -> None:
+    (tmp_path / "right.txt").write_text("x", encoding="utf-8")
+    names = [world.open_visit().owner.hex() for _ in range(2)]
+    result = run(
+        "wallet", "correct", "--visit", names[0], "--visit", names[1], "--text-file", str(tmp_path / "right.txt")
+    )
+    assert (result.exit_code, "of one visit" in result.output) == (2, True)
+
+
+def test_what_is_not_hers_is_named_with_the_next_step(world: World, run: Any) -> None:
+    world.open_visit()
+    result = run("wallet", "restrict", "00" * 16, "--ground", "accuracy")
+    assert (result.exit_code, "NOT_FOUND. Next step" in result.stderr) == (3, True)
+
+
+def test_records_and_audit_say_what_stands(world: World, run: Any) -> None:
+    visit = world.open_visit()
+    world.record(visit)
+    row = {"ground": "accuracy", "whole": True, "until_ms": 0, "records": []}
+    world.network.state[b"rights\x00restriction/" + visit.owner] = row
+    world.network.state[b"rights\x00quarantine/" + visit.owner] = FIRST
+    spoken = run("wallet", "records").output
+    assert "All of this visit is restricted (accuracy): only you see it." in spoken
+    assert "nobody sees it until breach b1b1b1b1b1b1 is decided" in spoken
+    (shown,) = json.loads(run("wallet", "records", "--json").stdout)["visits"]
+    assert (shown["restriction"]["ground"], shown["breach_id"]) == ("accuracy", FIRST.hex())
+    assert [entry["restricted"] for entry in shown["records"]] == [True]
+    assert "nothing to show" in run("wallet", "view").output, "a denied visit is left out where none is named"
+
+
+def test_an_officer_sees_the_clock_and_the_next_step(world: World, clock: list[int], run: Any) -> None:
+    assert "There is no open breach." in run("officer", "breaches").output
+    put_breach(world, FIRST, 0, b"o" * 33)
+    put_breach(world, SECOND, 1, b"p" * 33, status="closed", risk="none", assessed=ASSESSED, closed=ASSESSED)
+    clock[0] += BREACH_NOTIFY_MS // 2
+    spoken = run("officer", "breaches").output
+    assert "36.0 hours left to tell the authority" in spoken
+    assert "Next: blockrobot officer assess b1b1b1b1b1b1 --risk RISK --reason CODE" in spoken
+    assert "b2b2" not in spoken
+    assert "Next: blockrobot officer --profile eva assess" in run("officer", "--profile", "eva", "breaches").output
+    assert len(json.loads(run("officer", "breaches", "--all", "--json").stdout)["breaches"]) == 2
+
+
+def test_a_correction_that_was_handed_over_is_checked(world: World, run: Any, tmp_path: Path) -> None:
+    visit = world.open_visit()
+    correction = Correction("attribution", "That is [red]my sister.", "ab" * 32, visit.owner.hex(), ["01" * 16])
+    row = {
+        "kind": "attribution",
+        "commitment": commit_correction(correction),
+        "txid": FIRST,
+        "height": 5,
+        "time": NOW_MS,
+    }
+    world.network.state[b"rights\x00correction-count/" + visit.owner] = 1
+    world.network.state[b"rights\x00correction/" + visit.owner + bytes(4)] = row
+    file = tmp_path / "correction.json"
+    file.write_bytes(write_correction(correction))
+    spoken = run("officer", "correction", str(file))
+    assert (spoken.exit_code, "That is [red]my sister." in spoken.output) == (0, True), spoken.output
+    assert json.loads(run("officer", "correction", str(file), "--json").stdout)["height"] == 5
+    file.write_bytes(write_correction(correction).replace(b"sister", b"mother"))
+    assert "CORRECTION_UNPROVEN" in run("officer", "correction", str(file)).stderr
+    file.write_bytes(write_correction(correction).replace(b"abab", b"xyxy"))
+    assert "FILE_UNUSABLE" in run("officer", "correction", str(file)).stderr
+
+
+@pytest.mark.parametrize(
+    ("state", "step"),
+    [
+        ({"risk": "risk"}, "notify b1b1b1b1b1b1 --whom authority"),
+        ({"risk": "high", "notified": {"authority": ASSESSED}}, "notify b1b1b1b1b1b1 --whom subjects"),
+        ({"risk": "none"}, "close b1b1b1b1b1b1"),
+    ],
+)
+def test_the_next_step_follows_the_risk(world: World, clock: list[int], run: Any, state: Any, step: str) -> None:
+    put_breach(world, FIRST, 0, b"o" * 33, status="assessed", assessed=ASSESSED, **state)
+    clock[0] += BREACH_NOTIFY_MS + 3_600_000
+    spoken = run("officer", "breaches").output
+    assert step in spoken
+    assert ("1.0 hours over the 72" in spoken) == (step.endswith("authority"))
+
+
+def test_an_officer_assesses_notes_and_closes(world: World, run: Any, saying: Saying) -> None:
+    put_breach(world, FIRST, 0, b"o" * 33)
+    for arguments in (
+        ("assess", "b1b1b1b1", "--risk", "none", "--reason", "matched-wrongly"),
+        ("notify", "b1b1b1b1", "--whom", "authority"),
+        ("close", "b1b1b1b1", "--outcome", "released", "--reason", "owner-confirmed"),
+    ):
+        assert run("officer", *arguments).exit_code == 0
+        assert json.loads(run("officer", *arguments, "--json").stdout)["breach_id"] == FIRST.hex()
+    assert [entry for _, entry, _ in saying.said][::2] == ["rights.assess", "rights.notify", "rights.close"]
