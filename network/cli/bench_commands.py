@@ -12,6 +12,7 @@ from rich.table import Table
 
 from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
 
+LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 _TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
 
 
@@ -119,6 +120,31 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
 
     options = SyncOptions(seconds=seconds, rate=rate, nodes=nodes, new=new)
     _finish(asyncio.run(run_sync_benchmark(options)), as_json=as_json)
+
+
+@bench.command("custody")
+@click.option(
+    "--store", default="sqlite", show_default=True, help="sqlite, mongodb (a server here), or mongodb://host:port."
+)
+@click.option("--erasures", default=50, show_default=True, type=click.IntRange(1, 10_000), help="One after another.")
+@click.option(
+    "--behind", default=10_000, show_default=True, type=click.IntRange(50, 1_000_000), help="Records to catch up."
+)
+@json_option
+@plain_errors
+def custody_command(store: str, erasures: int, behind: int, as_json: bool) -> None:
+    """Measure what custody costs: erasing until every receipt is final, following, catching up, scanning, room.
+
+    A server for --store has to run already; its databases are the benchmark's own and are dropped. A line of progress
+    goes to standard error. 10,000 records take a few minutes and about 3 GB of disk.
+
+    Example: blockrobot bench custody --store sqlite --json
+    """
+    from network.bench.custody import CustodyOptions, run_custody_benchmark  # noqa: PLC0415 - only when it is needed
+
+    uri = LOCAL_MONGO_URI if store == "mongodb" else store
+    options = CustodyOptions(store=uri, erasures=erasures, behind=behind)
+    _finish(asyncio.run(run_custody_benchmark(options, _Teller())), as_json=as_json)
 
 
 @bench.command("hiding")

@@ -1,24 +1,27 @@
 """The networked custody store, on MongoDB by PyMongo's asynchronous client. Must never rest on what needs a transaction.
 
-Each write waits for the majority and their journals, is idempotent, and comes in an order in which a crash between two
-leaves nothing half visible: a clip is `staging` until its frames are there, and effects come before their checkpoint.
-Reads see only what the majority has, so that no failover takes back what was read. A server's files may hold deleted
-bytes for a while; without the erase keys, which no server has, these open nothing. The same code serves a replica set
-or a sharded cluster: its URI says which.
+Where the server has transactions (a replica set or a sharded cluster), a block's effects and an erased clip's rows are
+written in one each; a single server writes them in order. Each write waits for the majority and their journals, is
+idempotent, and comes in an order in which a crash between two leaves nothing half visible: a clip is `staging` until
+its frames are there, and effects come before their checkpoint. Reads see only what the majority has, so that no
+failover takes back what was read. A server's files may hold deleted bytes for a while; without the erase keys, which no
+server has, these open nothing. The same code serves a replica set or a sharded cluster: its URI says which.
 """
 
 from __future__ import annotations
 
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 from types import TracebackType
 from typing import Any, Self
 
 from bson.errors import BSONError
 from pymongo import ASCENDING, DESCENDING, AsyncMongoClient, DeleteOne, ReplaceOne, UpdateOne
+from pymongo.asynchronous.client_session import AsyncClientSession
 from pymongo.asynchronous.collection import AsyncCollection
 from pymongo.asynchronous.database import AsyncDatabase
-from pymongo.errors import ConfigurationError, InvalidName, PyMongoError
+from pymongo.errors import ConfigurationError, InvalidName, OperationFailure, PyMongoError
 from pymongo.read_concern import ReadConcern
 from pymongo.read_preferences import ReadPreference
 from pymongo.write_concern import WriteConcern
@@ -49,6 +52,10 @@ MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
 _PAGE_DOCUMENTS_COUNT = 500
 _ONE = "one"
+TRANSACTION_ATTEMPTS_MAX_COUNT = 3
+_MAJORITY = ReadConcern("majority")
+_DURABLE = WriteConcern(w="majority", j=True, wtimeout=MAJORITY_MAX_MS)
+_SESSION: ContextVar[AsyncClientSession | None] = ContextVar("custody_transaction", default=None)
 
 
 def _rising(*fields: str) -> Order:
@@ -80,6 +87,18 @@ def _answering() -> Iterator[None]:
         raise BlockRobotError("STORE_UNAVAILABLE", f"The store's server failed ({type(error).__name__}).") from error
 
 
+def _is_passing(cause: BaseException | None) -> bool:
+    """Tell whether a transaction failed by what the next attempt need not meet."""
+    labels = ("TransientTransactionError", "UnknownTransactionCommitResult")
+    return isinstance(cause, PyMongoError) and any(cause.has_error_label(label) for label in labels)
+
+
+def _tells_of_transactions(hello: Mapping[str, Any]) -> bool:
+    """Tell by a server's greeting whether it has transactions: members of a replica set do, and routers to shards."""
+    is_cluster = "setName" in hello or hello.get("msg") == "isdbgrid"
+    return is_cluster and "logicalSessionTimeoutMinutes" in hello
+
+
 def _up_to(at_ms: int) -> Document:
     """Return the condition `<= at_ms` on whole milliseconds.
 
@@ -103,8 +122,8 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
         )
         database = client.get_default_database(
             read_preference=ReadPreference.PRIMARY,
-            read_concern=ReadConcern("majority"),
-            write_concern=WriteConcern(w="majority", j=True, wtimeout=MAJORITY_MAX_MS),
+            read_concern=_MAJORITY,
+            write_concern=_DURABLE,
         )
     except (ConfigurationError, InvalidName, ValueError):
         # Not chained: the driver's message may quote the URI, which may hold a password.
@@ -135,6 +154,7 @@ class MongoStore:
     def __init__(self, uri: str) -> None:
         """Name the server and the database by a URI: `mongodb://host:port/database`."""
         self._uri = uri
+        self.has_transactions = False
         self._client: AsyncMongoClient[Document] | None = None
         self._database: AsyncDatabase[Document] | None = None
 
@@ -148,6 +168,7 @@ class MongoStore:
         try:
             with _answering():
                 await _check_format(database)
+                self.has_transactions = _tells_of_transactions(await client.admin.command("hello"))
         except BaseException:
             await client.close()
             raise
@@ -170,11 +191,38 @@ class MongoStore:
     async def _bulk(self, name: str, operations: Sequence[Any]) -> None:
         if operations:
             with _answering():
-                await self._collection(name).bulk_write(list(operations), ordered=True)
+                await self._collection(name).bulk_write(list(operations), ordered=True, session=_SESSION.get())
 
     async def _delete(self, name: str, where: Document) -> None:
         with _answering():
-            await self._collection(name).delete_many(where)
+            await self._collection(name).delete_many(where, session=_SESSION.get())
+
+    async def _together(self, write: Callable[[], Awaitable[None]]) -> None:
+        """Do several writes in one transaction, where the server has them, and in their order elsewhere.
+
+        A transaction that another one, or a failover, cut off is begun again: its writes are idempotent.
+        """
+        if not self.has_transactions or self._client is None:
+            await write()
+            return
+        for attempt in range(1, TRANSACTION_ATTEMPTS_MAX_COUNT + 1):
+            try:
+                with _answering():
+                    async with self._client.start_session() as session:
+                        await self._in_transaction(session, write)
+                return
+            except BlockRobotError as error:
+                if attempt == TRANSACTION_ATTEMPTS_MAX_COUNT or not _is_passing(error.__cause__):
+                    raise
+
+    async def _in_transaction(self, session: AsyncClientSession, write: Callable[[], Awaitable[None]]) -> None:
+        options = {"read_concern": _MAJORITY, "write_concern": _DURABLE, "read_preference": ReadPreference.PRIMARY}
+        async with await session.start_transaction(**options):  # type: ignore[arg-type]
+            token = _SESSION.set(session)
+            try:
+                await write()
+            finally:
+                _SESSION.reset(token)
 
     async def _one(self, name: str, key: Any) -> list[Document]:
         return await self._many(name, {"_id": key})
@@ -202,7 +250,10 @@ class MongoStore:
         await self._bulk("clips", [UpdateOne({"_id": record_id, "status": "staged"}, changes)])
 
     async def apply(self, effects: BlockEffects) -> None:
-        """See `CustodyStore.apply`; here in order, each step idempotent."""
+        """See `CustodyStore.apply`; in one transaction, or in order, each step idempotent."""
+        await self._together(lambda: self._apply_in_order(effects))
+
+    async def _apply_in_order(self, effects: BlockEffects) -> None:
         await self._bulk(
             "outbox",
             [
@@ -263,9 +314,13 @@ class MongoStore:
     async def erase_clip(self, record_id: bytes) -> None:
         """See `CustodyStore.erase_clip`; the mark comes first, so that a half-erased clip is never served."""
         mark = documents.clip_document(ClipRow(record_id, b"", 0, "erased", (), ()))
-        await self._bulk("clips", [ReplaceOne({"_id": record_id}, mark, upsert=True)])
-        await self._delete("frames", {"record_id": record_id})
-        await self._delete("missing", {"_id": record_id})
+
+        async def erase() -> None:
+            await self._bulk("clips", [ReplaceOne({"_id": record_id}, mark, upsert=True)])
+            await self._delete("frames", {"record_id": record_id})
+            await self._delete("missing", {"_id": record_id})
+
+        await self._together(erase)
 
     async def drop_staged(self, record_id: bytes) -> None:
         """See `CustodyStore.drop_staged`; the clip goes last, so that a crash leaves no frame without one."""
@@ -392,8 +447,21 @@ class MongoStore:
             missing=await self._count("missing", {}),
             owed=await self._count("outbox", {"status": "ready"}),
             owed_erasures=await self._count("outbox", {"status": "erasing"}),
-            size_bytes=None,
+            size_bytes=await self._size_bytes(),
         )
+
+    async def _size_bytes(self) -> int | None:
+        """Return what the server says that data and indexes take up, or None if this user may not ask."""
+        if self._database is None:
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        try:
+            with _answering():
+                told = await self._database.command("dbStats")
+        except BlockRobotError as error:
+            if isinstance(error.__cause__, OperationFailure):
+                return None
+            raise
+        return int(told["storageSize"] + told["indexSize"]) if {"storageSize", "indexSize"} <= set(told) else None
 
     async def _count(self, name: str, where: Document) -> int:
         with _answering():

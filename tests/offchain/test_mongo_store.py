@@ -11,13 +11,21 @@ from urllib.parse import urlsplit
 import pytest
 from pymongo import MongoClient
 from pymongo.database import Database
+from pymongo.errors import ConnectionFailure
 
 from consensus.errors import BlockRobotError
 from node.offchain.mongo_documents import Document
-from node.offchain.mongo_store import FORMAT_VERSION, MongoStore
+from node.offchain.mongo_store import (
+    _DURABLE,
+    FORMAT_VERSION,
+    MAJORITY_MAX_MS,
+    TRANSACTION_ATTEMPTS_MAX_COUNT,
+    MongoStore,
+    _tells_of_transactions,
+)
 from node.offchain.open_store import open_store
 from node.offchain.sqlite_store import SqliteStore
-from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow
+from node.offchain.store import BlockEffects, Checkpoint, ClipRow, FrameRow, Grant, OutboxRow
 
 RECORD_ID, OWNER, TXID = b"\x01" * 16, b"\x02" * 33, b"\x03" * 32
 Query = Callable[[MongoStore], Any]
@@ -117,6 +125,7 @@ QUERIES: Mapping[str, Query] = {
     "outbox_of": lambda store: store.outbox_of("access.released", TXID),
     "all_clips": lambda store: _drain(store.all_clips()),
     "slots_in_use": lambda store: _drain(store.slots_in_use()),
+    "records_with_frames": lambda store: _drain(store.records_with_frames()),
 }
 
 
@@ -179,3 +188,85 @@ def test_a_query_without_an_index_would_be_noticed(database: Database[Document])
     assert not _is_served({"status": "ready"}, [("height", -1), ("_id", 1)], rising)
     assert not _is_served({"height": {"$lt": 5}}, [], rising)
     assert not _is_served({"owner": OWNER}, [], rising)
+
+
+EFFECTS = BlockEffects(
+    outbox=(OutboxRow("access.released", TXID, 0, "access", "released", b"\x90", 5),),
+    grants=(Grant(TXID, OWNER, (), 5),),
+    checkpoint=Checkpoint(5, TXID, 1000),
+)
+
+
+@pytest.mark.parametrize("has_transactions", [True, False])
+async def test_a_block_cut_off_in_the_middle_leaves_nothing_or_what_a_repetition_completes(
+    mongo_database: str, monkeypatch: pytest.MonkeyPatch, has_transactions: bool
+) -> None:
+    bulk = MongoStore._bulk
+
+    async def cut_off(store: MongoStore, name: str, operations: Sequence[Any]) -> None:
+        if name == "checkpoint":
+            raise BlockRobotError("STORE_UNAVAILABLE")
+        await bulk(store, name, operations)
+
+    async with MongoStore(mongo_database) as store:
+        assert store.has_transactions, "the server that the tests run on speaks as a replica set"
+        store.has_transactions = has_transactions
+        with monkeypatch.context() as patches:
+            patches.setattr(MongoStore, "_bulk", cut_off)
+            with pytest.raises(BlockRobotError):
+                await store.apply(EFFECTS)
+        assert await store.checkpoint() is None
+        assert (await store.grant(TXID) is None) == has_transactions
+        assert (await store.outbox("ready", 10) == []) == has_transactions
+        for _ in range(2):
+            await store.apply(EFFECTS)
+        assert await store.checkpoint() == EFFECTS.checkpoint
+        assert await store.grant(TXID) == EFFECTS.grants[0]
+        assert await store.outbox("ready", 10) == list(EFFECTS.outbox)
+
+
+async def test_a_transaction_that_a_failover_cut_off_is_begun_again_but_not_for_ever(
+    mongo_database: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    begun: list[str] = []
+    ordered = MongoStore._apply_in_order
+
+    async with MongoStore(mongo_database) as store:
+
+        async def fail_over(_: MongoStore, effects: BlockEffects) -> None:
+            begun.append("")
+            if len(begun) % 4:
+                lost = ConnectionFailure("the primary stepped down")
+                lost._add_error_label("TransientTransactionError")
+                raise lost
+            await ordered(store, effects)
+
+        monkeypatch.setattr(MongoStore, "_apply_in_order", fail_over)
+        with pytest.raises(BlockRobotError) as refusal:
+            await store.apply(EFFECTS)
+        assert (refusal.value.code, len(begun)) == ("STORE_UNAVAILABLE", TRANSACTION_ATTEMPTS_MAX_COUNT)
+        await store.apply(EFFECTS)
+        assert await store.checkpoint() == EFFECTS.checkpoint
+
+
+@pytest.mark.parametrize(
+    ("hello", "has"),
+    [
+        ({"setName": "ward", "logicalSessionTimeoutMinutes": 30}, True),
+        ({"msg": "isdbgrid", "logicalSessionTimeoutMinutes": 30}, True),
+        ({"logicalSessionTimeoutMinutes": 30}, False),
+        ({"setName": "old"}, False),
+        ({}, False),
+    ],
+)
+def test_a_single_server_is_not_asked_for_transactions(hello: Document, has: bool) -> None:
+    assert _tells_of_transactions(hello) == has
+
+
+async def test_every_write_waits_for_the_journals_of_the_majority(mongo_database: str) -> None:
+    async with MongoStore(mongo_database) as store:
+        for name in ("clips", "frames", "missing", "grants", "outbox", "backgrounds", "checkpoint", "standings"):
+            collection = store._collection(name)
+            assert collection.write_concern.document == {"w": "majority", "j": True, "wtimeout": MAJORITY_MAX_MS}
+            assert collection.read_concern.level == "majority"
+    assert _DURABLE.document["j"]
