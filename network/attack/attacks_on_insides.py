@@ -100,16 +100,19 @@ def _owners(evidence: Evidence, frames: list[StoredFrame]) -> list[Any]:
 
 
 def _attack_robot(evidence: Evidence) -> Rates:
-    """A stolen robot: pictures that wait in its spool, and the past visits that its keys might name."""
-    played, unit = evidence.played, evidence.played.stolen.unit
-    clips, roster = open_stolen_spool(unit), open_stolen_roster(unit)
-    frames = sum(len(clip.upload.ciphertexts) for clip in clips)
-    past = [visit for visit in evidence.visits if visit.robot == unit.member]
-    named = name_visits_by_robot_keys(past, roster.rows, unit, played.chain.chain_id)
+    """Stolen robots: pictures that wait in their spools, and the past visits that their keys might name."""
+    played = evidence.played
     handles = {holder.handle: number for number, holder in played.holders.items()}
-    right = sum(handles[handle] == played.person_of(owner) for owner, handle in named.items())
-    guess = 1 / max(1, len(roster.rows))
+    frames = opened = visits = right = 0
+    for unit in (robot.unit for robot in played.stolen):
+        clips, roster = open_stolen_spool(unit), open_stolen_roster(unit)
+        frames += sum(len(clip.upload.ciphertexts) for clip in clips)
+        opened += open_waiting(clips, unit)
+        past = [visit for visit in evidence.visits if visit.robot == unit.member]
+        named = name_visits_by_robot_keys(past, roster.rows, unit, played.chain.chain_id)
+        visits += len(past)
+        right += sum(handles[handle] == played.person_of(owner) for owner, handle in named.items())
     return {
-        "robot_spool_opens": {OURS: count_rate(open_waiting(clips, unit), frames, 0.0)},
-        "robot_names_past": {OURS: count_rate(right, len(past), guess)},
+        "robot_spool_opens": {OURS: count_rate(opened, frames, 0.0)},
+        "robot_names_past": {OURS: count_rate(right, visits, 1 / max(1, len(handles)))},
     }

@@ -24,7 +24,7 @@ from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, Checkpoint
 
 DATABASE_FOLDER, KEYS_FOLDER = "database", "erase-keys"
-ERASED_VISITS_COUNT = 12
+ERASED_VISITS_COUNT = 20
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ import asyncio
 import random
 from collections.abc import Coroutine
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,10 @@ from network.sim.cluster import quiet_logs
 from network.sim.loop import SimLoop
 
 ROSTER_HOUR, EVENING_HOUR, NIGHT_HOUR = 6, 19, 22
-WALLETS_A_DAY_SHARE, SPREADING_SHARE = 0.3, 0.5
+WALLETS_A_DAY_SHARE = 0.3
+TOGETHER, PAUSING, OVER_HOURS = MANNERS = ("together", "with_pauses", "over_hours")
+HOURS_SPREAD_MS = 2 * HOUR_MS
+STOLEN_ROBOTS_COUNT = 3
 TICK_S, LIMIT_S = 60, 400 * 86_400
 _PAUSE_BETWEEN_SESSIONS_MS = (15, 60)
 
@@ -41,13 +45,13 @@ class SessionSeen:
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """An access request that a wallet made: whose, on which day, of which visit, when; `spread`: after a pause."""
+    """An access request that a wallet made: whose, on which day, of which visit, when, and in which of `MANNERS`."""
 
     person: int
     day: int
     owner: bytes
     at_ms: int
-    spread: bool
+    manner: str
 
 
 @dataclass(slots=True)
@@ -77,7 +81,7 @@ class Played:
     holders: dict[int, Holder]
     uploads: dict[bytes, ClipUpload]
     sessions: list[SessionSeen]
-    stolen: RobotDay
+    stolen: list[RobotDay]
     truth: Truth
 
     def person_of(self, owner: bytes) -> int:
@@ -100,7 +104,7 @@ class _Days:
         self.sessions: list[SessionSeen] = []
         self.holders = {person.number: make_holder(person) for person in population.enrolled}
         self.units = [make_unit(number, folder / f"robot-{number}") for number in range(population.robots)]
-        self.stolen: RobotDay | None = None
+        self.stolen: list[RobotDay] = []
 
     async def until(self, at_ms: int) -> None:
         """Sleep until a time in ms since the start."""
@@ -127,13 +131,13 @@ class _Days:
         link = RobotLink(self.chain, unit, self.uploads, self.dice)
         robot = RobotDay(self.chain, unit, roster, link, at_once=self.at_once)
         stays = [stay for stay in self.population.stays if (stay.robot, stay.day) == (unit.number, day)]
-        is_stolen = day == self.population.days - 1 and unit.number == 0
+        is_stolen = day == self.population.days - 1 and unit.number < STOLEN_ROBOTS_COUNT
         if not is_stolen:
             await asyncio.gather(*(self.stay(robot, stay) for stay in stays))
             await self.until((day + 1) * DAY_MS + (EVENING_HOUR - 1) * HOUR_MS)
             await robot.end()
             return
-        self.stolen = robot
+        self.stolen.append(robot)
         last = len(ROUNDS_AT_HOUR) - 1
         await asyncio.gather(*(self.stay(robot, stay) for stay in stays if stay.round < last))
         await self.until((day + 1) * DAY_MS + ROUNDS_AT_HOUR[last] * HOUR_MS)
@@ -169,14 +173,15 @@ class _Days:
     async def evening(self, day: int) -> None:
         """Some people open their wallets: all announcements in the member's session, then each visit in its own.
 
-        Then they ask for all of them: some at once, as `wallet view` does, some with pauses, as `rights` does.
+        Then they ask for all of them: some at once, as `wallet view` does, some with pauses, as `rights` does, some over
+        hours, as no command does.
         """
         await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS)
         chosen = [holder for holder in self.holders.values() if self.dice.random() < WALLETS_A_DAY_SHARE]
         await asyncio.gather(*(self.open_wallet(holder, day) for holder in chosen))
 
     async def open_wallet(self, holder: Holder, day: int) -> None:
-        await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS + self.dice.randrange(2 * HOUR_MS))
+        await self.until((day + 1) * DAY_MS + EVENING_HOUR * HOUR_MS + self.dice.randrange(HOUR_MS))
         address = f"10.0.{holder.person.number // 250}.{holder.person.number % 250 + 1}"
         announced = [self.chain.value("records", b"announcement/" + n.to_bytes(8, "big")) for n in range(self.count())]
         items = [Announcement(number, *fields) for number, fields in enumerate(announced)]
@@ -186,13 +191,21 @@ class _Days:
         for visit in found:
             await asyncio.sleep(self.dice.uniform(*_PAUSE_BETWEEN_SESSIONS_MS) / 1000)
             self.sessions.append(SessionSeen(self.chain.now_ms(), address, visit.owner))
-        spread = self.dice.random() < SPREADING_SHARE
-        for visit in self.dice.sample(found, len(found)):
-            if spread:
-                await asyncio.sleep(self.dice.randrange(SPREAD_MAX_MS) / 1000)
+        manner = self.dice.choice(MANNERS)
+        for visit, pause_ms in zip(self.dice.sample(found, len(found)), self.pauses(manner, len(found)), strict=True):
+            await asyncio.sleep(pause_ms / 1000)
             key = owner_key(visit, keys, self.chain.chain_id)
-            self.truth.asked.append(Asked(holder.person.number, day, visit.owner, self.chain.now_ms(), spread))
+            self.truth.asked.append(Asked(holder.person.number, day, visit.owner, self.chain.now_ms(), manner))
             await self.chain.submit(self.chain.sign(key, "access", "request", [[], "own-access"]))
+
+    def pauses(self, manner: str, count: int) -> list[int]:
+        """Return how long a wallet waits before each of its requests (ms)."""
+        if manner == PAUSING:
+            return [self.dice.randrange(SPREAD_MAX_MS) for _ in range(count)]
+        if manner == OVER_HOURS:
+            times = sorted(self.dice.randrange(HOURS_SPREAD_MS) for _ in range(count))
+            return [at_ms - before for before, at_ms in pairwise([0, *times])]
+        return [0] * count
 
     def count(self) -> int:
         """How many visits were announced."""
@@ -220,7 +233,6 @@ def play(population: Population, folder: Path, *, seed: int, at_once: bool = Fal
     days = _Days(population, folder, seed, at_once=at_once)
     days.loop.create_task(_tick())
     finish(days.loop, days.all_of_it())
-    assert days.stolen is not None
     return Played(
         population=population,
         chain=days.chain,

@@ -13,9 +13,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from network.attack.days import Played, SessionSeen
+from network.attack.days import Played, SessionSeen, day_of
 from network.attack.ledger_view import LedgerView, VisitSeen
-from network.attack.population import DAY_MS, HOUR_MS
+from network.attack.population import HOUR_MS
 from network.attack.scoring import Rate, choice_score, count_rate, grouped_rate
 
 NEAR_WORD_MS = 15_000
@@ -126,16 +126,16 @@ def _judge_sessions(played: Played, name: Callable[[SessionSeen], bytes | None],
     return grouped_rate(hits, 1 / max(1, len(members)), seed=seed)
 
 
-def attack_request_bursts(played: Played, view: LedgerView, *, spread: bool, seed: int) -> Rate:
+def attack_request_bursts(played: Played, view: LedgerView, manner: str, *, seed: int) -> Rate:
     """Say which of two visits belongs to the owner of a third: the one that was asked for next to it.
 
-    All three were asked for on one evening. `spread`: by wallets that pause between two visits, or by those that do not.
+    All three were asked for on one evening, by wallets that do so in one manner (`network.attack.days.MANNERS`).
     """
-    rng = np.random.default_rng([seed, 0xB0257, spread])
+    rng = np.random.default_rng([seed, 0xB0257])
     times = dict(view.requests)
     evenings: dict[int, dict[int, list[float]]] = defaultdict(lambda: defaultdict(list))
     for asked in played.truth.asked:
-        if asked.spread == spread and asked.owner in times:
+        if asked.manner == manner and asked.owner in times:
             evenings[asked.day][asked.person].append(_nearest(view.requests, asked.owner, asked.at_ms))
     hits: dict[int, list[float]] = defaultdict(list)
     for people in evenings.values():
@@ -211,20 +211,18 @@ def attack_one_frame(played: Played, visits: Sequence[VisitSeen]) -> Rate:
 
 
 def attack_robot_memory(played: Played, visits: Sequence[VisitSeen]) -> Rate:
-    """A robot stolen while it runs: name its visits of that day by what is in its memory, of those that are over.
+    """Robots stolen while they run: name their visits of that day, which are over, by what is in their memory.
 
-    Memory holds whose each alias is and the owner key of the visit that it has open.
+    The last round's are not on the chain yet. Memory holds whose each alias is, and the owner key of the visit that it
+    has open.
     """
-    robot = played.stolen
-    now_ms = played.chain.now_ms()
-    over = [
-        visit
-        for visit in visits
-        if visit.robot == robot.unit.member and now_ms - DAY_MS < visit.begins_ms < now_ms - 15 * 60_000
-    ]
+    stolen = {robot.unit.member for robot in played.stolen}
+    last = played.population.days - 1
+    over = [visit for visit in visits if visit.robot in stolen and day_of(visit.begins_ms) == last]
     handles = {holder.handle: number for number, holder in played.holders.items()}
     named = {
         visit.chain.owner: handles[robot.people[alias].handle]
+        for robot in played.stolen
         for alias, visit in robot.visits._open.items()  # a thief asks for nobody's leave
         if alias in robot.people
     }

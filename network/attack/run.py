@@ -41,7 +41,7 @@ class AttackOptions:
     `serial_bits`: how many bits of a UID an attacker does not know, and enumerates.
     """
 
-    people: int = 160
+    people: int = 240
     days: int = 5
     seed: int = 1
     serial_bits: int = 20

@@ -11,7 +11,7 @@ import numpy as np
 from consensus.records.padding import pad
 from network.attack import linking, open_limits
 from network.attack.custody import CustodyStory
-from network.attack.days import play
+from network.attack.days import MANNERS, play
 from network.attack.evidence import Evidence
 from network.attack.insiders import (
     name_waiting,
@@ -50,8 +50,6 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
         "one_frame_now": _one_frame_at_once(evidence, folder),
         "long_stay": open_limits.attack_rolled_visits(played, visits),
         "consent_word": open_limits.attack_consent_words(played, evidence.view),
-        "asked_for_together": open_limits.attack_request_bursts(played, evidence.view, spread=False, seed=seed),
-        "asked_for_with_pauses": open_limits.attack_request_bursts(played, evidence.view, spread=True, seed=seed),
         "present_with_words": attack_presence(played, evidence.view, None, seed=seed, speaking=True),
         "registration_time": open_limits.attack_registration_times(played, evidence.view, seed=seed),
         "node_by_address": open_limits.attack_addresses(played, seed=seed),
@@ -59,6 +57,8 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
         "robot_memory": open_limits.attack_robot_memory(played, visits),
     }
     progress("searching the stolen robot's roster")
+    for manner in MANNERS:
+        limits[f"asked_for_{manner}"] = open_limits.attack_request_bursts(played, evidence.view, manner, seed=seed)
     limits |= _robot_limits(evidence)
     limits |= _wallet_limits(evidence, custody)
     limits["record_time_error_s"] = open_limits.measure_time_error_s(played, visits)
@@ -103,19 +103,23 @@ def _fixed_sizes(evidence: Evidence) -> list[list[int]]:
 
 
 def _robot_limits(evidence: Evidence) -> Limits:
-    """A stolen robot has the roster's key: UIDs of its ward can be searched, and waiting clips named by handle."""
-    played, unit = evidence.played, evidence.played.stolen.unit
-    roster, clips = open_stolen_roster(unit), open_stolen_spool(unit)
+    """A stolen robot has the roster's key: UIDs of its roster can be searched, and waiting clips named by handle."""
+    played = evidence.played
     uids = {holder.handle: holder.person.uid for holder in played.holders.values()}
-    found = search_roster(roster, played.population.serial_bits)
-    right = sum(uids[handle] == uid for handle, uid in found.items())
     people = {holder.handle: number for number, holder in played.holders.items()}
-    named = name_waiting(clips, unit, roster)
-    owners = {clip.upload.record_id: clip.owner for clip in clips}
-    hits = sum(people[handle] == played.person_of(owners[record_id]) for record_id, handle in named.items())
+    first = open_stolen_roster(played.stolen[0].unit)
+    found = search_roster(first, played.population.serial_bits)
+    right = sum(uids[handle] == uid for handle, uid in found.items())
+    hits = waiting = 0
+    for robot in played.stolen:
+        clips = open_stolen_spool(robot.unit)
+        named = name_waiting(clips, robot.unit, open_stolen_roster(robot.unit))
+        owners = {clip.upload.record_id: clip.owner for clip in clips}
+        hits += sum(people[handle] == played.person_of(owners[record_id]) for record_id, handle in named.items())
+        waiting += len(clips)
     return {
-        "robot_roster_uids": count_rate(right, len(roster.rows), 2.0**-played.population.serial_bits),
-        "robot_waiting_clips_named": count_rate(hits, len(clips), 1 / max(1, len(roster.rows))),
+        "robot_roster_uids": count_rate(right, len(first.rows), 2.0**-played.population.serial_bits),
+        "robot_waiting_clips_named": count_rate(hits, waiting, 1 / max(1, len(first.rows))),
     }
 
 

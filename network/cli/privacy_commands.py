@@ -24,7 +24,7 @@ def privacy() -> None:
 
 @privacy.command()
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="Who comes when.")
-@click.option("--people", default=160, show_default=True, type=click.IntRange(8, 2_000), help="Who enrol.")
+@click.option("--people", default=240, show_default=True, type=click.IntRange(8, 2_000), help="Who enrol.")
 @click.option("--days", default=5, show_default=True, type=click.IntRange(2, 60), help="On which they are recorded.")
 @click.option(
     "--uid-bits", default=20, show_default=True, type=click.IntRange(12, 30), help="Of a tag's UID, to enumerate."

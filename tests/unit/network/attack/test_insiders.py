@@ -85,7 +85,7 @@ def test_metadata_opens_to_its_owner_alone(hospital: SmallHospital) -> None:
 
 
 def test_a_stolen_robot_gives_its_roster_and_no_picture(hospital: SmallHospital) -> None:
-    unit = hospital.played.stolen.unit
+    unit = hospital.played.stolen[0].unit
     roster, clips = open_stolen_roster(unit), open_stolen_spool(unit)
     assert len(roster.rows) == len(hospital.played.holders)
     assert clips
@@ -96,7 +96,7 @@ def test_a_stolen_robot_gives_its_roster_and_no_picture(hospital: SmallHospital)
 
 
 def test_a_robot_that_drew_from_its_key_would_give_past_visits_away(hospital: SmallHospital) -> None:
-    played, unit = hospital.played, hospital.played.stolen.unit
+    played, unit = hospital.played, hospital.played.stolen[0].unit
     roster, chain_id = open_stolen_roster(unit), hospital.played.chain.chain_id
     past = list(hospital.evidence.visits)
     assert name_visits_by_robot_keys(past, roster.rows, unit, chain_id) == {}
