@@ -16,6 +16,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import audit_all
 from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
+from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
@@ -76,6 +77,7 @@ wallet.add_command(consent)
 for right in RIGHTS_COMMANDS:
     wallet.add_command(right)
 wallet.add_command(export)
+wallet.add_command(erasures)
 
 
 def _cost(fast: bool) -> PassphraseCost | None:

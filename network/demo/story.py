@@ -287,6 +287,14 @@ class Demo:
             ok=_confirmed(everything) and left == 0 and erased == len(records),
             detail=f"{erased} records, {sum(len(row['confirmed']) for row in everything['erasures'])} receipts on chain",
         )
+        told = (await self.stage.wallet("patient-a", "erasures"))["erasures"]
+        words = [word for erasure in told for word in erasure["custodians"]]
+        self.checks.add(
+            "A's wallet says who has confirmed what",
+            ok=len(words) == 2 * len(told) > 0
+            and all(word["confirmed_at_ms"] and not word["overdue"] for word in words),
+            detail=f"{len(told)} erasures, each confirmed by {', '.join(sorted({word['name'] for word in words}))}",
+        )
         refused = await self.stage.refusal("patient-a", "view", chosen["record_id"], "--out", str(out))
         self.checks.add(
             "nothing of it can be had any more",

@@ -7,7 +7,15 @@ from typing import Any
 
 import pytest
 
+from clients.wallet.auditing import AuditEntry
 from clients.wallet.erasing import Erasing
+from clients.wallet.erasure_status import (
+    OVERDUE_AFTER_MS,
+    AskedErasure,
+    describe_erasure,
+    erasure_json,
+    erasure_lines,
+)
 from clients.wallet.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import World
@@ -110,3 +118,51 @@ def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> N
         assert caught.value.detail.startswith("1 ")
 
     run_virtual(main())
+
+
+ASKED_MS = 1_800_000_000_000
+NAMES = {b"a" * 33: "node-1 of ward", b"b" * 33: "node-2 of lab"}
+
+
+def _asked(visit: KnownVisit, frames: list[int]) -> AuditEntry:
+    data = {"erasure_id": b"e" * 32, "records": 1, "frames": frames}
+    return AuditEntry(visit.owner, 3, b"", "erasure_requested", ASKED_MS, 9, data)
+
+
+async def _described(world: World, receipts: dict[bytes, Any], *, age_ms: int, frames: list[int]) -> AskedErasure:
+    visit = await own_visit(world)
+    put_erasure(world, b"e" * 32, "complete" if len(receipts) == 2 else "requested", receipts)
+    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    return describe_erasure(report, _asked(visit, frames), NAMES, ASKED_MS + age_ms)
+
+
+async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World) -> None:
+    told = {"time": ASKED_MS + 400, "destroyed_frames": 12, "remains": "nothing", "remains_until_ms": 0}
+    for age_ms, overdue in ((OVERDUE_AFTER_MS, False), (OVERDUE_AFTER_MS + 1, True)):
+        erasure = await _described(world, {b"a" * 33: told}, age_ms=age_ms, frames=[])
+        assert [word.overdue for word in erasure.custodians] == [False, overdue]
+        lines = "\n".join(erasure_lines(erasure))
+        assert "1 records: not erased everywhere yet." in lines
+        assert "node-1 of ward confirmed" in lines
+        assert "12 pictures destroyed." in lines
+        assert ("node-2 of lab is OVERDUE" in lines) == overdue
+        assert ("node-2 of lab has not confirmed yet" in lines) != overdue
+
+
+async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) -> None:
+    told = {"time": ASKED_MS, "destroyed_frames": 2, "remains": "commitment-leaves", "remains_until_ms": ASKED_MS + 1}
+    erasure = await _described(world, {b"a" * 33: told, b"b" * 33: told}, age_ms=10**9, frames=[0, 1])
+    lines = erasure_lines(erasure)
+    assert "2 pictures of a record: erased everywhere." in lines[0]
+    assert all("what remains is commitment-leaves, until" in line for line in lines[1:])
+    described = erasure_json(erasure)
+    assert [word["overdue"] for word in described["custodians"]] == [False, False]
+    assert described["custodians"][0]["destroyed_frames"] == 2
+
+
+async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> None:
+    visit = await own_visit(world)
+    put_erasure(world, b"e" * 32, "requested", {})
+    report = await Erasing(world.wallet).report(visit, b"e" * 32)
+    erasure = describe_erasure(report, _asked(visit, []), {}, ASKED_MS)
+    assert erasure.custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"

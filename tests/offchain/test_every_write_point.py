@@ -1,0 +1,276 @@
+"""A power cut at every single write of the hook, down to a key's bytes or a command to the server; and stores that fail.
+
+What is cut here is lower than in `test_custodian_crashes`: a file's single write, a database's single transaction, a
+server's single command, each of them just before it and just after it.
+"""
+
+from __future__ import annotations
+
+import secrets
+import sqlite3
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit, urlunsplit
+
+import msgspec
+import pytest
+from pymongo import MongoClient
+from pymongo.errors import NotPrimaryError
+
+from consensus.errors import BlockRobotError
+from node.offchain.erase_keys import EraseKeys
+from node.offchain.finalized import FinalizedEvents
+from node.offchain.mongo_store import MongoStore
+from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+from tests.offchain import secantus
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
+from tests.offchain.small_chain import ALICE, EXPIRES_MS, START_MS, access, erasure, record_clip, recorded
+
+LATER_MS = EXPIRES_MS + 9_999_999
+SECOND_ID = b"\xe2" * 32
+STEPS_MAX_COUNT = 400
+
+
+class PowerCutError(Exception):
+    """The process ends here."""
+
+
+class Cutter:
+    """Lets the power fail just before, or just after, the n-th low write."""
+
+    def __init__(self, step: int, *, after: bool) -> None:
+        self.step, self.after, self.done = step, after, 0
+
+    def around(self, original: Callable[..., Any]) -> Callable[..., Any]:
+        def guarded(*arguments: Any, **named: Any) -> Any:
+            self.done += 1
+            if self.done == self.step and not self.after:
+                raise PowerCutError
+            result = original(*arguments, **named)
+            if self.done == self.step:
+                raise PowerCutError
+            return result
+
+        return guarded
+
+    def around_async(self, original: Callable[..., Any]) -> Callable[..., Any]:
+        async def guarded(*arguments: Any, **named: Any) -> Any:
+            self.done += 1
+            if self.done == self.step and not self.after:
+                raise PowerCutError
+            result = await original(*arguments, **named)
+            if self.done == self.step:
+                raise PowerCutError
+            return result
+
+        return guarded
+
+    def install(self, patches: pytest.MonkeyPatch) -> None:
+        patches.setattr(EraseKeys, "_write", self.around(EraseKeys._write))
+        patches.setattr(SqliteStore, "_write", self.around_async(SqliteStore._write))
+        patches.setattr(SqliteStore, "sweep", self.around_async(SqliteStore.sweep))
+        for name in ("_bulk", "_delete"):
+            patches.setattr(MongoStore, name, self.around_async(getattr(MongoStore, name)))
+
+
+class Story:
+    """One block that confirms, releases, erases frames, erases a record, purges and expires; and what must come of it."""
+
+    def __init__(self, house: House) -> None:
+        self.house = house
+        self.kept, self.cut, self.gone, self.lapsed, self.expiring = (record_clip() for _ in range(5))
+
+    async def prepare(self) -> FinalizedEvents:
+        custodian, chain = self.house.custodian, self.house.chain
+        for clip in (self.kept, self.cut, self.gone, self.expiring):
+            await custodian.stage(clip.upload)
+        early = (recorded(self.cut, expires_at_ms=LATER_MS), recorded(self.gone, expires_at_ms=LATER_MS))
+        await self.house.follow(*early, recorded(self.expiring, expires_at_ms=START_MS + 50_000))
+        await custodian.stage(msgspec.structs.replace(self.lapsed.upload, valid_until_ms=START_MS + 50_000))
+        requests = (erasure(ERASURE_ID, self.cut, frames=(0, 2)), erasure(SECOND_ID, self.gone))
+        events = (recorded(self.kept, expires_at_ms=LATER_MS), access(ACCESS_ID, self.kept), *requests)
+        return chain.block(*events, at_ms=START_MS + 50_000)
+
+    async def check(self) -> None:
+        custodian, keys = self.house.custodian, self.house.keys
+        kept = await custodian.download(self.kept.record_id, ACCESS_ID, ALICE)
+        assert read_all(self.kept, kept) == list(self.kept.plaintexts)
+        cut = await custodian.export(self.cut.record_id)
+        assert read_all(self.cut, cut) == [None, self.cut.plaintexts[1], None]
+        for clip in (self.gone, self.expiring):
+            await refused("CLIP_ERASED", custodian.export(clip.record_id))
+        await refused("NOT_FOUND", custodian.export(self.lapsed.record_id))
+        assert keys.held_count == 3 + 1
+        assert keys.check_destroyed() == 0
+        owed = await self.house.owed()
+        assert len(owed) == 4
+        receipts = {told[0]: told[1:3] for call, told in owed if call == "erasure.receipt"}
+        assert receipts == {ERASURE_ID: [2, "commitment-leaves"], SECOND_ID: [3, "nothing"]}
+
+
+async def play(house: House, cutter: Cutter, monkeypatch: pytest.MonkeyPatch) -> bool:
+    """Play the story with one power cut; return whether there still was a write to cut."""
+    async with house.open() as custodian:
+        story = Story(house)
+        block = await story.prepare()
+        with monkeypatch.context() as patches:
+            cutter.install(patches)
+            try:
+                await custodian.on_finalized_block(block)
+                was_cut = False
+            except PowerCutError:
+                was_cut = True
+    async with house.open() as custodian:
+        for _ in range(2):
+            await custodian.on_finalized_block(block)
+        await story.check()
+    return was_cut
+
+
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, after: bool
+) -> None:
+    steps = 0
+    for step in range(1, STEPS_MAX_COUNT):
+        folder = tmp_path / str(step)
+        house = House(lambda folder=folder: SqliteStore(folder / "custody"), folder / "erase-keys")
+        if not await play(house, Cutter(step, after=after), monkeypatch):
+            break
+        steps = step
+    assert 25 < steps < STEPS_MAX_COUNT - 1
+
+
+def _fresh(uri: str) -> str:
+    return urlunsplit(urlsplit(uri)._replace(path=f"/blockrobot_test_{secrets.token_hex(6)}"))
+
+
+@pytest.mark.parametrize("has_transactions", [True, False], ids=["transactions", "single server"])
+async def test_a_power_cut_at_every_command_to_the_server(
+    tmp_path: Path, mongo_uri: str, driver_sockets: None, monkeypatch: pytest.MonkeyPatch, has_transactions: bool
+) -> None:
+    """With transactions a cut leaves nothing of one; without, the order of the commands has to bear it."""
+    if not has_transactions:
+        monkeypatch.setattr("node.offchain.mongo_store._tells_of_transactions", lambda _hello: False)
+    steps = 0
+    for step in range(1, STEPS_MAX_COUNT):
+        uri, folder = _fresh(mongo_uri), tmp_path / str(step)
+        house = House(lambda uri=uri: MongoStore(uri), folder / "erase-keys")
+        try:
+            was_cut = await play(house, Cutter(step, after=False), monkeypatch)
+        finally:
+            with MongoClient(uri) as client:
+                client.drop_database(urlsplit(uri).path.lstrip("/"))
+        if not was_cut:
+            break
+        steps = step
+    assert 25 < steps < STEPS_MAX_COUNT - 1
+
+
+async def test_a_disk_that_fills_up_in_the_middle_of_a_block_stops_it_and_freed_it_is_completed(tmp_path: Path) -> None:
+    for room in range(12):
+        left = [10_000]
+
+        def require_space(left: list[int] = left) -> None:
+            left[0] -= 1
+            if left[0] < 0:
+                raise OSError(28, "No space left on device")
+
+        folder = tmp_path / str(room)
+        house = House(lambda folder=folder, need=require_space: SqliteStore(folder, need), folder / "erase-keys")
+        async with house.open() as custodian:
+            story = Story(house)
+            block = await story.prepare()
+            left[0] = room
+            await refused("STORE_UNAVAILABLE", custodian.on_finalized_block(block))
+            await refused("STORE_UNAVAILABLE", custodian.stage(record_clip(valid_until_ms=START_MS + 90_000).upload))
+            left[0] = 10_000
+            await custodian.on_finalized_block(block)
+        async with house.open():
+            await story.check()
+
+
+async def test_a_store_that_somebody_holds_up_is_waited_for(tmp_path: Path) -> None:
+    """Slow is not broken: another program's lock on the database delays the block, no more."""
+    house = House(lambda: SqliteStore(tmp_path / "custody"), tmp_path / "erase-keys")
+    async with house.open() as custodian:
+        story = Story(house)
+        block = await story.prepare()
+        holder = sqlite3.connect(
+            tmp_path / "custody" / DATABASE_FILE_NAME, isolation_level=None, check_same_thread=False
+        )
+        holder.execute("BEGIN IMMEDIATE")
+        release = threading.Timer(0.5, lambda: holder.execute("ROLLBACK"))
+        release.start()
+        await custodian.on_finalized_block(block)
+        release.join()
+        holder.close()
+        await story.check()
+
+
+async def test_a_server_that_dies_in_the_middle_of_a_block_and_comes_back_has_all_of_it(
+    tmp_path: Path, driver_sockets: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real server process, killed under the custodian and started again over the same files."""
+    storage, port = tmp_path / "server", secantus.choose_port()
+    storage.mkdir()
+    child = secantus.start(storage, port)
+    uri = secantus.uri_of(port).replace("/?", "/custody?")
+    bulk = MongoStore._bulk
+    calls: list[str] = []
+
+    async def killed_at_the_fourth(store: MongoStore, name: str, operations: Any) -> None:
+        calls.append(name)
+        if len(calls) == 4:
+            child.kill()
+            child.wait()
+        await bulk(store, name, operations)
+
+    try:
+        house = House(lambda: MongoStore(uri), tmp_path / "erase-keys")
+        async with house.open() as custodian:
+            story = Story(house)
+            block = await story.prepare()
+            with monkeypatch.context() as patches:
+                patches.setattr(MongoStore, "_bulk", killed_at_the_fourth)
+                await refused("STORE_UNAVAILABLE", custodian.on_finalized_block(block))
+                await refused("STORE_UNAVAILABLE", custodian.export(story.kept.record_id))
+            child = secantus.start(storage, port)
+            await custodian.on_finalized_block(block)
+            await custodian.on_finalized_block(block)
+            await story.check()
+    finally:
+        secantus.stop(child)
+
+
+async def test_a_failover_in_the_middle_of_a_block_is_got_over(
+    tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The primary steps down at each command once: the driver's own error, put in by hand for want of a replica set."""
+    house = House(lambda: MongoStore(mongo_database), tmp_path / "erase-keys")
+    async with house.open() as custodian:
+        story = Story(house)
+        block = await story.prepare()
+        bulk, fresh = MongoStore._bulk, [True]
+
+        async def stepping_down(store: MongoStore, name: str, operations: Any) -> None:
+            fresh[0] = not fresh[0]
+            if not fresh[0]:
+                raise NotPrimaryError("not primary", {"code": 10107, "errorLabels": ["TransientTransactionError"]})
+            await bulk(store, name, operations)
+
+        with monkeypatch.context() as patches:
+            patches.setattr(MongoStore, "_bulk", stepping_down)
+            for _ in range(STEPS_MAX_COUNT):
+                try:
+                    await custodian.on_finalized_block(block)
+                except (BlockRobotError, NotPrimaryError):
+                    point = await custodian.checkpoint()
+                    if point is None or point.height < block.height:
+                        continue
+                break
+            patches.undo()
+        await custodian.on_finalized_block(block)
+        await story.check()
