@@ -9,14 +9,25 @@ from __future__ import annotations
 import struct
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from clients.bundle.documents import FrameDocument, RecordOpening, read_bytes
 from clients.bundle.layout import RECORD_OPENINGS, background_name, rendition_name, shown_name
-from clients.sdk.picture import PNG_SIGNATURE, colourise, compose, decode_colour_png, decode_depth_png
-from clients.sdk.rendition_files import own_pixels, sense_file
+from clients.sdk.picture import (
+    PNG_SIGNATURE,
+    Depth,
+    colour_pixels,
+    compose_on,
+    decode_colour_png,
+    decode_depth_png,
+    encode_colour_png,
+    encode_depth_png,
+)
+from clients.sdk.rendition_files import own_depth, sense_file
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_FRAMES_MAX_COUNT
 from consensus.primitives.hashing import HASH_SIZE_BYTES, sha256
@@ -43,24 +54,42 @@ class FrameSource(Protocol):
         ...
 
 
+Pixels = npt.NDArray[np.uint8] | Depth
+
+
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One file of the bundle. A drawn one may be packed otherwise by another program, with the same pixels."""
+    """One file of the bundle: its bytes, or pixels. What is drawn may be packed otherwise, with the same pixels."""
 
     name: str
-    content: bytes
+    made: bytes | Pixels
     is_drawn: bool
 
+    @property
+    def content(self) -> bytes:
+        """The bytes to write; pixels are packed as PNG."""
+        if isinstance(self.made, bytes):
+            return self.made
+        if self.made.ndim == 2:
+            return encode_depth_png(np.asarray(self.made, dtype=np.uint16))
+        return encode_colour_png(np.asarray(self.made, dtype=np.uint8))
 
-def draw(rendition: Rendition, background: bytes | None) -> list[tuple[str, bytes]]:
+
+@lru_cache(maxsize=4)
+def _decode_room(png: bytes) -> Depth:
+    """Return an empty frame's image: many frames in a row stand on the same."""
+    return decode_depth_png(png)
+
+
+def draw(rendition: Rendition, background: bytes | None) -> list[tuple[str, bytes | Pixels]]:
     """Return what can be made of a rendition: files by suffix. Raises RENDITION_CORRUPTED if it is damaged."""
     if rendition.encoding != ENCODING_PNG16:
         return [sense_file(rendition)]
-    files = [("depth.png", own_pixels(rendition))]
+    files: list[tuple[str, bytes | Pixels]] = [("depth.png", own_depth(rendition))]
     if background is None:
         return files
     box = (rendition.x, rendition.y, rendition.box_width, rendition.box_height)
-    return [("png", colourise(compose(background, *box, rendition.pixels), legend=False)), *files]
+    return [("png", colour_pixels(compose_on(_decode_room(background), *box, rendition.pixels))), *files]
 
 
 def _read_leaves(opening: RecordOpening, state: dict[str, Any]) -> list[bytes]:
@@ -112,7 +141,7 @@ def walk_frames(
     return told
 
 
-def _draw_all(rendition: Rendition, background: bytes | None) -> tuple[str, list[tuple[str, bytes]]]:
+def _draw_all(rendition: Rendition, background: bytes | None) -> tuple[str, list[tuple[str, bytes | Pixels]]]:
     if not rendition.pixels:
         return NOTICE, []
     try:
@@ -123,13 +152,12 @@ def _draw_all(rendition: Rendition, background: bytes | None) -> tuple[str, list
 
 def is_same_file(piece: Piece, stored: bytes) -> bool:
     """Tell whether what is stored shows the same as what was drawn: equal bytes, or a PNG with equal pixels."""
-    if stored == piece.content:
-        return True
+    made = piece.made
     if not piece.is_drawn or not piece.name.endswith(".png") or not _has_only_pixels(stored):
-        return False
+        return stored == piece.content
     decode = decode_depth_png if piece.name.startswith("depth/") else decode_colour_png
     try:
-        return bool(np.array_equal(decode(stored), decode(piece.content)))
+        return bool(np.array_equal(decode(stored), decode(made) if isinstance(made, bytes) else made))
     except BlockRobotError:
         return False
 

@@ -36,7 +36,12 @@ def compose(empty_png: bytes, x: int, y: int, width: int, height: int, pixels_pn
     Pixels of the box that are 0 are not the owner's and show the empty frame. Raises RENDITION_CORRUPTED when either
     PNG is damaged, is not 16-bit grey, or does not fit the box or the frame.
     """
-    picture = decode_depth_png(empty_png)
+    return compose_on(decode_depth_png(empty_png), x, y, width, height, pixels_png)
+
+
+def compose_on(empty: Depth, x: int, y: int, width: int, height: int, pixels_png: bytes) -> Depth:
+    """As `compose`, on an empty frame that was decoded before and is left as it is."""
+    picture = empty.copy()
     pixels = decode_depth_png(pixels_png)
     if pixels.shape != (height, width):
         raise _corrupted("The owner's pixels do not have the size of their box.")
@@ -111,11 +116,22 @@ def encode_depth_png(depth: Depth) -> bytes:
 
 def colourise(depth: Depth, *, legend: bool = True) -> bytes:
     """Return a colour PNG of a depth image: near is blue, far is red, unmeasured dark grey, with a legend in metres."""
+    colours = colour_pixels(depth)
+    return encode_colour_png(np.vstack([colours, _legend(depth.shape[1])]) if legend else colours)
+
+
+def colour_pixels(depth: Depth) -> npt.NDArray[np.uint8]:
+    """Return the pixels of `colourise` without its legend (height x width x 3)."""
     span = SHOWN_MAX_MM - SHOWN_MIN_MM
     scaled = (np.clip(depth.astype(np.float32), SHOWN_MIN_MM, SHOWN_MAX_MM) - SHOWN_MIN_MM) * (255 / span)
     colours = np.asarray(cv2.applyColorMap(scaled.astype(np.uint8), cv2.COLORMAP_TURBO), dtype=np.uint8)
     colours[depth == 0] = UNMEASURED_GREY
-    return _encode(np.vstack([colours, _legend(depth.shape[1])]) if legend else colours)
+    return colours
+
+
+def encode_colour_png(pixels: npt.NDArray[np.uint8]) -> bytes:
+    """Return 8-bit colour pixels as a PNG."""
+    return _encode(pixels)
 
 
 def _legend(width: int) -> npt.NDArray[np.uint8]:

@@ -9,7 +9,7 @@ from io import BytesIO
 
 import numpy as np
 
-from clients.sdk.picture import check_jpeg, decode_depth_png, encode_depth_png, paint_colour
+from clients.sdk.picture import Depth, check_jpeg, decode_depth_png, encode_depth_png, paint_colour
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG_RGBA, ENCODING_WAV, Rendition
 
@@ -55,9 +55,14 @@ def own_pixels(rendition: Rendition) -> bytes:
 
     Raises RENDITION_CORRUPTED if they do not have the size of their box.
     """
+    return encode_depth_png(own_depth(rendition))
+
+
+def own_depth(rendition: Rendition) -> Depth:
+    """Return the same as an image that is not packed."""
     whole = np.zeros((rendition.height, rendition.width), dtype=np.uint16)
     box = decode_depth_png(rendition.pixels)
     if box.shape != (rendition.box_height, rendition.box_width):
         raise BlockRobotError("RENDITION_CORRUPTED", "The owner's pixels do not have the size of their box.")
     whole[rendition.y : rendition.y + rendition.box_height, rendition.x : rendition.x + rendition.box_width] = box
-    return encode_depth_png(whole)
+    return whole
