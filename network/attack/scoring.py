@@ -35,9 +35,9 @@ class Rate:
         return self.trials > 0 and self.excess_bound <= ALLOWED_EXCESS
 
     def figures(self, name: str) -> dict[str, Any]:
-        """Return the pair of figures, and how sure they are."""
+        """Return the pair of figures, and how sure they are. Of no trial at all there is no rate."""
         return {
-            f"{name}_success_rate": round(self.success, 4),
+            f"{name}_success_rate": round(self.success, 4) if self.trials else None,
             f"{name}_guess_rate": float(f"{self.guess:.3g}"),
             f"{name}_success_upper_bound": round(self.high, 4),
             f"{name}_trials": self.trials,

@@ -66,7 +66,7 @@ class _Teller:
 def _tables(result: dict[str, Any]) -> list[Table]:
     figures = result["figures"]
     side = Table(title=f"{result['name']}: {'ok' if result['ok'] else 'FAILED'}", title_justify="left")
-    side.add_column("attack")
+    side.add_column("attack", no_wrap=True)
     for scheme in _SCHEMES:
         side.add_column(scheme.replace("_", " "), justify="right")
     side.add_column("guessing", justify="right")
@@ -79,7 +79,8 @@ def _tables(result: dict[str, Any]) -> list[Table]:
         side.add_row(name, *cells, str(figures[f"{name}_ours_guess_rate"]))
     for name in (name.removesuffix("_success_rate") for name in figures if name.startswith("limit_")):
         if f"{name}_guess_rate" in figures:
-            cells = [str(figures[f"{name}_success_rate"]), str(figures[f"{name}_guess_rate"])]
+            success = figures[f"{name}_success_rate"]
+            cells = ["" if success is None else str(success), str(figures[f"{name}_guess_rate"])]
             limits.add_row(name.removeprefix("limit_"), *cells)
     rest = Table(title="searches and conditions", title_justify="left", show_header=False)
     for name, value in {**figures, **result["conditions"]}.items():

@@ -58,5 +58,9 @@ def test_figures_come_in_pairs() -> None:
     }
 
 
+def test_of_no_trial_there_is_no_rate() -> None:
+    assert count_rate(0, 0, 0.0).figures("limit_long_stay")["limit_long_stay_success_rate"] is None
+
+
 def test_a_tie_is_half_a_hit() -> None:
     assert [choice_score(2, 1), choice_score(1, 1), choice_score(0, 1)] == [1.0, 0.5, 0.0]
