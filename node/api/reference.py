@@ -1,6 +1,6 @@
-"""The reference pages of interface and errors, made from the tables in the code. Must never be edited by hand.
+"""The reference pages of interface, errors and authorisation, made from the code. Must never be edited by hand.
 
-`python -m node.api.reference FOLDER` writes both pages; `--check` only tells whether they are current.
+`python -m node.api.reference FOLDER` writes the pages; `--check` only tells whether they are current.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from consensus.errors import CATALOGUE
+from node.api.authorisation import write_authorisation_page
 from node.api.openapi import errors_of
 from node.api.routes import ROUTES
 from node.api.routing import Parameter, Route
@@ -91,7 +92,11 @@ def write_errors_page() -> str:
 
 def pages() -> dict[str, str]:
     """Return the text of each page by file name."""
-    return {"http-api.md": write_http_page(), "errors.md": write_errors_page()}
+    return {
+        "http-api.md": write_http_page(),
+        "errors.md": write_errors_page(),
+        "authorisation.md": write_authorisation_page(),
+    }
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -39,7 +39,7 @@ def test_every_error_a_route_names_is_in_the_catalogue() -> None:
         assert set(errors_of(route)) <= set(CATALOGUE)
 
 
-@pytest.mark.parametrize("name", ["http-api.md", "errors.md"])
+@pytest.mark.parametrize("name", ["http-api.md", "errors.md", "authorisation.md"])
 def test_the_reference_page_is_current(name: str) -> None:
     assert (FOLDER / name).read_text(encoding="utf-8") == pages()[name], (
         "run: python -m node.api.reference docs/reference"

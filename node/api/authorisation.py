@@ -1,0 +1,109 @@
+"""Who may call what, as one table made from the rules in the code. Must never hold a rule of its own.
+
+A route's rule stands in the route table (`Route.access`), a contract entry's in its docstring
+(`contracts.execution.callers`). The tests try every cell of both tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from consensus.errors import BlockRobotError
+from contracts.execution.callers import ROLES, CallerRule, entry_rules
+from node.api.access import Access
+from node.api.routes import ROUTES
+from node.api.sessions import Session
+from node.api.standing import ROLE_ADMIN, ROLE_CUSTODIAN, ROLE_REGISTRAR, Standing
+
+_MADE = "<!-- Made from the code by `python -m node.api.reference docs/reference`. Do not edit. -->"
+_INTRODUCTION = """\
+Every route and every entry of a contract states who may call it, beside its code. These tables are made from those
+rules; `tests/security/test_authorisation_routes.py` and `tests/security/test_authorisation_entries.py` try every cell.
+A route or an entry without a rule stops the tests, and a route without one stops the node as well.
+
+A session is opened with a key, and is worth what that key is on the finalized state at each request: a producer's key
+and one who was revoked get none. Transactions need no session: each is signed, and the contract looks at the signer.
+
+## Routes
+
+`yes`: the request reaches the route (which may still refuse what it asks for: a clip that is another's, say).
+`-`: it is refused before. Where no session counts, the code of the refusal stands below the caller; elsewhere it is
+`NOT_PERMITTED`."""
+_ENTRIES_INTRODUCTION = """\
+## Entries of contracts
+
+`yes`: for whatever the entry is about. `own`: for what is the caller's own, as the words say. `-`: refused, and nothing
+remains but the receipt. Views (entries that only read) are not here: they are called by `POST /v1/queries`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caller:
+    """A caller of the HTTP interface: what the node knows of his key, or else the code that every session rule gives."""
+
+    name: str
+    standing: Standing | None
+    refused_with: str = ""
+
+
+def _member(name: str, role: str = "") -> Caller:
+    return Caller(name, Standing("member", frozenset({role or name})))
+
+
+CALLERS = (
+    Caller("no session", None, "SESSION_REQUIRED"),
+    Caller("expired session", None, "SESSION_EXPIRED"),
+    Caller("revoked member", None, "SESSION_REFUSED"),
+    Caller("producer", None, "SESSION_REQUIRED"),
+    _member("subject"),
+    _member("staff"),
+    _member("robot"),
+    _member("officer"),
+    _member("auditor"),
+    _member("registrar", ROLE_REGISTRAR),
+    _member("admin", ROLE_ADMIN),
+    _member("custodian", ROLE_CUSTODIAN),
+    Caller("owner key", Standing("owner", frozenset())),
+)
+
+
+def refusal_of(access: Access, caller: Caller) -> str:
+    """Return the code by which a rule refuses a caller, or an empty text if he passes."""
+    if not access.needs_session:
+        return ""
+    if caller.standing is None:
+        return caller.refused_with
+    try:
+        access.check(Session(bytes(33), caller.standing.kind, caller.standing.roles, 0))
+    except BlockRobotError as error:
+        return error.code
+    return ""
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _table(head: list[str], rows: list[list[str]]) -> list[str]:
+    return [_row(head), "|---" * len(head) + "|", *map(_row, rows)]
+
+
+def _entry_cell(rule: CallerRule, role: str) -> str:
+    if role in rule.always:
+        return "yes"
+    return "own" if role in rule.own else "-"
+
+
+def write_authorisation_page() -> str:
+    """Return the text of `docs/reference/authorisation.md`."""
+    heads = [caller.name + (f"<br>`{caller.refused_with}`" if caller.refused_with else "") for caller in CALLERS]
+    routes = [
+        [f"`{route.method} {route.path}`", *("-" if refusal_of(route.access, caller) else "yes" for caller in CALLERS)]
+        for route in ROUTES
+    ]
+    entries = [
+        [f"`{contract}.{entry}`", rule.words, *(_entry_cell(rule, role) for role in ROLES)]
+        for (contract, entry), rule in entry_rules().items()
+    ]
+    lines = [_MADE, "", "# Who may call what", "", _INTRODUCTION, "", *_table(["route", *heads], routes), ""]
+    lines += [_ENTRIES_INTRODUCTION, "", *(f"- **{role}**: {what}." for role, what in ROLES.items()), ""]
+    return "\n".join(lines + _table(["entry", "who may call", *ROLES], entries)) + "\n"

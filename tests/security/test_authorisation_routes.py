@@ -1,0 +1,147 @@
+"""Every route tried by every caller, with real requests to the real application over a state that real contracts wrote.
+
+What is expected is the table that `docs/reference/authorisation.md` is made from. A cell holds if the handler ran or did
+not run as the table says: a refused request never reaches it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass, field, replace
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.session import sign_session
+from node.api import create_api
+from node.api.access import Access
+from node.api.authorisation import CALLERS, Caller, refusal_of
+from node.api.routes import ROUTES
+from node.api.routing import Call, Handler, Route
+from node.api.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
+from node.api.standing import find_standing
+from tests.unit.contracts.privacy.hospital import Hospital, key_of
+from tests.unit.node.api.small_network import SmallLedger, SmallNode
+
+STATE_MAX_COUNT = 1_000_000
+NOT_FOR_YOU = {"SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED"}
+assert len(ROUTES) < SESSIONS_OF_KEY_MAX_COUNT
+
+
+@dataclass
+class Tried:
+    """The application, how often each of its handlers ran, and what each caller sends to say who he is."""
+
+    node: SmallNode
+    client: TestClient[web.Request, web.Application]
+    keys: dict[str, PrivateKey]
+    ran: Counter[str]
+    sessions: dict[str, Iterator[str]] = field(default_factory=dict)
+
+    async def open_session(self, key: PrivateKey) -> str:
+        """Return a token for a key, or the code of the refusal."""
+        public_key = key.public_key.hex()
+        answer = await self.client.post("/v1/session-challenges", json={"public_key": public_key})
+        challenge = (await answer.json())["challenge"]
+        signature = sign_session(key, self.node.ledger.genesis.chain_id, "n0", bytes.fromhex(challenge))
+        document = {"public_key": public_key, "challenge": challenge, "signature": signature.hex()}
+        answer = await self.client.post("/v1/sessions", json=document)
+        content = await answer.json()
+        return str(content["token"] if answer.status == 200 else content["code"])
+
+    async def open_sessions(self, *callers: str) -> None:
+        """A session for each route: one that was refused once is forgotten."""
+        for caller in callers:
+            key = self.keys[caller]
+            self.sessions[caller] = iter([await self.open_session(key) for _ in ROUTES])
+
+    async def ask(self, route: Route, caller: Caller) -> tuple[bool, str]:
+        """Return whether the handler ran, and the code of the problem, if there is one."""
+        token = next(self.sessions.get(caller.name, iter(())), "")
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        sizes = {item.name: item.size_bytes for item in route.parameters if item.place == "path"}
+        path = route.path.format(**{name: "00" * size if size else "0" for name, size in sizes.items()})
+        before = self.ran[route.operation]
+        answer = await self.client.request(route.method, path, headers=headers)
+        is_problem = answer.content_type == "application/problem+json"
+        code = (await answer.json())["code"] if is_problem else ""
+        answer.close()
+        return self.ran[route.operation] > before, code
+
+
+def counted(ran: Counter[str], route: Route) -> Route:
+    async def handle(call: Call) -> web.StreamResponse:
+        ran[route.operation] += 1
+        return await handler(call)
+
+    handler: Handler = route.handler
+    return replace(route, handler=handle)
+
+
+def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
+    members = {name: hospital.enrol(name, name).identity for name in ("subject", "staff", "officer", "auditor")}
+    return members | {
+        "expired session": hospital.enrol("sleeper").identity,
+        "revoked member": hospital.enrol("leaver", "staff").identity,
+        "robot": hospital.robot.identity,
+        "registrar": hospital.registrar,
+        "admin": hospital.admin,
+        "custodian": hospital.custodians[0],
+        "producer": key_of("custodian-1/producer"),
+        "owner key": hospital.open_visit(hospital.enrol("anna")).key,
+    }
+
+
+@pytest.fixture
+async def tried() -> AsyncIterator[Tried]:
+    """Everybody has what sessions they can get; one has expired, and one member was revoked in a session."""
+    hospital, ran = Hospital(), Counter[str]()
+    keys = people_of(hospital)
+    node = SmallNode.around(await SmallLedger().start())
+    await node.ledger.extend(writes=dict(hospital.state.scan(b"", STATE_MAX_COUNT)))
+    routes = tuple(counted(ran, route) for route in ROUTES)
+    async with TestClient(TestServer(create_api(node.services, routes))) as client:
+        tried = Tried(node, client, keys, ran)
+        await tried.open_sessions("expired session")
+        node.clock.time_ms += SESSION_LIFETIME_MS
+        await tried.open_sessions(*(keys.keys() - {"expired session", "producer"}))
+        hospital.must(hospital.admin, "identity", "revoke", sha256(b"leaver/handle"))
+        await node.ledger.extend(writes=dict(hospital.state.scan(b"", STATE_MAX_COUNT)))
+        yield tried
+
+
+async def test_every_route_lets_in_whom_its_rule_names_and_nobody_else(tried: Tried) -> None:
+    for caller in CALLERS:
+        for route in ROUTES:
+            expected = refusal_of(route.access, caller)
+            cell = f"{caller.name} at {route.method} {route.path}"
+            ran, code = await tried.ask(route, caller)
+            if expected:
+                assert (ran, code) == (False, expected), cell
+            else:
+                assert ran, f"{cell}: {code}"
+                assert code not in NOT_FOR_YOU | {"INTERNAL"}, cell
+
+
+async def test_a_producers_key_and_a_revoked_member_open_no_session(tried: Tried) -> None:
+    assert await tried.open_session(tried.keys["producer"]) == "SESSION_REFUSED"
+    assert await tried.open_session(tried.keys["revoked member"]) == "SESSION_REFUSED"
+
+
+async def test_the_table_knows_each_key_as_the_node_does(tried: Tried) -> None:
+    with tried.node.services.ledger.snapshot() as snapshot:
+        for caller in CALLERS:
+            if caller.name in tried.keys.keys() - {"expired session"}:
+                found = find_standing(snapshot, tried.keys[caller.name].public_key)
+                assert found == caller.standing, caller.name
+
+
+def test_the_table_tells_a_loosened_rule_from_a_tight_one() -> None:
+    subject = next(caller for caller in CALLERS if caller.name == "subject")
+    tight = next(route.access for route in ROUTES if route.operation == "uploadClip")
+    assert refusal_of(tight, subject) == "NOT_PERMITTED"
+    assert refusal_of(Access("anyone", frozenset()), subject) == ""
