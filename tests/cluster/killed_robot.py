@@ -12,6 +12,8 @@ import json
 import os
 import signal
 import sys
+import time
+from asyncio.subprocess import Process
 from collections import Counter
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
@@ -73,6 +75,7 @@ path = [[0.0, -0.6, 4.9], [{SECONDS}, 0.4, 4.4]]
 readings_s = [0.1, {SECONDS - 0.1}]
 also_every_s = 0.2
 """
+SCENE_FILE = "scene.toml"
 _KNOWN_FILES = ("robot.keys", "roster.sealed", "client.pin", "events.jsonl", "open-visits")
 _HEARTBEAT_S = 0.4
 _PIECE_PX = 320
@@ -91,7 +94,7 @@ class Diaries:
 
     def read(self, path: Path) -> None:
         """Take in the diary of one life."""
-        for line in path.read_text(encoding="utf-8").splitlines() if path.exists() else ():
+        for line in _read(path).splitlines():
             what, value = json.loads(line)
             if what == "sealed":
                 self.sealed[value[0]] = [(sequence, at_ms) for sequence, at_ms in value[1]]
@@ -114,38 +117,58 @@ class KilledRobot:
         self.robot = folder / "robots" / "robot"
         self.diaries = Diaries()
         self._lives = 0
+        self._diary = folder / "diary-0"
         self._viewed: set[bytes] = set()
         self._pieces = _pieces(bag)
         self._destroyed: set[str] = set()
 
-    async def live(
-        self, step: str = NO_STEP, *, fast: bool = True, killed_after_s: float | None = None
-    ) -> dict[str, Any]:
-        """Start the robot and wait for its end: by SIGKILL at `step`, or after a time, or by itself. Return its summary."""
+    async def live(self, step: str = NO_STEP) -> dict[str, Any]:
+        """Let the robot replay its recording until its end, or until it is killed at `step`. Return its summary."""
+        return await self._end(step, await self._start(step, "replay", str(self.bag), "--fast"))
+
+    async def watch(self, seconds: float, killed_after_s: float | None = None) -> dict[str, Any]:
+        """Let the robot look at the scene live for so long; kill it so long after it has sealed its first clip."""
+        process = await self._start(
+            NO_STEP, "run", "--scenario", str(self.folder / SCENE_FILE), "--seconds", str(seconds)
+        )
+        if killed_after_s is not None:
+            deadline_s = time.monotonic() + LIFE_TIMEOUT_S
+            while process.returncode is None and "sealed" not in _read(self._diary):
+                assert time.monotonic() < deadline_s, "nothing is sealed"
+                await asyncio.sleep(0.05)
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(process.wait(), killed_after_s)
+            if process.returncode is None:
+                process.kill()
+        return await self._end(NO_STEP, process)
+
+    async def _start(self, step: str, *arguments: str) -> Process:
         self._lives += 1
-        diary = self.folder / f"diary-{self._lives}"
-        arguments = ["robot", "--robot-dir", str(self.robot.parent), "--genesis", str(self.folder / "genesis.json")]
-        arguments += ["replay", str(self.bag), "--purpose", PURPOSE, "--clip-ms", "300", "--json"]
-        process = await asyncio.create_subprocess_exec(
-            *(sys.executable, "-m", "tests.cluster.robot_to_kill", step, str(diary)),
-            *(*arguments, *(["--fast"] if fast else [])),
+        self._diary = self.folder / f"diary-{self._lives}"
+        return await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "tests.cluster.robot_to_kill", step, str(self._diary)),
+            *("robot", "--robot-dir", str(self.robot.parent), "--genesis", str(self.folder / "genesis.json")),
+            *(*arguments, "--purpose", PURPOSE, "--clip-ms", "300", "--json"),
             cwd=ROOT,
-            env={**os.environ, "HOME": str(self.folder / "home"), "TMPDIR": str(self.folder / "home")},
+            env={
+                **os.environ,
+                "HOME": str(self.folder / "home"),
+                "TMPDIR": str(self.folder / "home"),
+                "BLOCKROBOT_HOME": str(self.folder),
+            },
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
         )
+
+    async def _end(self, step: str, process: Process) -> dict[str, Any]:
+        """Wait for a life's end; look at what it left. Return its summary, an empty one if it was killed."""
         try:
-            if killed_after_s is not None:
-                with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(process.wait(), killed_after_s)
-                if process.returncode is None:
-                    process.kill()
             output, said = await asyncio.wait_for(process.communicate(), LIFE_TIMEOUT_S)
         finally:
             if process.returncode is None:
                 process.kill()
                 await process.wait()
-        self.diaries.read(diary)
+        self.diaries.read(self._diary)
         self.diaries.spooled |= self._spooled()
         if step != NO_STEP:
             assert process.returncode == -signal.SIGKILL, (step, process.returncode, output, said.decode()[-2_000:])
@@ -238,6 +261,10 @@ class KilledRobot:
             assert check_clip_download(clip, entry.state["commitment_root"], entry.state["ciphertext_root"]) == []
 
 
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8") if path.exists() else ""
+
+
 def _is_own(name: str) -> bool:
     """A clip, or a file that a kill left unfinished."""
     folder, _, file = name.rpartition("/")
@@ -265,6 +292,9 @@ async def killed_robot(network: NetworkUnderTest, folder: Path) -> AsyncIterator
     genesis = network.genesis
     (folder / "genesis.json").write_bytes((network.folder / "genesis.json").read_bytes())
     (folder / "home").mkdir()
+    (folder / "recordings").mkdir()
+    (folder / "recordings" / "tags.json").write_text(json.dumps({"ann": UID}), encoding="utf-8")
+    (folder / SCENE_FILE).write_text(SCENE, encoding="utf-8")
     desk = Desk(network.folder / "organisations" / genesis.organisations[0].name, genesis)
     going = asyncio.create_task(_keep_going(network))
     try:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from clients.robot.identity import load_identity
 from clients.robot.open_visits import OpenVisits
-from tests.cluster.killed_robot import PURPOSE, ROOT, SCENE, UID, killed_robot
+from tests.cluster.killed_robot import PURPOSE, ROOT, SCENE_FILE, killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 
 SEEN_COUNT = 12
@@ -22,16 +22,12 @@ async def test_ctrl_c_ends_a_live_run_with_everything_sealed_recorded_and_closed
     network: NetworkUnderTest, tmp_path: Path
 ) -> None:
     async with killed_robot(network, tmp_path) as robot:
-        home = tmp_path / "home"
-        (home / "recordings").mkdir()
-        (home / "recordings" / "tags.json").write_text(json.dumps({"ann": UID}), encoding="utf-8")
-        (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(robot.robot.parent)),
-            *("--genesis", str(tmp_path / "genesis.json"), "run", "--scenario", str(tmp_path / "scene.toml")),
+            *("--genesis", str(tmp_path / "genesis.json"), "run", "--scenario", str(tmp_path / SCENE_FILE)),
             *("--purpose", PURPOSE, "--json"),
             cwd=ROOT,
-            env={**os.environ, "BLOCKROBOT_HOME": str(home)},
+            env={**os.environ, "BLOCKROBOT_HOME": str(tmp_path)},
             stdout=asyncio.subprocess.PIPE,
             stderr=asyncio.subprocess.PIPE,
         )
@@ -59,4 +55,5 @@ async def test_ctrl_c_ends_a_live_run_with_everything_sealed_recorded_and_closed
         assert sum(entry.frame_count for entry in held if entry.sensor == "depth") == frames["kept"] > 0
         assert list((robot.robot / "spool").iterdir()) == []
         assert OpenVisits(robot.robot / "open-visits", load_identity(robot.robot).spool).counts == {}
-        assert not list(home.rglob("*.mcap")), "what is looked at live is not kept"
+        assert [path.name for path in (tmp_path / "recordings").iterdir()] == ["tags.json"], "what it saw is not kept"
+        robot.look_at_disk()
