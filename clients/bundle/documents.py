@@ -87,10 +87,25 @@ class RecordOpening(Document, frozen=True):
     salts: list[str]
 
 
+class CorrectionOpening(Document, frozen=True):
+    """What the person said in a correction, and the salt that shows it to be what the ledger has the commitment of.
+
+    `number` is the correction's place among those of the visit with this owner key, from 0.
+    """
+
+    visit: str
+    number: int
+    kind: str
+    record_ids: list[str]
+    text: str
+    salt: str
+
+
 class RecordOpenings(Document, frozen=True):
-    """The openings of all records whose metadata is in the bundle."""
+    """The openings of all records whose metadata is in the bundle, and of corrections (with the identity only)."""
 
     records: list[RecordOpening]
+    corrections: list[CorrectionOpening]
 
 
 # What says what the bundle is
@@ -289,7 +304,8 @@ class ErasuresDocument(Document, frozen=True):
 class VisitRightsDocument(Document, frozen=True):
     """One visit: its restriction, objections, quarantine (the breach's id) and corrections, as the ledger holds them.
 
-    null where there is none. What the fields mean says the contract `rights` (docs/reference/system-contracts.md).
+    null where there is none; `text` of a correction is empty where its maker did not open it. What the fields mean says
+    the contract `rights` (docs/reference/system-contracts.md).
     """
 
     owner: str

@@ -43,6 +43,7 @@ class Proven:
     chain: ProvedChain
     consents: doc.ConsentsDocument
     visits: tuple[VisitFacts, ...]
+    texts: telling.Texts
     signers: tuple[bytes, ...]
     """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
 
@@ -69,7 +70,10 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     if opened != proofs.openings.records:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens records that it does not tell of, or not in order.")
     signers = [facts.owner for facts in visits] + ([member] if member else [])
-    return Proven(chain, consents, visits, tuple(signers))
+    texts = telling.open_corrections(visits, proofs.openings.corrections)
+    if texts and not member:
+        raise BlockRobotError("BUNDLE_INVALID", "The bundle opens corrections without saying whose.")
+    return Proven(chain, consents, visits, texts, tuple(signers))
 
 
 def _prove_person(
@@ -123,7 +127,7 @@ def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[
         (layout.AUDIT, telling.tell_trail(proven.visits)),
         (layout.ACCESS, telling.tell_accesses(proven.visits)),
         (layout.ERASURES, telling.tell_erasures(proven.visits)),
-        (layout.RIGHTS, telling.tell_rights(proven.visits)),
+        (layout.RIGHTS, telling.tell_rights(proven.visits, proven.texts)),
         (layout.CONSENTS, proven.consents),
     ]
     return [(layout.PLAYER, player_page(pictures)), *((name, doc.write_document(part)) for name, part in parts)]

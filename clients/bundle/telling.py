@@ -7,11 +7,13 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle.chain_proofs import ProvedReceipt, ProvedValue
+from clients.bundle.layout import RECORD_OPENINGS
 from clients.bundle.visits import RecordFacts, VisitFacts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.records.consents import read_choices
 from consensus.records.metadata import find_chain_gaps
+from consensus.records.rights import Correction, commit_correction
 
 MEMBER = b"identity\x00member/"
 CHOICES = b"consent\x00of/"
@@ -155,7 +157,29 @@ def _tell_receipt(custodian: bytes, told: Mapping[str, Any]) -> doc.ErasureRecei
     )
 
 
-def tell_rights(visits: Sequence[VisitFacts]) -> doc.RightsDocument:
+Texts = Mapping[tuple[str, int], str]
+"""What corrections say, by the visit's owner key (hexadecimal) and the correction's number."""
+
+
+def open_corrections(visits: Sequence[VisitFacts], openings: Sequence[doc.CorrectionOpening]) -> Texts:
+    """Return what corrections say. Raises BUNDLE_UNPROVEN for one that the ledger does not have the commitment of."""
+    numbers = {facts.owner.hex(): place for place, facts in enumerate(visits)}
+    if any(row.visit not in numbers for row in openings):
+        raise BlockRobotError("BUNDLE_UNPROVEN", "A correction is of a visit that is not in the bundle.")
+    places = [(numbers[row.visit], row.number) for row in openings]
+    if places != sorted(set(places)):
+        raise BlockRobotError("BUNDLE_INVALID", "The corrections are not in the order of the visits.")
+    for row, (place, number) in zip(openings, places, strict=True):
+        for text in (row.salt, *row.record_ids):
+            doc.read_bytes(RECORD_OPENINGS, text)
+        known = visits[place].corrections
+        told = Correction(row.kind, row.text, row.salt, row.visit, row.record_ids)
+        if not 0 <= number < len(known) or known[number]["commitment"] != commit_correction(told):
+            raise BlockRobotError("BUNDLE_UNPROVEN", "A correction is not what its maker said on the ledger.")
+    return {(row.visit, row.number): row.text for row in openings}
+
+
+def tell_rights(visits: Sequence[VisitFacts], texts: Texts) -> doc.RightsDocument:
     """Return what was said of visits under the rights to restriction, objection and rectification."""
     rows = [
         doc.VisitRightsDocument(
@@ -163,7 +187,10 @@ def tell_rights(visits: Sequence[VisitFacts]) -> doc.RightsDocument:
             restriction=plain(facts.restriction),
             objection=plain(facts.objection),
             quarantine=plain(facts.quarantine),
-            corrections=plain(facts.corrections),
+            corrections=[
+                plain(row) | {"text": texts.get((facts.owner.hex(), number), "")}
+                for number, row in enumerate(facts.corrections)
+            ],
         )
         for facts in visits
     ]

@@ -14,7 +14,7 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle.proving import Heard, Proofs, never_heard
-from clients.bundle.visits import QUARANTINE, RECORD, RECORDS_MAX_COUNT
+from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_MAX_COUNT, correction_keys
 from clients.bundle.writing import Contents
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.proof_collecting import PersonProofs, collect_person, collect_visit
@@ -26,6 +26,7 @@ from consensus.primitives.encoding import encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.disclosure import derive_box_key
 from consensus.records.renditions import ENCODING_PNG16, encode_rendition
+from consensus.records.rights import commit_correction
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
 SPREAD_MAX_MS = 4_000
@@ -168,13 +169,19 @@ class Exporting:
             for entry in sorted(chosen.entries, key=lambda each: (each.metadata.index_in_visit, each.record_id))
             if (opening := self._open(entry, proofs.values, person.sealing_public)) is not None
         ]
+        corrections = [
+            row
+            for chosen, proofs in visits
+            if plan.wanted.identity
+            for row in self._open_corrections(chosen.visit.owner, proofs.values)
+        ]
         epochs = [encode(proof).hex() for proof in wallet.network.light_client.epochs]
         proofs = Proofs(
             chain=doc.ChainProofs(epochs),
             person=person.state,
             visits=tuple(proofs.document for _, proofs in visits),
             receipts=doc.ReceiptProofs(list(person.receipts)),
-            openings=doc.RecordOpenings(openings),
+            openings=doc.RecordOpenings(openings, corrections),
         )
         problems = tuple(sorted(self._problems, key=lambda each: (each.record_id, each.code, each.sentence)))
         return Contents(
@@ -276,6 +283,16 @@ class Exporting:
             box_key = derive_box_key(self._wallet.keys.sealing, state["sealed_metadata"])
         leaves, salts = self._open_frames(entry, state["erased_frames"])
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)
+
+    def _open_corrections(self, owner: bytes, values: dict[bytes, Any]) -> list[doc.CorrectionOpening]:
+        """Return what the person said in corrections of a visit, as far as this wallet kept it."""
+        said = {commit_correction(each): each for each in self._wallet.store.content.corrections}
+        rows = []
+        for number, key in enumerate(correction_keys(owner, values[CORRECTION_COUNT + owner] or 0)):
+            told = said.get(values[key]["commitment"])
+            if told is not None:
+                rows.append(doc.CorrectionOpening(told.visit, number, told.kind, told.record_ids, told.text, told.salt))
+        return rows
 
     def _open_frames(self, entry: RecordEntry, erased: list[int]) -> tuple[list[str], list[str]]:
         view = self._views.get(entry.record_id)

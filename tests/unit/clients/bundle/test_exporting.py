@@ -5,16 +5,22 @@ from __future__ import annotations
 import json
 import zipfile
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
 import msgspec
 import numpy as np
 import pytest
 
+from clients.bundle import documents, layout
 from clients.bundle.checking import Verdict, unproved, verify_bundle
+from clients.bundle.documents import read_document
+from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
 from clients.wallet import exporting as exporting_module
 from clients.wallet.exporting import Exporting, Wanted
+from clients.wallet.rights import Chosen, Rights
 from clients.wallet.viewing import Viewing
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import open_data_key
@@ -357,3 +363,30 @@ def colour_png() -> bytes:
     done, data = cv2.imencode(".png", np.full((4, 3, 4), 200, dtype=np.uint8))
     assert done
     return data.tobytes()
+
+
+async def test_restrictions_and_corrections_go_along_with_what_they_say(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    record_id = ward.record(visit)
+    (known,) = await ward.wallet.scan()
+    said, _ = await Rights(ward.wallet).correct(Chosen(known), "attribution", "That is my sister.")
+    await Rights(ward.wallet).restrict(Chosen(known), "accuracy")
+    assert said.visit.owner == visit.owner
+    await export(ward, tmp_path / "mine.zip")
+    with zipfile.ZipFile(tmp_path / "mine.zip") as packed:
+        (rights,) = json.loads(packed.read("data/rights.json"))["visits"]
+        openings = read_document(layout.RECORD_OPENINGS, packed.read(layout.RECORD_OPENINGS), documents.RecordOpenings)
+    assert [row["text"] for row in rights["corrections"]] == ["That is my sister."]
+    assert rights["restriction"]["ground"] == "accuracy"
+    await export(ward, tmp_path / "unnamed.zip", Wanted(records=(record_id,), identity=False))
+    assert b"my sister" not in (tmp_path / "unnamed.zip").read_bytes()
+    lie = msgspec.structs.replace(openings.corrections[0], text="That is my brother.")
+    facts = SimpleNamespace(owner=visit.owner, corrections=[{"commitment": said_commitment(rights)}])
+    assert open_corrections([facts], openings.corrections)
+    for rows in ([lie], openings.corrections * 2, [msgspec.structs.replace(lie, visit="00")]):
+        with pytest.raises(BlockRobotError):
+            open_corrections([facts], rows)
+
+
+def said_commitment(rights: dict[str, Any]) -> bytes:
+    return bytes.fromhex(rights["corrections"][0]["commitment"])

@@ -172,7 +172,7 @@ def with_visit(contents: Contents, keep: Callable[[bytes], bool]) -> Contents:
 
 
 def with_openings(contents: Contents, change: Callable[[doc.RecordOpening], doc.RecordOpening]) -> Contents:
-    openings = doc.RecordOpenings([change(row) for row in contents.proofs.openings.records])
+    openings = doc.RecordOpenings([change(row) for row in contents.proofs.openings.records], [])
     return dataclasses.replace(contents, proofs=dataclasses.replace(contents.proofs, openings=openings))
 
 
@@ -246,7 +246,7 @@ def test_leaves_and_salts_belong_together(made: Made, tmp_path: Path, change: di
 
 def test_an_opening_of_a_record_that_nothing_proves_is_refused(made: Made, tmp_path: Path) -> None:
     rows = made.contents.proofs.openings.records
-    more = doc.RecordOpenings([*rows, msgspec.structs.replace(rows[0], record_id="00" * 16)])
+    more = doc.RecordOpenings([*rows, msgspec.structs.replace(rows[0], record_id="00" * 16)], [])
     proofs = dataclasses.replace(made.contents.proofs, openings=more)
     with pytest.raises(BlockRobotError, match="does not tell of"):
         rewrite(tmp_path, dataclasses.replace(made.contents, proofs=proofs))
