@@ -9,9 +9,9 @@ import pytest
 from contracts.execution.registry import read_source
 from contracts.vm import compile_contract
 from tests.unit.contracts.privacy.hospital import Hospital
+from tests.unit.contracts.system.callers import ADMINS, RULES, Arguments, Scene
 from tests.unit.contracts.system.consortium import Consortium, key_of
 from tests.unit.contracts.system.deploying import VISITORS, upgrade
-from tests.unit.contracts.system.test_who_may_call import ADMINS, RULES, Arguments, Scene
 
 MEDDLER = '''
 @export

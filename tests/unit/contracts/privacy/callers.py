@@ -1,15 +1,35 @@
-"""Every entry that changes something, tried by everyone who may not call it: nothing but a receipt remains."""
+"""Every entry of the privacy contracts that changes something, with arguments, and everybody who might meddle.
+
+`tests/security/test_authorisation_entries.py` tries each row of `RULES` with everybody of the scene.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-import pytest
-
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.registry import PRIVACY_CONTRACTS
-from tests.unit.contracts.privacy.hospital import Hospital, Visit, key_of
+from consensus.records.vouchers import sign_rotation
+from contracts.execution.callers import MEMBERS, NOT_YET_MEMBERS, RECORDED
+from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, key_of
+from tests.unit.contracts.system.consortium import node_fields, producer_of
+
+ROLE_OF = {
+    "anna": "subject",
+    "ben": "subject",
+    "owner": "owner",
+    "other-owner": "owner",
+    "denied-owner": "owner",
+    "robot": "robot",
+    "other-robot": "robot",
+    "revoked": "former",
+} | {
+    name: name
+    for name in ("staff", "officer", "auditor", "registrar", "admin", "custodian", "producer", "candidate", "stranger")
+}
+DAY_MS = 24 * 3600 * 1000
+LATER_MS = {("erasure", "expired"): 400 * DAY_MS}
+"""How much later an entry is called than the rest."""
 
 
 class Scene:
@@ -28,7 +48,19 @@ class Scene:
         self.denied = hospital.open_visit(self.ben, 1)
         self.denied_id = hospital.record(self.denied)
         self.breach_id = hospital.must(self.denied.key, "rights", "wrong_person").txid
-        officer = hospital.enrol("officer", "officer").identity
+        self.people = {
+            "anna": self.anna,
+            "ben": self.ben,
+            "robot": hospital.robot,
+            "staff": hospital.enrol("staff", "staff"),
+            "officer": hospital.enrol("officer", "officer"),
+            "auditor": hospital.enrol("auditor", "auditor"),
+        }
+        officer = self.people["officer"].identity
+        revoked = hospital.enrol("revoked", "robot")
+        hospital.must(hospital.admin, "identity", "revoke", revoked.handle)
+        hospital.must(hospital.admin, "membership", "propose", "add_node", node_fields("node-09", "ward"))
+        hospital.must(hospital.admin, "producers", "propose", producer_of("node-09").public_key)
         hospital.must(officer, "rights", "assess", self.breach_id, "none", "matched-wrongly")
         hospital.must(self.visit.key, "rights", "restrict", [self.record_id], "accuracy")
         self.everyone: dict[str, PrivateKey] = {
@@ -38,15 +70,50 @@ class Scene:
             "other-owner": self.others_visit.key,
             "robot": hospital.robot.identity,
             "other-robot": self.other_robot.identity,
-            "staff": hospital.enrol("staff", "staff").identity,
+            "staff": self.people["staff"].identity,
             "officer": officer,
             "denied-owner": self.denied.key,
-            "auditor": hospital.enrol("auditor", "auditor").identity,
+            "auditor": self.people["auditor"].identity,
+            "revoked": revoked.identity,
+            "producer": key_of("custodian-1/producer"),
+            "candidate": producer_of("node-09"),
             "registrar": hospital.registrar,
             "admin": hospital.admin,
             "custodian": hospital.custodians[0],
             "stranger": key_of("stranger"),
         }
+
+
+class _Newcomer(Person):
+    """Somebody with a card, under a key that may have another role already."""
+
+    def __init__(self, key: PrivateKey) -> None:
+        super().__init__("newcomer")
+        self.key = key
+
+    @property
+    def identity(self) -> PrivateKey:
+        return self.key
+
+
+def _registration(scene: Scene, name: str) -> list[Any]:
+    hospital = scene.hospital
+    return hospital.register_arguments(_Newcomer(scene.everyone[name]), hospital.card("newcomer"))
+
+
+def _rotation(scene: Scene, name: str) -> list[Any]:
+    old, new = scene.people[name], Person("new")
+    keys = [new.identity.public_key, new.spend.public_key, new.view.public_key, new.sealing]
+    signature = sign_rotation(
+        new.identity,
+        chain_id=scene.hospital.chain_id,
+        handle=old.handle,
+        member=old.identity.public_key,
+        spend=keys[1],
+        view=keys[2],
+        sealing=keys[3],
+    )
+    return [old.handle, *keys, signature]
 
 
 def _open(scene: Scene) -> list[Any]:
@@ -59,18 +126,12 @@ def _record(scene: Scene) -> list[Any]:
 
 Arguments = Callable[[Scene], list[Any]]
 RULES: list[tuple[str, str, Arguments, set[str]]] = [
-    ("identity", "authenticate", lambda s: [s.anna.handle], {"anna"}),
-    ("identity", "leave", lambda s: [s.anna.handle], {"anna"}),
     ("identity", "revoke", lambda s: [s.anna.handle], {"registrar", "admin"}),
-    ("identity", "rotate", lambda s: [s.anna.handle, bytes(33), bytes(33), bytes(33), bytes(32), bytes(65)], set()),
     ("identity", "genesis", lambda _: [[], [], []], set()),
     ("identity", "put_organisation", lambda _: ["ward", [bytes(33)], []], set()),
     ("identity", "remove_organisation", lambda _: ["ward"], set()),
     ("identity", "add_custodian", lambda _: [bytes(33), "node", "ward"], set()),
     ("identity", "remove_custodians", lambda _: [[]], set()),
-    ("consent", "give", lambda s: [s.anna.handle, ["care"], ["rgb"], 0, 0, 0, 0], {"anna"}),
-    ("consent", "refuse", lambda s: [s.anna.handle, ["care"], []], {"anna"}),
-    ("consent", "withdraw", lambda s: [s.anna.handle, [], []], {"anna"}),
     ("consent", "begin", lambda s: [s.anna.handle, ["care"]], set()),
     ("consent", "end", lambda s: [s.anna.handle], set()),
     ("records", "open_visit", _open, {"robot", "other-robot"}),
@@ -86,11 +147,11 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("erasure", "request", lambda s: [[s.record_id], []], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], [1]], {"owner"}),
     ("erasure", "receipt", lambda s: [s.erasure_id, 1, "", 0, bytes(32)], {"custodian"}),
+    ("erasure", "expired", lambda s: [[s.record_id], bytes(32)], {"custodian"}),
     ("erasure", "order", lambda s: [s.visit.owner, [s.record_id]], set()),
     ("consent", "objected", lambda s: [s.anna.handle, ["care"]], set()),
     ("rights", "restrict", lambda s: [[s.record_id], "accuracy"], {"owner"}),
     ("rights", "lift", lambda s: [[s.record_id]], {"owner"}),
-    ("rights", "object_to", lambda s: [s.anna.handle, ["care"]], {"anna"}),
     ("rights", "object_to_release", lambda _: [["care"]], {"owner", "other-owner"}),
     ("rights", "rectify", lambda s: [[s.record_id], "attribution", bytes(32)], {"owner"}),
     ("rights", "wrong_person", lambda _: [], {"owner", "other-owner"}),
@@ -102,44 +163,33 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
 ]
 
 
-@pytest.mark.parametrize(("contract", "entry", "arguments", "allowed"), RULES)
-def test_everyone_else_is_refused(
-    hospital: Hospital, contract: str, entry: str, arguments: Arguments, allowed: set[str]
-) -> None:
-    scene = Scene(hospital)
-    values = arguments(scene)
-    for name, key in scene.everyone.items():
-        if name in allowed:
-            continue
-        root = hospital.state.state_root
-        receipt = hospital.send(key, contract, entry, *values)
-        assert not receipt.ok, f"{name} may call {contract}.{entry}"
-        assert receipt.code not in {"TYPE_ERROR", "KEY_ERROR", "VALUE_ERROR", "OUT_OF_GAS"}, name
-        assert hospital.state.state_root == root
+def _of_members() -> list[tuple[str, str, Arguments, set[str]]]:
+    """What a member does under a handle, once for each who has one."""
+    rows: list[tuple[str, str, Arguments, set[str]]] = []
+    for name in sorted(name for name in ROLE_OF if ROLE_OF[name] in MEMBERS and name != "other-robot"):
+        handle: Callable[[Scene], bytes] = lambda s, n=name: s.people[n].handle  # noqa: E731
+        rows += [
+            ("identity", "authenticate", lambda s, h=handle: [h(s)], {name}),
+            ("identity", "rotate", lambda s, n=name: _rotation(s, n), {name}),
+            ("identity", "leave", lambda s, h=handle: [h(s)], {name}),
+        ]
+        recorded = {name} if ROLE_OF[name] in RECORDED else set()
+        rows += [
+            ("consent", "give", lambda s, h=handle: [h(s), ["care"], ["rgb"], 0, 0, 0, 0], recorded),
+            ("consent", "refuse", lambda s, h=handle: [h(s), ["care"], []], recorded),
+            ("consent", "withdraw", lambda s, h=handle: [h(s), [], []], recorded),
+            ("rights", "object_to", lambda s, h=handle: [h(s), ["care"]], recorded),
+        ]
+    return rows
 
 
-@pytest.mark.parametrize(("contract", "entry", "arguments", "allowed"), [rule for rule in RULES if rule[3]])
-def test_those_who_may_call_can(contract: str, entry: str, arguments: Arguments, allowed: set[str]) -> None:
-    for name in allowed:
-        scene = Scene(Hospital())
-        scene.hospital.must(scene.everyone[name], contract, entry, *arguments(scene))
-
-
-def test_expiry_is_reported_by_custodians_only(hospital: Hospital) -> None:
-    scene = Scene(hospital)
-    hospital.time_ms += 400 * 24 * 3600 * 1000
-    for name, key in scene.everyone.items():
-        receipt = hospital.send(key, "erasure", "expired", [scene.record_id], bytes(32))
-        assert receipt.ok == (name == "custodian"), name
-
-
-def test_every_exported_entry_is_under_a_rule(hospital: Hospital) -> None:
-    ruled = {(contract, entry) for contract, entry, _, _ in RULES}
-    ruled |= {("identity", "register"), ("erasure", "expired")}
-    exported = {
-        (name, entry.name)
-        for name, contract in hospital.contracts.items()
-        for entry in contract.abi.entries
-        if name in PRIVACY_CONTRACTS and entry.kind != "view"
-    }
-    assert exported == ruled
+RULES += _of_members()
+RULES += [
+    (
+        "identity",
+        "register",
+        lambda s, n=name: _registration(s, n),
+        {name} if ROLE_OF[name] in NOT_YET_MEMBERS else set(),
+    )
+    for name in ROLE_OF
+]
