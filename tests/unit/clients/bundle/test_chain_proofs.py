@@ -1,0 +1,77 @@
+"""A bundle's chain, followed through changes of its producers: old proofs stay good, and no step can be left out."""
+
+from __future__ import annotations
+
+import msgspec
+import pytest
+
+from clients.bundle.chain_proofs import ProvedChain
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode
+from tests.unit.consensus.many_epochs import GENESIS_FILE, ManyEpochs, renamed
+
+
+class Story:
+    """A chain over three epochs, with a final block proved in each."""
+
+    def __init__(self) -> None:
+        chain = ManyEpochs()
+        self.epochs: list[str] = []
+        self.proofs: list[bytes] = []
+        for first_key in (3, 6):
+            self.proofs.append(encode(chain.prove(chain.grow(2))))
+            self.epochs.append(encode(chain.change(first_key)).hex())
+        self.proofs.append(encode(chain.prove(chain.grow())))
+        self.chain = chain
+
+
+STORY = Story()
+
+
+def test_proofs_of_every_epoch_are_good_in_any_order() -> None:
+    for order in (STORY.proofs, STORY.proofs[::-1]):
+        chain = ProvedChain(GENESIS_FILE, STORY.epochs)
+        assert [chain.final(raw).epoch for raw in order] == sorted([0, 1, 2], reverse=order is not STORY.proofs)
+        assert chain.epoch_count == 3
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_a_proof_of_an_epoch_that_nothing_leads_to_is_refused(count: int) -> None:
+    chain = ProvedChain(GENESIS_FILE, STORY.epochs[:count])
+    assert [chain.final(raw).epoch for raw in STORY.proofs[: count + 1]] == list(range(count + 1))
+    with pytest.raises(BlockRobotError) as caught:
+        chain.final(STORY.proofs[-1])
+    assert caught.value.code == "PROOF_OTHER_EPOCH"
+
+
+@pytest.mark.parametrize("steps", [[1], [1, 0], [0, 0], [0, 1, 1]])
+def test_steps_are_not_skipped_turned_round_or_doubled(steps: list[int]) -> None:
+    with pytest.raises(BlockRobotError):
+        ProvedChain(GENESIS_FILE, [STORY.epochs[step] for step in steps])
+
+
+def test_a_step_that_its_maker_invents_is_refused() -> None:
+    other = ManyEpochs()
+    invented = encode(renamed(other.change(3), producers=other.change(5).epoch.producers)).hex()
+    with pytest.raises(BlockRobotError):
+        ProvedChain(GENESIS_FILE, [invented])
+
+
+def test_two_final_blocks_of_one_height_are_refused_even_if_both_are_proved() -> None:
+    """Only more faulty producers than the chain tolerates can do that; the bundle is no proof of anything then."""
+    one, other = ManyEpochs(), ManyEpochs()
+    first = encode(one.prove(one.grow(1)))
+    other.blocks.append(other.peers.block(2, other.blocks[-1], tc=other.peers.tc(1, 0)))
+    second = encode(other.prove(other.blocks[-1]))
+    chain = ProvedChain(GENESIS_FILE, [])
+    assert chain.final(first).height == 1
+    with pytest.raises(BlockRobotError, match="Two different blocks"):
+        chain.final(second)
+
+
+def test_a_proof_is_checked_once_and_as_its_bytes() -> None:
+    chain = ProvedChain(GENESIS_FILE, [])
+    assert chain.final(STORY.proofs[0]) is chain.final(STORY.proofs[0])
+    for spoilt in (STORY.proofs[0] + b"\0", STORY.proofs[0][:-1], b"", msgspec.msgpack.encode([])):
+        with pytest.raises(BlockRobotError):
+            chain.final(spoilt)

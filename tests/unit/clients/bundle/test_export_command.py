@@ -1,0 +1,132 @@
+"""The command: it warns and asks before anything is asked for or written, and says what is missing."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.wallet import export_command
+from clients.wallet.export_command import export, read_past
+from clients.wallet.wallet import Wallet
+from tests.unit.clients.bundle.ward import Ward
+
+DAY_MS = 24 * 3_600_000
+NOW_MS = 1_900_000_000_000
+
+
+@pytest.fixture
+def ward(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ward:
+    ward = Ward(tmp_path)
+
+    def run_opened(_: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+        return asyncio.run(action(ward.wallet))  # type: ignore[arg-type]
+
+    monkeypatch.setattr(export_command, "run_opened", run_opened)
+    return ward
+
+
+def run(*arguments: object, answer: str | None = None) -> Result:
+    result = CliRunner().invoke(export, [str(each) for each in arguments], input=answer)
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result
+
+
+def test_it_says_first_what_a_bundle_gives_away(ward: Ward, tmp_path: Path) -> None:
+    for _ in range(2):
+        ward.record(ward.open_visit())
+    result = run(tmp_path / "mine.zip", "--yes", "--now")
+    assert result.exit_code == 0
+    for part in ("2 visits with 2 records", "of one person", "which member", "It is not encrypted", "--now", "offline"):
+        assert part in result.output
+    assert result.output.index("of one person") < result.output.index("4 pictures")
+    quiet = run(tmp_path / "less.zip", "--yes", "--no-identity", "--no-pictures").output
+    assert "which member" not in quiet
+    assert "what the pictures show" not in quiet
+
+
+def test_without_a_terminal_it_asks_for_yes_and_does_nothing(ward: Ward, tmp_path: Path) -> None:
+    ward.record(ward.open_visit())
+    height = ward.chain.height
+    result = run(tmp_path / "mine.zip")
+    assert (result.exit_code, "--yes" in result.output) == (2, True)
+    assert not (tmp_path / "mine.zip").exists()
+    assert ward.chain.height == height
+
+
+def test_as_json_it_tells_what_is_there_and_what_is_missing(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    away = ward.record(visit)
+    ward.record(visit)
+    ward.network.custody.refusals[away] = "NODE_UNREACHABLE"
+    result = run(tmp_path / "mine.zip", "--yes", "--json")
+    told = json.loads(result.stdout)
+    assert (result.exit_code, told["ok"], told["is_complete"]) == (0, True, False)
+    assert [(row["record_id"], row["code"]) for row in told["problems"]] == [(away.hex(), "NODE_UNREACHABLE")]
+    assert (told["visits"], told["records"], told["pictures"]) == (1, 2, 2)
+    assert told["bytes"] == (tmp_path / "mine.zip").stat().st_size
+    assert "missing" in run(tmp_path / "again.zip", "--yes").output
+
+
+def test_a_file_that_is_there_is_seen_before_anything_is_asked_for(ward: Ward, tmp_path: Path) -> None:
+    ward.record(ward.open_visit())
+    height = ward.chain.height
+    (tmp_path / "mine.zip").write_text("mine")
+    result = run(tmp_path / "mine.zip", "--yes", "--json")
+    assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (1, "FILE_EXISTS")
+    assert ward.chain.height == height
+    assert run(tmp_path / "mine.zip", "--yes", "--force").exit_code == 0
+
+
+def test_a_visit_that_she_denied_is_named_and_shows_nothing(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    record_id = ward.record(visit)
+    key = asyncio.run(ward.owner_key(visit.owner))
+    ward.chain.must(key, "rights", "wrong_person")
+    told = json.loads(run(tmp_path / "mine.zip", "--yes", "--json").stdout)
+    assert {row["record_id"] for row in told["problems"]} == {record_id.hex()}
+    assert (told["records"], told["pictures"]) == (1, 0)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--records", "zz"),
+        ("--records", "00"),
+        ("--from", "yesterday"),
+        ("--until", "2026-13-01"),
+        ("--from", "2026-02-01", "--until", "2026-01-01"),
+        ("--from", "-99999999d"),
+    ],
+)
+def test_wrong_use_is_told_with_an_example_of_the_right_one(
+    ward: Ward, tmp_path: Path, arguments: tuple[str, ...]
+) -> None:
+    assert run(tmp_path / "mine.zip", "--yes", *arguments).exit_code == 2
+    assert not (tmp_path / "mine.zip").exists()
+
+
+def test_a_purpose_that_is_not_published_and_a_strangers_record_are_refused(ward: Ward, tmp_path: Path) -> None:
+    ward.record(ward.open_visit())
+    assert run(tmp_path / "mine.zip", "--yes", "--purpose", "curiosity").exit_code == 1
+    assert run(tmp_path / "mine.zip", "--yes", "--records", "00" * 16).exit_code == 3
+
+
+def test_several_records_may_be_named_at_once(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    ids = [ward.record(visit).hex() for _ in range(3)]
+    result = run(tmp_path / "mine.zip", "--yes", "--json", "--records", f"{ids[0]}, {ids[2]}", "--records", ids[0])
+    assert json.loads(result.stdout)["records"] == 2
+
+
+def test_times_lie_back_from_now() -> None:
+    assert read_past(None, NOW_MS) == 0
+    assert read_past("-7d", NOW_MS) == NOW_MS - 7 * DAY_MS
+    assert read_past("-12h", NOW_MS) == NOW_MS - DAY_MS // 2
+    assert read_past("2027-01-31", NOW_MS) < read_past("2027-01-31T18:00", NOW_MS)
