@@ -79,6 +79,16 @@ async def test_a_request_that_was_open_before_is_void(opened: House, code: str, 
     assert await opened.custodian.download(others.record_id, SECOND_ACCESS, BOB), "nobody else is touched"
 
 
+@pytest.mark.parametrize("is_asked_first", [True, False])
+async def test_a_request_of_the_same_block_is_void_in_either_order(opened: House, is_asked_first: bool) -> None:
+    """A custodian keeps heights, not places: who asked in the very block asks once more."""
+    clip = record_clip()
+    await opened.keep(clip)
+    events = [access(ACCESS_ID, clip), restricted(clip)]
+    await opened.follow(*(events if is_asked_first else events[::-1]))
+    await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
+
+
 @pytest.mark.parametrize(("code", "said"), NARROWED)
 async def test_it_stays_void_over_a_restart_and_a_block_that_comes_twice(house: House, code: str, said: Any) -> None:
     clip = record_clip()

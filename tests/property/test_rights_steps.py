@@ -134,7 +134,7 @@ STEPS = st.lists(
         st.tuples(st.just("lift"), PICKED),
         st.tuples(st.just("request"), PICKED, st.sampled_from(["research", "own-access"])),
         st.tuples(st.just("expire"), st.lists(st.integers(0, RECORDS_COUNT - 1), unique=True, min_size=1)),
-        st.tuples(st.just("wait"), st.sampled_from([DAY_MS, 31 * DAY_MS, KEEP_MS - 5 * DAY_MS, KEEP_MS])),
+        st.tuples(st.just("wait"), st.sampled_from([DAY_MS, 11 * DAY_MS, 31 * DAY_MS, KEEP_MS - 5 * DAY_MS, KEEP_MS])),
         st.tuples(st.just("object"), st.sampled_from(["research", "care"])),
         st.tuples(st.just("deny")),
         st.tuples(st.just("assess"), st.sampled_from(["none", "risk", "high"])),
