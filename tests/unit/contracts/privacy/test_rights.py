@@ -126,7 +126,9 @@ def test_a_whole_restriction_does_not_reach_back_to_what_had_expired(hospital: H
     hospital.must(hospital.custodians[0], "erasure", "expired", [early], bytes(32))
 
 
-def test_a_later_ground_does_not_reach_back_to_a_named_record_that_had_expired(hospital: Hospital, visit: Visit) -> None:
+def test_a_later_ground_does_not_reach_back_to_a_named_record_that_had_expired(
+    hospital: Hospital, visit: Visit
+) -> None:
     """Custodians have erased it by then: a chain that said it is kept would be told otherwise, and refuse to hear it."""
     early = hospital.record(visit, 7, expires_at_ms=hospital.time_ms + DAY_MS)
     hospital.must(visit.key, "rights", "restrict", [early], "accuracy")
