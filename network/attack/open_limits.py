@@ -139,10 +139,12 @@ def attack_request_bursts(played: Played, view: LedgerView, manner: str, *, seed
             evenings[asked.day][asked.person].append(_nearest(view.requests, asked.owner, asked.at_ms))
     hits: dict[int, list[float]] = defaultdict(list)
     for people in evenings.values():
+        orders = {person: rng.permutation(len(own)) for person, own in people.items()}
         for person, own in people.items():
             others = [at_ms for other, found in people.items() if other != person for at_ms in found]
-            for place in range(len(own) - 1) if others else ():
-                anchor, same, other = own[place], own[place + 1], others[int(rng.integers(len(others)))]
+            for place in range(len(own) // 2) if others else ():
+                anchor, same = (own[number] for number in orders[person][2 * place : 2 * place + 2])
+                other = others[int(rng.integers(len(others)))]
                 hits[person].append(choice_score(-abs(anchor - same), -abs(anchor - other)))
     return grouped_rate(hits, 0.5, seed=seed)
 
