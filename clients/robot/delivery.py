@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import random
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -112,6 +113,7 @@ class Delivery:
         self._announcements: dict[bytes, asyncio.Task[None]] = {}
         self._known_visits: set[bytes] = set()
         self._tried_visits: set[bytes] = set()
+        self._done_counts: Counter[bytes] = Counter()  # of clips that were not destroyed, by owner key
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self.failure: BaseException | None = None
         self.overdue_count = 0
@@ -163,10 +165,25 @@ class Delivery:
         that was killed cannot know what it announced, nor can one that never heard the answer: then a node is asked.
         """
         for owner, record_count in visits.counts.items():
-            doubtful = owner in visits.inherited or owner in self._tried_visits
-            if self.has_announced(owner) or (doubtful and await self._is_on_chain(owner)):
-                await self.close_visit(owner, record_count)
-            visits.forget(owner)
+            await self._close(visits, owner, record_count)
+
+    async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
+        """Close those visits of this run that do not go on and whose every record is final; for a run that lasts long."""
+        for owner, record_count in visits.counts.items():
+            if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != record_count:
+                continue
+            await self._delay()
+            await self._close(visits, owner, record_count)
+
+    async def _close(self, visits: OpenVisits, owner: bytes, record_count: int) -> None:
+        doubtful = owner in visits.inherited or owner in self._tried_visits
+        if self.has_announced(owner) or (doubtful and await self._is_on_chain(owner)):
+            await self.close_visit(owner, record_count)
+        visits.forget(owner)
+        self._known_visits.discard(owner)
+        self._tried_visits.discard(owner)
+        self._announcements.pop(owner, None)
+        del self._done_counts[owner]
 
     async def _is_on_chain(self, owner: bytes) -> bool:
         wait_ms = RETRY_FIRST_MS
@@ -261,12 +278,14 @@ class Delivery:
                 self.overdue_count += 1
             else:
                 raise
+            self._done_counts[clip.owner] += 1
             return
         except ConsentEnded:
             self._spool.destroy(name)
             self._on_dropped(clip)
             return
         self._spool.remove(name)
+        self._done_counts[clip.owner] += 1
         self._on_delivered(
             Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
         )
@@ -277,11 +296,14 @@ class Delivery:
         is_old = min(clip.bucket_ms, clip.visit_bucket_ms) < now_ms - OVERDUE_AFTER_MS or clip.expires_at_ms <= now_ms
         return is_old and error.context.get("contract_code") in _OVERDUE_CODES
 
+    async def _delay(self) -> None:
+        if self._delay_max_ms:
+            await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
+
     async def _record(self, clip: SpooledClip) -> tuple[bytes, int]:
         """Announce the visit, then upload and record the clip. Returns (txid, when it was submitted)."""
         await self._announced(clip)
-        if self._delay_max_ms:
-            await asyncio.sleep(random.SystemRandom().uniform(0, self._delay_max_ms) / 1000)
+        await self._delay()
         arguments = [
             clip.upload.record_id,
             clip.owner,

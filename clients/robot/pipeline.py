@@ -12,6 +12,8 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Any
 
+import structlog
+
 from clients.robot.admission import Admission
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.consents import Consents
@@ -45,7 +47,10 @@ from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rend
 
 WAITING_CLIPS_MAX_COUNT = 512
 QUIET_S = 1.0
+CLOSE_EVERY_S = 15.0
 _BACKPRESSURE_POLL_S = 0.05
+
+_log = structlog.get_logger("pipeline")
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +140,7 @@ class Pipeline:
             self._delivery.start(name)
         self._live = live
         beside = asyncio.create_task(self._pass_time()) if live else None
+        closing = asyncio.create_task(self._close_over())
         try:
             async for arrived in events if beside is None else _while_running(beside, events):
                 self._consents.raise_failure()
@@ -143,8 +149,10 @@ class Pipeline:
                     self._came_at_ms = self._find_arrival(arrived)
                     await self._take(arrived)
         finally:
+            closing.cancel()
             if beside is not None:
                 beside.cancel()
+            await asyncio.gather(closing, return_exceptions=True)
         self._came_at_ms = self._now_ms()
         self.admission.clocks.flush()
         self._tell_intake()
@@ -188,6 +196,15 @@ class Pipeline:
                 outputs = self._hider.advance(at_ms - self.admission.clocks.camera_offset_ms)
                 self._seal([*self._sort(outputs), *self._batcher.close_idle(self._now_ms())])
                 self._deliver(self._senses.settle())
+
+    async def _close_over(self) -> None:
+        """Close visits as they end: a run may last for days. What cannot be closed now is tried again, and at the end."""
+        while True:
+            await asyncio.sleep(CLOSE_EVERY_S)
+            try:
+                await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))
+            except BlockRobotError as error:
+                _log.warning("visit_not_closed", code=error.code)
 
     async def _work_on(self, event: Event) -> None:
         """Take one admitted event all the way to the spool."""

@@ -57,6 +57,11 @@ class VisitBook:
             alias: visit for alias, visit in self._open.items() if now_ms - visit.opened_at_ms < _VISIT_ROLL_MS
         }
 
+    def goes_on(self, owner: bytes, now_ms: int) -> bool:
+        """Tell whether records may still be made in the visit of an owner key."""
+        self._forget_ended(now_ms)
+        return any(visit.chain.owner == owner for visit in self._open.values())
+
     def forget(self, alias: str) -> None:
         """End a person's visit here: should she be recorded again, it is in a new one."""
         self._open.pop(alias, None)

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from clients.robot.bag import make_bag
 from clients.robot.delivery import Delivery
+from clients.robot.events import SourceEvent
 from clients.robot.open_visits import OpenVisits
+from clients.robot.scenario import parse_scenario
+from consensus.limits import VISIT_MAX_MS
+from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
+from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual
 
@@ -63,6 +71,59 @@ def test_of_an_earlier_runs_visit_the_chain_is_asked_whether_it_was_announced(tm
     assert len(run.network.times("close_visit")) == announced
 
 
+def test_during_a_run_a_visit_is_closed_once_it_is_over_and_all_its_records_are_final(tmp_path: Path) -> None:
+    """A run may last for days, and its people need not wait that long to know that nothing is missing."""
+    run = Run(tmp_path / "spool", clips=2)
+    owner = run.spool.get(run.names[0]).owner
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits.note(owner, 2)
+    going_on = {owner}
+
+    async def main() -> list[dict[bytes, int]]:
+        delivery, found = run.delivery(), []
+        delivery.start(run.names[0])
+        await delivery.drain()
+        going_on.clear()
+        await delivery.close_over(visits, going_on.__contains__)
+        found.append(dict(run.network.closed))
+        delivery.start(run.names[1])
+        await delivery.drain()
+        going_on.add(owner)
+        await delivery.close_over(visits, going_on.__contains__)
+        found.append(dict(run.network.closed))
+        going_on.clear()
+        await delivery.close_over(visits, going_on.__contains__)
+        return [*found, dict(run.network.closed)]
+
+    assert run_virtual(main()) == [{}, {}, {owner: 2}]
+    assert visits.counts == {}
+
+
+def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path) -> None:
+    """How many of its records are final only that life knew."""
+    OpenVisits(tmp_path / "visits", KEY).note(b"\x02" * 33, 0)
+    run = Run(tmp_path / "spool", clips=0)
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    run_virtual(run.delivery().close_over(visits, lambda _: False))
+    assert (visits.counts, run.network.asked_visits) == ({b"\x02" * 33: 0}, [])
+
+
+def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_without_a_word(tmp_path: Path) -> None:
+    run = Run(tmp_path / "spool")
+    clip = run.spool.get(run.names[0])
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    visits.note(clip.owner, 1)
+    run.refused = {clip.upload.record_id}
+
+    async def main() -> None:
+        delivery = await run.deliver_all()
+        visits.lower(clip.owner)
+        await delivery.close_over(visits, lambda _: False)
+
+    run_virtual(main())
+    assert (visits.counts, run.network.calls, run.network.asked_visits) == ({}, [], [])
+
+
 def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_the_same(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool")
     clip = run.spool.get(run.names[0])
@@ -80,3 +141,30 @@ def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_
 
     assert closed_by(run, run_virtual(main()), visits) == {clip.owner: 0}
     assert run.network.records == {}
+
+
+class Watching(Robot):
+    """A live run in which nobody comes any more: `closed_meanwhile` is what was closed before its end."""
+
+    live = True
+    closed_meanwhile: dict[bytes, int]
+
+    async def events(self) -> AsyncIterator[SourceEvent]:
+        async for event in super().events():
+            yield event
+        await asyncio.sleep(VISIT_MAX_MS / 1000)
+        self.closed_meanwhile = dict(self.network.closed)
+
+
+def test_a_robot_that_goes_on_closes_a_visit_when_it_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def inline(function: Callable[..., Any], *arguments: Any) -> Any:
+        return function(*arguments)
+
+    monkeypatch.setattr(asyncio, "to_thread", inline)  # virtual time would run on while a thread works
+    bag = make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path / "bags", workers=1)
+    robot = Watching(tmp_path, bag, roster())
+    run_virtual(robot.run())
+    owners = list(robot.network.records.values())
+    assert robot.closed_meanwhile == {owner: owners.count(owner) for owner in robot.network.visits}
+    assert len(robot.network.times("close_visit")) == len(robot.closed_meanwhile) == 1
+    assert robot.open_visits.counts == {}

@@ -99,3 +99,13 @@ def test_the_announced_time_is_coarse() -> None:
     chain = book().chain_for("ann", Person().row, START_MS)
     assert chain.bucket_ms % TIME_BUCKET_MS == 0
     assert 0 <= START_MS - chain.bucket_ms < TIME_BUCKET_MS
+
+
+def test_a_visit_goes_on_until_it_is_rolled_or_ended() -> None:
+    visits, ann, bob = book(), Person(), Person()
+    of_ann, of_bob = visits.chain_for("ann", ann.row, START_MS).owner, visits.chain_for("bob", bob.row, START_MS).owner
+    assert visits.goes_on(of_ann, START_MS + 60_000)
+    visits.forget("ann")
+    assert not visits.goes_on(of_ann, START_MS + 60_000)
+    assert visits.goes_on(of_bob, START_MS + 60_000)
+    assert not visits.goes_on(of_bob, START_MS + VISIT_MAX_MS)
