@@ -183,6 +183,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("ROSTER_EXPIRED", 403, "The roster is older than a day.", "Ask the registrar for this robot's roster of today."),
     ErrorEntry("REGISTRY_STALE", 503, "The network proves no recent block, or this robot's clock is wrong.", "Wait for the network to make a block and begin again; check the robot's clock.", retryable=True),
     ErrorEntry("ROBOT_EXISTS", 409, "There is already a robot at this place.", "Use it, or choose another --name."),
+    ErrorEntry("ROBOT_RUNNING", 409, "Another process runs this robot.", "Wait for it, end it, or name another robot with --name."),
     ErrorEntry("ROBOT_NOT_FOUND", 404, "There is no robot at this place.", "Make one with `blockrobot robot new`, or name the right one with --name."),
     ErrorEntry("FOLDER_NOT_EMPTY", 409, "The folder holds something that this command did not make.", "Name a folder that does not exist yet."),
     ErrorEntry("SPOOL_FULL", 507, "The robot's spool is full.", "Reconnect the robot to the network.", retryable=True),

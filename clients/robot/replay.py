@@ -24,6 +24,7 @@ from clients.robot.identity import load_identity
 from clients.robot.inputs import Inputs
 from clients.robot.keeping import note_dropped
 from clients.robot.network import RobotNetwork
+from clients.robot.one_run import only_run
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.registry import NetworkMajority, RegistryReader
@@ -229,14 +230,15 @@ async def replay_recording(
 
     When `stop` is set the source ends there, and what came before is worked through as at any other end.
     `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
-    Raises EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the network refuses
-    for good.
+    Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the
+    network refuses for good.
     """
     # Picture work runs in one thread beside the nodes; a pool of OpenCV's own would only fight them for cores.
     cv2.setNumThreads(1)
-    async with open_pinned_client(genesis, folder / PIN_FILE) as client:
-        run = _Run(folder, client, options, progress, stop)
-        statistics = await run.work(source)
+    with only_run(folder):
+        async with open_pinned_client(genesis, folder / PIN_FILE) as client:
+            run = _Run(folder, client, options, progress, stop)
+            statistics = await run.work(source)
     return {
         "roster_rows": run.roster_rows,
         "consents": run.consent_figures,

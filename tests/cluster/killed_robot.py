@@ -76,7 +76,7 @@ readings_s = [0.1, {SECONDS - 0.1}]
 also_every_s = 0.2
 """
 SCENE_FILE = "scene.toml"
-_KNOWN_FILES = ("robot.keys", "roster.sealed", "client.pin", "events.jsonl", "open-visits")
+_KNOWN_FILES = ("robot.keys", "roster.sealed", "client.pin", "events.jsonl", "open-visits", "robot.lock")
 _HEARTBEAT_S = 0.4
 _PIECE_PX = 320
 _FOLLOW_S = 20.0
