@@ -1,0 +1,104 @@
+"""GDPR Article 17: what was recorded of a person is erased when she asks, and when its time is over.
+
+(1) she alone asks, for all of it or a part, and every custodian confirms; (2) keys go first and bytes with them: no file of
+the custodian has either afterwards; (3) the chain's own state of the record loses what pointed at it; (4) a custodian that
+was away erases before it serves; (5) its time over, it goes unasked; (6) what she needs for a claim stays, because she said
+so (paragraph 3(e)).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
+from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, refused
+from tests.offchain.small_chain import ALICE, EXPIRES_MS, access, erasure, record_clip
+from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit
+
+
+@pytest.fixture
+def hospital() -> Hospital:
+    return Hospital()
+
+
+@pytest.fixture
+def visit(hospital: Hospital) -> Visit:
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    for _ in range(2):
+        hospital.record(visit)
+    return visit
+
+
+def files_of(folder: Path) -> bytes:
+    return b"".join(path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file())
+
+
+def test_1_and_3_every_custodian_confirms_and_the_chain_forgets_what_pointed_at_it(
+    hospital: Hospital, visit: Visit
+) -> None:
+    gone, kept = visit.records
+    erasure_id = hospital.must(visit.key, "erasure", "request", [gone], []).txid
+    assert hospital.view("records", "get", gone)["status"] == "erasing"
+    hospital.receipts_of_all(erasure_id)
+    record = hospital.view("records", "get", gone)
+    assert record["status"] == "erased"
+    assert (record["commitment_root"], record["ciphertext_root"], record["sealed_metadata"]) == (b"", b"", b"")
+    assert hospital.view("records", "get", kept)["status"] == "active"
+    assert hospital.send(visit.key, "access", "request", [gone], "own-access").code == "RECORD_ERASED"
+
+
+def test_1_nobody_else_asks(hospital: Hospital, visit: Visit) -> None:
+    officer = hospital.enrol("officer", "officer").identity
+    for key in (officer, hospital.admin, hospital.registrar, hospital.robot.identity, *hospital.custodians):
+        assert hospital.send(key, "erasure", "request", visit.records, []).code == "NOT_THE_OWNER"
+
+
+@pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
+async def test_2_neither_key_nor_picture_is_in_any_file_afterwards(house: House, tmp_path: Path) -> None:  # noqa: F811
+    gone, kept = record_clip(), record_clip()
+    async with house.open():
+        for clip in (gone, kept):
+            await house.keep(clip)
+        rows = await house.store.frames(gone.record_id)
+        needles = [
+            part for row in rows for part in (row.ciphertext[:64], row.wrapped_key[:48], house.keys.read(row.slot))
+        ]
+        assert all(needle in files_of(tmp_path) for needle in needles)
+        await house.follow(erasure(ERASURE_ID, gone))
+        assert not [needle for needle in needles if needle in files_of(tmp_path)]
+        assert kept.upload.ciphertexts[0][:64] in files_of(tmp_path)
+        [(call, arguments)] = await house.owed()
+        assert (call, arguments[0]) == ("erasure.receipt", ERASURE_ID)
+
+
+@pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
+async def test_4_a_custodian_that_was_away_erases_before_it_serves(house: House) -> None:  # noqa: F811
+    clip = record_clip()
+    async with house.open():
+        await house.keep(clip)
+        await house.follow(access(ACCESS_ID, clip))
+    missed = house.chain.block(erasure(ERASURE_ID, clip))
+    async with house.open() as custodian:
+        await custodian.on_finalized_block(missed)
+        await refused("CLIP_ERASED", custodian.download(clip.record_id, ACCESS_ID, ALICE))
+
+
+@pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
+async def test_5_its_time_over_it_goes_unasked(house: House) -> None:  # noqa: F811
+    clip = record_clip()
+    async with house.open() as custodian:
+        await house.keep(clip)
+        await house.follow(at_ms=EXPIRES_MS)
+        await refused("CLIP_ERASED", custodian.export(clip.record_id))
+        [(call, arguments)] = await house.owed()
+        assert (call, arguments[0]) == ("erasure.expired", [clip.record_id])
+
+
+def test_6_what_she_needs_for_a_claim_stays_because_she_said_so(hospital: Hospital, visit: Visit) -> None:
+    kept, gone = visit.records
+    hospital.must(visit.key, "rights", "restrict", [kept], "legal-claim")
+    hospital.time_ms += 31 * DAY_MS
+    assert hospital.send(hospital.custodians[0], "erasure", "expired", [kept], bytes(32)).code == "RECORD_RESTRICTED"
+    hospital.must(hospital.custodians[0], "erasure", "expired", [gone], bytes(32))

@@ -1,0 +1,67 @@
+"""GDPR Article 34: where the risk is high, the people themselves are told, and nobody can leave that out.
+
+(1) a breach of high risk does not end before it is on the chain that they were told, by whom; (2) they can look it up in
+the trail of the visit; (3) where the risk is not high it is not demanded. The letter itself is written by people.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from consensus.primitives.keys import PrivateKey
+from consensus.records.rights import RECIPIENTS, RISKS
+from tests.unit.contracts.privacy.hospital import Hospital, Visit
+
+
+@pytest.fixture
+def hospital() -> Hospital:
+    return Hospital()
+
+
+@pytest.fixture
+def visit(hospital: Hospital) -> Visit:
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    hospital.record(visit)
+    return visit
+
+
+@pytest.fixture
+def officer(hospital: Hospital) -> PrivateKey:
+    return hospital.enrol("officer", "officer").identity
+
+
+def _assessed(hospital: Hospital, visit: Visit, officer: PrivateKey, risk: str) -> bytes:
+    breach_id = bytes(hospital.must(visit.key, "rights", "wrong_person").txid)
+    hospital.must(officer, "rights", "assess", breach_id, risk, "released-before")
+    if risk != "none":
+        hospital.must(officer, "rights", "notify", breach_id, "authority", "")
+    return breach_id
+
+
+def test_1_a_high_risk_does_not_end_before_they_were_told(
+    hospital: Hospital, visit: Visit, officer: PrivateKey
+) -> None:
+    breach_id = _assessed(hospital, visit, officer, "high")
+    ending = (officer, "rights", "close", breach_id, "erased", "matched-wrongly")
+    assert hospital.send(*ending).code == "BREACH_NOT_NOTIFIED"
+    assert hospital.send(hospital.admin, "rights", "notify", breach_id, "subjects", "").code == "NOT_AN_OFFICER"
+    hospital.must(officer, "rights", "notify", breach_id, "subjects", "")
+    hospital.must(*ending)
+
+
+def test_2_they_can_look_it_up_in_the_trail(hospital: Hospital, visit: Visit, officer: PrivateKey) -> None:
+    breach_id = _assessed(hospital, visit, officer, "high")
+    hospital.must(officer, "rights", "notify", breach_id, "subjects", "")
+    told = [
+        entry for entry in hospital.view("audit", "events", visit.owner, 0, 50) if entry["kind"] == "breach_notified"
+    ]
+    assert [entry["data"]["recipient"] for entry in told] == ["authority", "subjects"]
+    assert {entry["data"]["officer"] for entry in told} == {officer.public_key}
+    assert "Art. 34" in RECIPIENTS["subjects"]
+    assert "Art. 33 and 34" in RISKS["high"]
+
+
+@pytest.mark.parametrize("risk", ["none", "risk"])
+def test_3_otherwise_it_is_not_demanded(hospital: Hospital, visit: Visit, officer: PrivateKey, risk: str) -> None:
+    breach_id = _assessed(hospital, visit, officer, risk)
+    hospital.must(officer, "rights", "close", breach_id, "erased", "matched-wrongly")
