@@ -156,6 +156,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
         await Consenting(ann).give(["demo"], ["depth"])
         assert (await ward.record())["kept"] > 0, "her later word counts, and shows what her objection kept away"
         kinds = [one.kind for one in await audit_all(ann)]
+        await _deny_and_erase(ann, officer, rights)
     for kind in ("restricted", "restriction_lifted", "corrected", "denied", "breach_assessed", "breach_closed"):
         assert kinds.count(kind) == 1, kind
 
@@ -179,6 +180,25 @@ async def _restrict_and_correct(
     assert (row["commitment"], row["txid"]) == (commit_correction(correction), said.txid)
     await rights.lift(whole)
     assert (await refusals(ann, entry, own)) == {"RELEASED"}
+
+
+async def _deny_and_erase(ann: Wallet, officer: Wallet, rights: Rights) -> None:
+    """The second visit ends the other way: every custodian destroys it, by an officer's order."""
+    _, report = await ann.records()
+    await rights.deny(report.visit)
+    handling = Breaches(officer)
+    *_, breach = await handling.read_all()
+    await handling.assess(breach, "risk", "matched-wrongly")
+    await handling.notify(breach, "authority", "")
+    assert await handling.close(breach, "erased", "matched-wrongly", quiet) == len(report.records) > 0
+    keys = [b"records\x00record/" + entry.record_id for entry in report.records]
+    for _ in range(80):
+        states = await ann.values(keys, ann.owner_key(report.visit))
+        if {state["status"] for state in states.values()} == {"erased"}:
+            break
+        await asyncio.sleep(0.25)
+    assert {state["status"] for state in states.values()} == {"erased"}
+    assert (await ann.records())[1].standing.breach_id == breach.breach_id, "what is left stays in quarantine"
 
 
 async def _deny_and_decide(ann: Wallet, officer: Wallet, rights: Rights, viewing: Viewing, report: VisitReport) -> None:
