@@ -177,6 +177,9 @@ class _Check:
         return genesis
 
     def _read_proofs(self) -> Proofs:
+        size = sum(entry.size for entry in self._reader.entries if entry.name.startswith("proofs/"))
+        if size > layout.PROOFS_MAX_BYTES:
+            raise BlockRobotError("BUNDLE_INVALID", f"The proofs are larger than {layout.PROOFS_MAX_BYTES} bytes.")
         person = layout.state_proofs_name(0)
         states: list[doc.StateProofs] = []
         while layout.state_proofs_name(len(states) + 1) in self._reader and len(states) < VISITS_MAX_COUNT:

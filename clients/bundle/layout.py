@@ -21,6 +21,8 @@ CONSENT_PROOFS = "proofs/consents.json"
 RECORD_OPENINGS = "proofs/records.json"
 
 DOCUMENT_MAX_BYTES = 64 * 1024 * 1024
+PROOFS_MAX_BYTES = 256 * 1024 * 1024
+"""All documents under proofs/ together: a verifier holds them in memory."""
 RENDITION_MAX_BYTES = CIPHERTEXT_MAX_BYTES
 PICTURE_MAX_BYTES = 64 * 1024 * 1024
 BACKGROUND_MAX_BYTES = 16 * 1024 * 1024

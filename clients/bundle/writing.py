@@ -65,7 +65,10 @@ def write_entries(file: BinaryIO, contents: Contents, heard: Heard = never_heard
             visits: Sequence[doc.VisitDocument] = end.value
             break
         writer.add(piece.name, piece.content)
-    for name, content in tell_all(proven, visits) + proof_files(contents.proofs):
+    proofs = proof_files(contents.proofs)
+    if sum(len(content) for _, content in proofs) > layout.PROOFS_MAX_BYTES:
+        raise BlockRobotError("EXPORT_TOO_LARGE", "The proofs are larger than 256 MiB.")
+    for name, content in tell_all(proven, visits) + proofs:
         if len(content) > layout.DOCUMENT_MAX_BYTES:
             raise BlockRobotError("EXPORT_TOO_LARGE", f"{name} would be larger than 64 MiB.")
         writer.add(name, content)

@@ -14,6 +14,7 @@ import pytest
 from clients.bundle import layout
 from clients.bundle.checking import Verdict, verify_bundle
 from clients.bundle.container import ENTRIES_MAX_COUNT, BundleReader, BundleWriter, is_name
+from clients.bundle.writing import write_bundle
 from consensus.errors import BlockRobotError
 from tests.unit.clients.bundle.conftest import Made
 from tests.unit.clients.bundle.repacking import Files, judge, pack
@@ -191,6 +192,16 @@ def test_json_in_another_form_is_refused(made: Made, tmp_path: Path, old: bytes)
     new = {b'"format":': twice, b"{\n": b"{ \n", b'"blockrobot-export"': escaped}
     manifest = made.files["manifest.json"].replace(old, new[old], 1)
     assert "changed" in refused(tmp_path, replaced(made.files, manifest__json=manifest)).detail
+
+
+def test_more_proofs_than_anybody_holds_in_memory_are_neither_read_nor_written(
+    made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(layout, "PROOFS_MAX_BYTES", 10_000)
+    assert "proofs are larger" in refused(tmp_path, made.path.read_bytes()).detail
+    with pytest.raises(BlockRobotError) as caught:
+        write_bundle(tmp_path / "mine.zip", made.contents)
+    assert caught.value.code == "EXPORT_TOO_LARGE"
 
 
 def test_a_file_with_more_entries_than_any_bundle_is_refused(tmp_path: Path) -> None:
