@@ -22,13 +22,14 @@ from network.custody.hunt import gather, hunt
 from network.custody.traces import Trace
 from network.demo.checks import CheckList
 from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
-from network.demo.processes import LongCommand
+from network.demo.processes import LongCommand, run_command
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
 from network.staging import Stage
 
 RECORDING_TIMEOUT_S = 150.0
 WITHHELD_MAX_SHARE = 0.30
+EXPORTED_COUNT = 3
 _TRANSACTIONS_METRIC = "blockrobot_transactions_finalized_total"
 PURPOSE = "demo"
 PATIENTS = ("patient-a", "patient-b")
@@ -81,6 +82,7 @@ class Demo:
             ("a stored byte is changed", self.tamper),
             ("patient A erases", self.erase),
             ("the trail is read", self.read_trail),
+            ("patient B takes data along", self.take_along),
         ]
         for name, step in steps:
             self._tell(name)
@@ -327,6 +329,22 @@ class Demo:
             detail=left
             or f"{pieces} pieces of ciphertexts and keys hunted in {report.files_count} files and "
             f"{report.documents_count} documents, {report.size_bytes / 1e6:.0f} MB, in {time.monotonic() - started:.1f} s",
+        )
+
+    async def take_along(self) -> None:
+        """Export three of B's records, and let a stranger check the file against the genesis file alone."""
+        rows = self.state.records["patient-b"][:EXPORTED_COUNT]
+        bundle = self.options.out / "patient-b.zip"
+        chosen = [argument for row in rows for argument in ("--records", str(row["record_id"]))]
+        exported = await self.stage.wallet("patient-b", "export", str(bundle), *chosen, "--yes")
+        told = await run_command(["verify", str(bundle), "--genesis", str(self.stage.genesis_file)])
+        self.checks.add(
+            "patient B takes records along, and a stranger can check them offline",
+            ok=told["is_anchored"]
+            and (exported["problems"], told["records"], told["metadata_proved"]) == ([], len(rows), len(rows))
+            and told["pictures"] == sum(int(row["frames"]) for row in rows),
+            detail=f"{told['records']} records, {told['pictures']} pictures, {exported['bytes'] / 1e6:.1f} MB, "
+            f"proved up to block {told['proved_until_height']} from the genesis file alone",
         )
 
     async def read_trail(self) -> None:
