@@ -1,43 +1,98 @@
-"""Looks at the free pages of an SQLite file, byte by byte. Must never write, nor be used while somebody writes the file."""
+"""The bytes of an SQLite file that no row holds: on free pages, and in the gaps of tables' pages. Must never touch a row.
+
+`secure_delete` overwrites what is deleted, but not the copies that stay in a page's gap when rows move to another page.
+Whoever calls holds the database's write lock, with nothing in its write-ahead log, and keeps the descriptor open for as
+long as the database: closing one would give up the locks of the whole process. Format:
+https://www.sqlite.org/fileformat2.html
+"""
 
 from __future__ import annotations
 
+import os
 import struct
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 
 _HEADER_BYTES = 100
 _TRUNK = struct.Struct(">II")
+_INTERIOR, _LEAVES = (2, 5), (10, 13)
 
 
-def count_dirty_free_bytes(path: Path) -> int:
-    """Return how many bytes of a database's free pages are not zero: with `secure_delete`, none.
+class PageFile:
+    """The pages of one database file, by a descriptor of its own."""
 
-    A trunk page of the free list holds the numbers of others; only what lies behind them counts. Format:
-    https://www.sqlite.org/fileformat2.html#the_freelist
-    """
-    with path.open("rb") as file:
-        header = file.read(_HEADER_BYTES)
-        if len(header) < _HEADER_BYTES:
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        header = os.pread(descriptor, _HEADER_BYTES, 0)
+        self._is_empty = len(header) < _HEADER_BYTES
+        if self._is_empty:
+            return
+        size = int.from_bytes(header[16:18], "big")
+        self._page_bytes = 65_536 if size == 1 else size
+        self._usable_bytes = self._page_bytes - header[20]
+        self._first_trunk, self._free_count = struct.unpack_from(">II", header, 32)
+
+    def _page(self, number: int) -> bytes:
+        return os.pread(self._descriptor, self._page_bytes, (number - 1) * self._page_bytes)
+
+    def count_dirty(self, roots: Sequence[int]) -> int:
+        """Return how many bytes that no row holds are not zero. `roots` are the first pages of all tables."""
+        if self._is_empty:
             return 0
-        page_bytes = int.from_bytes(header[16:18], "big")
-        page_bytes = 65_536 if page_bytes == 1 else page_bytes
-        trunk, count = int.from_bytes(header[32:36], "big"), int.from_bytes(header[36:40], "big")
-        dirty, seen = 0, 0
+        gaps = sum(_count_set(content[start:end]) for _, content, start, end in self._gaps(roots))
+        return gaps + self._count_dirty_free()
 
-        def page(number: int) -> bytes:
-            file.seek((number - 1) * page_bytes)
-            return file.read(page_bytes)
+    def clean(self, roots: Sequence[int]) -> int:
+        """Overwrite every gap that is not zero, force it to the medium, and return how many bytes that were."""
+        cleaned = 0
+        if self._is_empty:
+            return cleaned
+        for number, content, start, end in self._gaps(roots):
+            dirty = _count_set(content[start:end])
+            if dirty:
+                os.pwrite(self._descriptor, bytes(end - start), (number - 1) * self._page_bytes + start)
+                cleaned += dirty
+        if cleaned:
+            os.fsync(self._descriptor)
+        return cleaned
 
-        while trunk and seen <= count:
-            content = page(trunk)
+    def _gaps(self, roots: Sequence[int]) -> Iterator[tuple[int, bytes, int, int]]:
+        """Yield (page number, page, start, end) of every stretch within the pages of tables that no row uses."""
+        waiting = [1, *roots]
+        seen: set[int] = set()
+        while waiting:
+            number = waiting.pop()
+            if number in seen:
+                continue
+            seen.add(number)
+            content = self._page(number)
+            at = _HEADER_BYTES if number == 1 else 0
+            kind = content[at] if len(content) == self._page_bytes else 0
+            if kind not in (*_INTERIOR, *_LEAVES):
+                continue
+            freeblock, cells, start = struct.unpack_from(">HHH", content, at + 1)
+            pointers = at + (12 if kind in _INTERIOR else 8)
+            if kind in _INTERIOR:
+                places = struct.unpack_from(f">{cells}H", content, pointers)
+                waiting += [int.from_bytes(content[place : place + 4], "big") for place in places]
+                waiting.append(int.from_bytes(content[at + 8 : at + 12], "big"))
+            yield number, content, pointers + 2 * cells, min(start or 65_536, self._usable_bytes)
+            while freeblock:
+                following, size = struct.unpack_from(">HH", content, freeblock)
+                yield number, content, freeblock + 4, freeblock + size
+                freeblock = following if following > freeblock else 0
+
+    def _count_dirty_free(self) -> int:
+        """Count on free pages. A trunk page holds the numbers of others; only what lies behind them counts."""
+        dirty, seen, trunk = 0, 0, self._first_trunk
+        while trunk and seen <= self._free_count:
+            content = self._page(trunk)
             following, leaves = _TRUNK.unpack_from(content)
-            used = _TRUNK.size + 4 * leaves
-            dirty += _count_set(content[used:])
+            dirty += _count_set(content[_TRUNK.size + 4 * leaves :])
             numbers = struct.unpack_from(f">{leaves}I", content, _TRUNK.size)
-            dirty += sum(_count_set(page(number)) for number in numbers)
+            dirty += sum(_count_set(self._page(number)) for number in numbers)
             seen += 1 + leaves
             trunk = following
-    return dirty
+        return dirty
 
 
 def _count_set(content: bytes) -> int:

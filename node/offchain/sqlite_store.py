@@ -1,12 +1,14 @@
 """The embedded custody store, on SQLite. Must never leave the bytes of an erased row in its own files.
 
 One connection in one worker thread, so that the event loop never waits for a disk. `secure_delete` overwrites freed
-pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` truncates the write-ahead log.
+pages, `synchronous=FULL` makes a commit survive a power cut, and `sweep` truncates the write-ahead log and overwrites
+the copies that moved rows left behind.
 """
 
 from __future__ import annotations
 
 import asyncio
+import os
 import sqlite3
 from collections.abc import AsyncIterator, Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +19,8 @@ from typing import Any, Self, TypeVar
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES
-from node.offchain.sqlite_pages import count_dirty_free_bytes
+from node.offchain.sqlite_pages import PageFile
+from node.offchain.sqlite_schema import CLIP_COLUMNS, FORMAT_VERSION, MISSING_COLUMNS, OUTBOX_COLUMNS, SCHEMA
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -36,42 +39,7 @@ from node.offchain.store import (
 T = TypeVar("T")
 
 DATABASE_FILE_NAME = "custody.sqlite3"
-FORMAT_VERSION = 2
 _PAGE_ROWS_COUNT = 500
-
-_SCHEMA = """
-CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
-    status TEXT NOT NULL, commitment_leaves BLOB NOT NULL, ciphertext_leaves BLOB NOT NULL,
-    owner BLOB NOT NULL, expires_at_ms INTEGER NOT NULL, height INTEGER NOT NULL) WITHOUT ROWID;
-CREATE INDEX clips_by_owner ON clips (owner, record_id);
-CREATE INDEX clips_by_valid_until ON clips (status, valid_until_ms);
-CREATE INDEX clips_by_expiry ON clips (status, expires_at_ms);
-CREATE TABLE frames (record_id BLOB NOT NULL, place INTEGER NOT NULL, slot INTEGER NOT NULL,
-    wrapped_key BLOB NOT NULL, ciphertext BLOB NOT NULL, UNIQUE (record_id, place));
-CREATE INDEX frames_by_slot ON frames (slot);
-CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB NOT NULL,
-    commitment_root BLOB NOT NULL, ciphertext_root BLOB NOT NULL, expires_at_ms INTEGER NOT NULL,
-    height INTEGER NOT NULL, erased_frames BLOB NOT NULL) WITHOUT ROWID;
-CREATE INDEX missing_by_height ON missing (height, record_id);
-CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
-CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
-    height INTEGER NOT NULL) WITHOUT ROWID;
-CREATE INDEX grants_by_owner ON grants (owner, access_id);
-CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;
-CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
-    entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
-    plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;
-CREATE INDEX outbox_by_height ON outbox (status, height, kind, subject, part);
-CREATE TABLE backgrounds (digest BLOB PRIMARY KEY, content BLOB NOT NULL);
-CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER NOT NULL,
-    block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
-"""
-
-_CLIP_COLUMNS = (
-    "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height"
-)
-_MISSING_COLUMNS = "record_id, txid, owner, commitment_root, ciphertext_root, expires_at_ms, height, erased_frames"
-_OUTBOX_COLUMNS = "kind, subject, part, contract, entry, arguments, height, status, plan"
 
 
 def _split(joined: bytes, size: int) -> tuple[bytes, ...]:
@@ -176,6 +144,11 @@ def _drop_staged(database: sqlite3.Connection, record_id: bytes) -> None:
         database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))
 
 
+def _roots(database: sqlite3.Connection) -> list[int]:
+    """Return the first pages of all tables and indexes."""
+    return [row[0] for row in database.execute("SELECT rootpage FROM sqlite_master WHERE rootpage > 0")]
+
+
 class SqliteStore:
     """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
 
@@ -185,6 +158,7 @@ class SqliteStore:
         self._require_space = require_space
         self._database: sqlite3.Connection | None = None
         self._worker: ThreadPoolExecutor | None = None
+        self._descriptor = -1
 
     async def __aenter__(self) -> Self:
         """Open the database. Raises STORE_UNAVAILABLE if the directory or the file cannot be used."""
@@ -203,6 +177,7 @@ class SqliteStore:
         if self._database is not None:
             await self._in_worker(self._database.close)
             self._database = None
+            os.close(self._descriptor)
         if self._worker is not None:
             self._worker.shutdown()
             self._worker = None
@@ -211,12 +186,21 @@ class SqliteStore:
         self._directory.mkdir(mode=0o700, parents=True, exist_ok=True)
         path = self._directory / DATABASE_FILE_NAME
         path.touch(mode=0o600, exist_ok=True)
+        self._descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            return self._connect()
+        except BaseException:
+            os.close(self._descriptor)
+            raise
+
+    def _connect(self) -> sqlite3.Connection:
+        path = self._directory / DATABASE_FILE_NAME
         database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
         for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}").fetchall()
         version = database.execute("PRAGMA user_version").fetchone()[0]
         if version == 0:
-            database.executescript(f"BEGIN IMMEDIATE; {_SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+            database.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         elif version != FORMAT_VERSION:
             database.close()
             raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
@@ -282,7 +266,7 @@ class SqliteStore:
         def read() -> dict[bytes, ClipRow]:
             database, found = self._opened(), {}
             for record_id in record_ids:
-                query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
+                query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
                 row = database.execute(query, (record_id,)).fetchone()
                 if row is not None:
                     found[record_id] = _clip(row)
@@ -292,7 +276,7 @@ class SqliteStore:
 
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         """See `CustodyStore.clips_of_owner`."""
-        query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
+        query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
         return [_clip(row) for row in await self._read(query, owner)]
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
@@ -325,10 +309,31 @@ class SqliteStore:
         await self._write(lambda database: _drop_staged(database, record_id))
 
     async def sweep(self) -> None:
-        """Move the write-ahead log into the database and cut it to nothing."""
-        busy = (await self._read("PRAGMA wal_checkpoint(TRUNCATE)"))[0][0]
-        if busy:
-            raise BlockRobotError("STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut.")
+        """Cut the write-ahead log to nothing, and overwrite in the database what no row holds.
+
+        A commit by another program in between would be in the log, and the next sweep goes on from there.
+        """
+
+        def clean() -> None:
+            database = self._opened()
+            if database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+                raise BlockRobotError(
+                    "STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut."
+                )
+            database.execute("BEGIN IMMEDIATE")
+            try:
+                cleaned = self._log_bytes() == 0 and PageFile(self._descriptor).clean(_roots(database))
+            finally:
+                database.execute("ROLLBACK")
+            if cleaned:  # the connection's own copies of these pages would be written again
+                database.close()
+                self._database = self._connect()
+
+        await self._in_worker(clean)
+
+    def _log_bytes(self) -> int:
+        log = self._directory / f"{DATABASE_FILE_NAME}-wal"
+        return log.stat().st_size if log.exists() else 0
 
     async def lapsed(self, at_ms: int, limit: int) -> list[bytes]:
         """See `CustodyStore.lapsed`."""
@@ -344,12 +349,12 @@ class SqliteStore:
 
     async def missing(self, limit: int) -> list[RecordFacts]:
         """See `CustodyStore.missing`."""
-        query = f"SELECT {_MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
+        query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
         return [_missing(row) for row in await self._read(query, limit)]
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
         """See `CustodyStore.missing_clip`."""
-        rows = await self._read(f"SELECT {_MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
+        rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
         return _missing(rows[0]) if rows else None
 
     async def grant(self, access_id: bytes) -> Grant | None:
@@ -400,17 +405,17 @@ class SqliteStore:
 
     async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
-        query = f"SELECT {_OUTBOX_COLUMNS} FROM outbox WHERE status = ? ORDER BY height, kind, subject, part LIMIT ?"  # noqa: S608
+        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE status = ? ORDER BY height, kind, subject, part LIMIT ?"  # noqa: S608
         return [OutboxRow(*row) for row in await self._read(query, status, limit)]
 
     async def outbox_of(self, kind: str, subject: bytes) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox_of`."""
-        query = f"SELECT {_OUTBOX_COLUMNS} FROM outbox WHERE kind = ? AND subject = ? ORDER BY part"  # noqa: S608
+        query = f"SELECT {OUTBOX_COLUMNS} FROM outbox WHERE kind = ? AND subject = ? ORDER BY part"  # noqa: S608
         return [OutboxRow(*row) for row in await self._read(query, kind, subject)]
 
     async def all_clips(self) -> AsyncIterator[ClipRow]:
         """See `CustodyStore.all_clips`; read in pages, so that a long walk holds no lock."""
-        query = f"SELECT {_CLIP_COLUMNS} FROM clips WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
+        query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id > ? ORDER BY record_id LIMIT ?"  # noqa: S608
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
             for row in rows:
@@ -460,11 +465,11 @@ class SqliteStore:
 
     async def leftovers(self) -> Leftovers:
         """See `CustodyStore.leftovers`. The one connection is busy meanwhile, so nothing is written."""
+        await self.sweep()
 
         def look() -> Leftovers:
-            path = self._directory / DATABASE_FILE_NAME
-            self._opened().execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
-            log = path.with_name(path.name + "-wal")
-            return Leftovers(log.stat().st_size if log.exists() else 0, count_dirty_free_bytes(path))
+            database = self._opened()
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            return Leftovers(self._log_bytes(), PageFile(self._descriptor).count_dirty(_roots(database)))
 
         return await self._in_worker(look)

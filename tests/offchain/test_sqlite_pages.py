@@ -2,58 +2,158 @@
 
 from __future__ import annotations
 
+import asyncio
+import os
 import secrets
 import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from node.offchain.sqlite_pages import count_dirty_free_bytes
+from consensus.primitives.hashing import sha256
+from node.offchain.sqlite_pages import PageFile
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from tests.offchain.test_store_contract import clip, frames_of
+from node.offchain.store import ClipRow, FrameRow
+
+FRAMES_COUNT, CLIPS_COUNT = 4, 40
 
 
-def _fill_and_delete(path: Path, secure: str) -> None:
-    database = sqlite3.connect(path, isolation_level=None)
-    database.execute(f"PRAGMA secure_delete = {secure}")
-    database.execute("CREATE TABLE frames (content BLOB)")
-    database.executemany("INSERT INTO frames VALUES (?)", [(secrets.token_bytes(20_000),) for _ in range(40)])
-    database.execute("DELETE FROM frames")
-    database.close()
+@contextmanager
+def _pages(path: Path) -> Iterator[PageFile]:
+    descriptor = os.open(path, os.O_RDWR)
+    try:
+        yield PageFile(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _roots(path: Path) -> list[int]:
+    with closing(sqlite3.connect(path)) as database:
+        return [row[0] for row in database.execute("SELECT rootpage FROM sqlite_master WHERE rootpage > 0")]
+
+
+def _churn(path: Path, secure: str) -> list[bytes]:
+    """Insert rows in random order and delete every other one; return what was deleted."""
+    rows = [(secrets.token_bytes(16), secrets.token_bytes(600)) for _ in range(400)]
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA synchronous = OFF")
+        database.execute(f"PRAGMA secure_delete = {secure}")
+        database.execute("BEGIN")
+        database.execute("CREATE TABLE rows (id BLOB PRIMARY KEY, content BLOB) WITHOUT ROWID")
+        for row in rows:
+            database.execute("INSERT INTO rows VALUES (?, ?)", row)
+        for row in rows[::2]:
+            database.execute("DELETE FROM rows WHERE id = ?", row[:1])
+        database.execute("COMMIT")
+    return [content for _, content in rows[::2]]
+
+
+def _left(path: Path, contents: list[bytes]) -> int:
+    written = path.read_bytes()
+    return sum(content[start : start + 16] in written for content in contents for start in (0, 300, 584))
+
+
+@pytest.mark.parametrize("secure", ["OFF", "ON"])
+def test_rows_that_moved_leave_copies_even_where_deleting_overwrites_and_cleaning_leaves_none(
+    tmp_path: Path, secure: str
+) -> None:
+    path = tmp_path / "x.sqlite3"
+    gone = _churn(path, secure)
+    assert _left(path, gone) > 0 or secure == "ON"
+    with closing(sqlite3.connect(path)) as database:
+        kept = database.execute("SELECT * FROM rows").fetchall()
+    with _pages(path) as pages:
+        assert pages.count_dirty(_roots(path)) > 0, "or there were no need to clean"
+        assert pages.clean(_roots(path)) > 0
+        if secure == "ON":
+            assert pages.count_dirty(_roots(path)) == 0
+            assert pages.clean(_roots(path)) == 0
+            assert _left(path, gone) == 0
+    with closing(sqlite3.connect(path)) as database:
+        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+        assert database.execute("SELECT * FROM rows").fetchall() == kept
+
+
+@pytest.mark.parametrize(("secure", "is_dirty"), [("OFF", True), ("ON", False)])
+def test_free_pages_are_dirty_unless_deleting_overwrites(tmp_path: Path, secure: str, is_dirty: bool) -> None:
+    path = tmp_path / "x.sqlite3"
+    with closing(sqlite3.connect(path, isolation_level=None)) as database:
+        database.execute("PRAGMA synchronous = OFF")
+        database.execute(f"PRAGMA secure_delete = {secure}")
+        database.execute("CREATE TABLE frames (content BLOB)")
+        database.executemany("INSERT INTO frames VALUES (?)", [(secrets.token_bytes(20_000),) for _ in range(40)])
+        database.execute("DELETE FROM frames")
+    with _pages(path) as pages:
+        pages.clean(_roots(path))
+        assert (pages.count_dirty(_roots(path)) > 100_000) == is_dirty
+
+
+def test_an_empty_file_has_no_pages(tmp_path: Path) -> None:
+    (tmp_path / "new").touch()
+    with _pages(tmp_path / "new") as pages:
+        assert pages.count_dirty([2, 3]) == pages.clean([2, 3]) == 0
+
+
+def _clip(number: int) -> tuple[ClipRow, list[FrameRow]]:
+    record_id = secrets.token_bytes(16)
+    leaves = tuple(sha256(record_id + bytes([index])) for index in range(FRAMES_COUNT))
+    clip = ClipRow(record_id, secrets.token_bytes(32), 1000, "staged", leaves, tuple(map(sha256, leaves)))
+    frames = [
+        FrameRow(record_id, index, secrets.token_bytes(9_000), secrets.token_bytes(136), 10 * number + index)
+        for index in range(FRAMES_COUNT)
+    ]
+    return clip, frames
+
+
+def _pieces(clip: ClipRow, frames: list[FrameRow]) -> list[bytes]:
+    leaves = [leaf[:16] for leaf in (*clip.commitment_leaves, *clip.ciphertext_leaves)]
+    keys = [frame.wrapped_key[start : start + 16] for frame in frames for start in (0, 60, 120)]
+    texts = [frame.ciphertext[start : start + 16] for frame in frames for start in range(0, 8_984, 400)]
+    return [*leaves, *keys, *texts]
 
 
 def _bytes_in(folder: Path) -> bytes:
     return b"".join(path.read_bytes() for path in folder.glob(f"{DATABASE_FILE_NAME}*"))
 
 
-@pytest.mark.parametrize(("secure", "is_dirty"), [("OFF", True), ("ON", False)])
-def test_free_pages_are_dirty_unless_deleting_overwrites(tmp_path: Path, secure: str, is_dirty: bool) -> None:
-    path = tmp_path / "x.sqlite3"
-    _fill_and_delete(path, secure)
-    assert (count_dirty_free_bytes(path) > 100_000) == is_dirty
-    if not is_dirty:
-        assert count_dirty_free_bytes(path) == 0
-
-
-def test_an_empty_file_has_no_free_pages(tmp_path: Path) -> None:
-    (tmp_path / "new").touch()
-    assert count_dirty_free_bytes(tmp_path / "new") == 0
-
-
-async def test_an_erased_clip_leaves_not_a_byte_in_the_stores_files(tmp_path: Path) -> None:
-    staged = clip(1, frames=16)
-    contents = [secrets.token_bytes(30_000) for _ in range(16)]
-    rows = [
-        type(row)(row.record_id, row.index, content, row.wrapped_key, row.slot)
-        for row, content in zip(frames_of(staged), contents, strict=True)
-    ]
+async def test_of_many_clips_that_came_and_went_not_a_byte_of_an_erased_one_is_left(tmp_path: Path) -> None:
+    """Rows move from page to page as others come and go; every other clip is erased, and more come in between."""
     async with SqliteStore(tmp_path) as store:
-        await store.stage(staged, rows)
-        written = _bytes_in(tmp_path)
-        assert all(content[:16] in written for content in contents)
-        await store.erase_clip(staged.record_id)
+        kept, gone = [], []
+        for number in range(CLIPS_COUNT):
+            clip, frames = _clip(number)
+            await store.stage(clip, frames)
+            (gone if number % 2 else kept).append((clip, frames))
+            if number % 8 == 7:
+                for clip, _ in gone[-4:]:
+                    await store.erase_clip(clip.record_id)
+                await store.sweep()
         left = await store.leftovers()
         assert (left.log_bytes, left.dirty_bytes) == (0, 0)
-        files = _bytes_in(tmp_path)
-        for content in contents:
-            assert not any(content[start : start + 16] in files for start in range(0, len(content) - 16, 1000))
+        files = await asyncio.to_thread(_bytes_in, tmp_path)
+        assert not [piece for clip in gone for piece in _pieces(*clip) if piece in files]
+        for clip, frames in kept:
+            assert await store.frames(clip.record_id) == frames
+            assert (await store.clips([clip.record_id]))[clip.record_id] == clip
+    with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME)) as database:
+        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+
+
+async def test_sweeping_gives_up_no_lock_and_loses_no_commit_of_anybody(tmp_path: Path) -> None:
+    """Another program opens, writes and closes the database in between: nothing of either is lost."""
+    async with SqliteStore(tmp_path) as store:
+        first, second = _clip(1), _clip(2)
+        await store.stage(*first)
+        await store.leftovers()
+        with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME, isolation_level=None)) as other:
+            other.execute("UPDATE frames SET ciphertext = x'00' WHERE record_id = ?", (first[0].record_id,))
+        await store.stage(*second)
+        await store.sweep()
+        assert {frame.ciphertext for frame in await store.frames(first[0].record_id)} == {b"\x00"}
+    async with SqliteStore(tmp_path) as store:
+        assert await store.frames(second[0].record_id) == second[1]
+        changed = [replace(frame, ciphertext=b"\x00") for frame in first[1]]
+        assert await store.frames(first[0].record_id) == changed
