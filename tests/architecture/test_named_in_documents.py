@@ -57,7 +57,18 @@ def missing_files(name: str, text: str) -> list[str]:
     named = [path for path in FILES.findall(text) if path not in ELSEWHERE and not list(ROOT.glob(path))]
     targets = {target: target.partition("#")[0] for target in LINK.findall(text) if "://" not in target}
     linked = [target for target, path in targets.items() if path and not (folder / path).exists()]
+    linked += [target for target in targets if target not in linked and not has_heading(folder, ROOT / name, target)]
     return [f"{name}: {path}" for path in (*named, *linked)]
+
+
+def has_heading(folder: Path, page: Path, target: str) -> bool:
+    """Tell whether the place in a page that a link leads to is there; a link to a whole page or another file has none."""
+    path, _, anchor = target.partition("#")
+    page = folder / path if path else page
+    if not anchor or page.suffix != ".md" or not page.exists():
+        return True
+    headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return anchor in {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-") for heading in headings}
 
 
 def rows_of(name: str, heading: str) -> list[list[str]]:
@@ -81,9 +92,11 @@ def test_the_checks_find_what_is_not_there() -> None:
         "privacy/test_nothing::test_it",
         "architecture/test_tidy::test_nobody",
     ]
-    assert missing_files("docs/x.md", "tests/no.py, [a](../README.md#b), [c](https://example.org), [d](d.md)") == [
+    text = "tests/no.py, [a](../README.md#tests), [b](../README.md#b), [c](https://example.org), [d](d.md#e)"
+    assert missing_files("docs/x.md", text) == [
         "docs/x.md: tests/no.py",
-        "docs/x.md: d.md",
+        "docs/x.md: d.md#e",
+        "docs/x.md: ../README.md#b",
     ]
 
 
