@@ -19,6 +19,8 @@ from node.upkeep import Upkeep
 from node.upkeep_routes import add_custody_routes
 
 FAULT_REQUEST_MAX_BYTES = 64 * 1024
+OPEN_PATHS = ("/livez", "/readyz", "/status", "/metrics")
+"""What is answered without the operator's token, and nothing else (see `docs/reference/authorisation.md`)."""
 METRICS_CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 
 log = structlog.get_logger(__name__)

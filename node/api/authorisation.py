@@ -14,6 +14,7 @@ from node.api.access import Access
 from node.api.routes import ROUTES
 from node.api.sessions import Session
 from node.api.standing import ROLE_ADMIN, ROLE_CUSTODIAN, ROLE_REGISTRAR, Standing
+from node.operator import OPEN_PATHS
 
 _MADE = "<!-- Made from the code by `python -m node.api.reference docs/reference`. Do not edit. -->"
 _INTRODUCTION = """\
@@ -34,6 +35,12 @@ _ENTRIES_INTRODUCTION = """\
 
 `yes`: for whatever the entry is about. `own`: for what is the caller's own, as the words say. `-`: refused, and nothing
 remains but the receipt. Views (entries that only read) are not here: they are called by `POST /v1/queries`."""
+
+_OPERATOR = """\
+## The operator's listener
+
+It listens on the node's own machine only, and answers {paths} to whoever asks there.
+Whatever else there is takes the operator's token (`OPERATOR_TOKEN_INVALID`), and is for no web page (`NOT_PERMITTED`)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,5 +112,6 @@ def write_authorisation_page() -> str:
         for (contract, entry), rule in entry_rules().items()
     ]
     lines = [_MADE, "", "# Who may call what", "", _INTRODUCTION, "", *_table(["route", *heads], routes), ""]
+    lines += [_OPERATOR.format(paths=", ".join(f"`{path}`" for path in OPEN_PATHS)), ""]
     lines += [_ENTRIES_INTRODUCTION, "", *(f"- **{role}**: {what}." for role, what in ROLES.items()), ""]
     return "\n".join(lines + _table(["entry", "who may call", *ROLES], entries)) + "\n"

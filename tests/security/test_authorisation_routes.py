@@ -9,11 +9,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import pytest
 from aiohttp import web
 from aiohttp.test_utils import TestClient, TestServer
 
+from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.session import sign_session
@@ -24,6 +27,9 @@ from node.api.routes import ROUTES
 from node.api.routing import Call, Handler, Route
 from node.api.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
 from node.api.standing import find_standing
+from node.faults import FaultSwitch
+from node.interface import WallClock
+from node.operator import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
 from tests.unit.node.api.small_network import SmallLedger, SmallNode
 
@@ -145,3 +151,41 @@ def test_the_table_tells_a_loosened_rule_from_a_tight_one() -> None:
     tight = next(route.access for route in ROUTES if route.operation == "uploadClip")
     assert refusal_of(tight, subject) == "NOT_PERMITTED"
     assert refusal_of(Access("anyone", frozenset()), subject) == ""
+
+
+class _Status:
+    def is_ready(self) -> bool:
+        return True
+
+    def problem(self) -> BlockRobotError | None:
+        return None
+
+    def describe(self) -> dict[str, Any]:
+        return {}
+
+    def metrics(self) -> bytes:
+        return b""
+
+
+async def test_the_operators_listener_asks_for_the_token_wherever_nothing_else_is_said(tmp_path: Path) -> None:
+    application = create_operator_listener(_Status(), FaultSwitch("node-1", tmp_path, WallClock()), "token")
+    routes = [(route.method, route.resource.canonical) for route in application.router.routes() if route.resource]
+    assert set(OPEN_PATHS) < {path for _, path in routes}
+    refused, token = {"OPERATOR_TOKEN_INVALID", "NOT_PERMITTED"}, {"Authorization": "Bearer token"}
+    tries = {
+        "OPERATOR_TOKEN_INVALID": ({}, {"Authorization": "Bearer "}, {"Authorization": "Bearer another"}),
+        "NOT_PERMITTED": ({"Origin": "http://localhost"}, token | {"Origin": "http://localhost"}),
+        "": (token,),
+    }
+    async with TestClient(TestServer(application)) as client:
+        for method, path in (route for route in routes if route[0] != "HEAD"):
+            for expected, all_headers in tries.items():
+                for headers in all_headers:
+                    answer = await client.request(method, path, headers=headers)
+                    text = await answer.text()
+                    if path in OPEN_PATHS:
+                        assert answer.status == 200, path
+                    elif expected:
+                        assert expected in text, path
+                    else:
+                        assert not [code for code in refused if code in text], path
