@@ -85,3 +85,11 @@ def test_a_cut_as_long_as_the_measurement_is_a_matter_of_usage() -> None:
     child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert child.returncode == 2
     assert "--cut" in child.stderr
+
+
+def test_what_custody_costs() -> None:
+    figures = check_form(run("custody", "--behind", "50", "--erasures", "2"), "custody")
+    assert (figures["errors"], figures["clips_lost"]) == (0, 0)
+    assert 0 < figures["erase_p50_ms"] <= figures["erase_p95_ms"]
+    assert all(figures[name] > 0 for name in ("hook_records_per_s", "catchup_s", "scan_records_per_s"))
+    assert 1 < figures["store_overhead"] < 2
