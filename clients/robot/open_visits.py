@@ -6,6 +6,7 @@ that was lost between the two counts as missing, and the owner is told so.
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 
 from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
@@ -36,9 +37,11 @@ class OpenVisits:
         """Read the file, if there is one. Raises SPOOL_DAMAGED."""
         self._path = path
         self._key = key
+        self._lock = threading.Lock()  # those of clips are saved in a thread, those of clips that are dropped beside it
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.with_name(TEMPORARY_PREFIX + path.name).unlink(missing_ok=True)
         self._counts = {visit.owner: visit.record_count for visit in self._read()}
+        self._saved = dict(self._counts)
         self.inherited = frozenset(self._counts)
 
     def _read(self) -> tuple[VisitCount, ...]:
@@ -56,8 +59,12 @@ class OpenVisits:
 
     def note(self, owner: bytes, record_count: int) -> None:
         """Remember durably that a visit has so many records. Raises SPOOL_FULL."""
+        self.count(owner, record_count)
+        self.save()
+
+    def count(self, owner: bytes, record_count: int) -> None:
+        """Say that a visit has so many records. To be saved before the last of them is."""
         self._counts[owner] = record_count
-        self._write()
 
     def lower(self, owner: bytes) -> None:
         """Remember durably that a record of the visit, if it is still open, will never be. Raises SPOOL_FULL."""
@@ -67,8 +74,14 @@ class OpenVisits:
     def forget(self, owner: bytes) -> None:
         """The visit is closed on the chain. Raises SPOOL_FULL."""
         self._counts.pop(owner, None)
-        self._write()
+        self.save()
 
-    def _write(self) -> None:
-        visits = tuple(VisitCount(owner=owner, record_count=count) for owner, count in self._counts.items())
-        write_durably(self._path, seal_content(self._path.name, self._key, encode(VisitCounts(visits=visits))))
+    def save(self) -> None:
+        """Remember the counts durably, unless they are; from any thread. Raises SPOOL_FULL."""
+        with self._lock:
+            counts = self.counts
+            if counts != self._saved:
+                visits = tuple(VisitCount(owner=owner, record_count=count) for owner, count in counts.items())
+                sealed = seal_content(self._path.name, self._key, encode(VisitCounts(visits=visits)))
+                write_durably(self._path, sealed)
+                self._saved = counts

@@ -1,7 +1,8 @@
 """From sensor to chain: identify, pair, ask for consent, hide others, seal, spool, deliver. Must never write a raw frame.
 
-Data flows one way. The picture work runs in a thread so that uploads go on meanwhile; when the spool holds more clips
-than delivery keeps up with, reading waits (back-pressure) rather than drop.
+Data flows one way. The picture work runs in a thread so that uploads go on meanwhile, and so does bringing a sealed clip
+to the disk, one clip after another, while the next frames are worked on; when the spool holds more clips than delivery
+keeps up with, reading waits (back-pressure) rather than drop.
 """
 
 from __future__ import annotations
@@ -123,6 +124,7 @@ class Pipeline:
         self._taken_count = 0
         self._came_at_ms = 0  # when what is being worked on came, however busy the robot was then
         self._live = False
+        self._storing: asyncio.Task[None] | None = None
         consents.camera_offset_ms = lambda: self.admission.clocks.camera_offset_ms
 
     def _drop_refused(self) -> None:
@@ -152,13 +154,15 @@ class Pipeline:
             closing.cancel()
             if beside is not None:
                 beside.cancel()
-            await asyncio.gather(closing, return_exceptions=True)
+            # What is being written is whole in the spool before a run ends, whatever ends it.
+            await asyncio.gather(closing, *filter(None, [self._storing]), return_exceptions=True)
         self._came_at_ms = self._now_ms()
         self.admission.clocks.flush()
         self._tell_intake()
-        self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
-        self._seal(self._batcher.flush())
-        self._deliver(self._senses.settle(final=True))
+        await self._seal(self._sort(await asyncio.to_thread(self._hider.flush)))
+        await self._seal(self._batcher.flush())
+        await self._deliver(self._senses.settle(final=True))
+        await self._stored()
         await self._delivery.drain()
         await self._delivery.close_visits(self._open_visits)
 
@@ -194,8 +198,9 @@ class Pipeline:
             async with self._busy:
                 self._came_at_ms = self._now_ms()
                 outputs = self._hider.advance(at_ms - self.admission.clocks.camera_offset_ms)
-                self._seal([*self._sort(outputs), *self._batcher.close_idle(self._now_ms())])
-                self._deliver(self._senses.settle())
+                await self._seal([*self._sort(outputs), *self._batcher.close_idle(self._now_ms())])
+                await self._deliver(self._senses.settle())
+                await self._stored()
 
     async def _close_over(self) -> None:
         """Close visits as they end: a run may last for days. What cannot be closed now is tried again, and at the end."""
@@ -222,8 +227,8 @@ class Pipeline:
             outputs = self._identify(event)
             if not outputs:  # most of a storm of readings ends here
                 return
-        self._seal([*self._sort(outputs), *ready])
-        self._deliver(self._senses.settle())
+        await self._seal([*self._sort(outputs), *ready])
+        await self._deliver(self._senses.settle())
         await self._hold_back()
 
     def _tell_intake(self) -> None:
@@ -275,15 +280,35 @@ class Pipeline:
                 ready.extend(self._keeper.take(output))
         return ready
 
-    def _seal(self, clips: list[ReadyClip]) -> None:
+    async def _seal(self, clips: list[ReadyClip]) -> None:
         for clip in clips:
+            await self._stored()
             admitted = self._keeper.admit(clip)
             if admitted is not None:
-                self._deliver([self._seal_one(admitted)])
+                self._store(self._seal_one(admitted))
 
-    def _deliver(self, sealed: list[SpooledClip]) -> None:
+    async def _deliver(self, sealed: list[SpooledClip]) -> None:
         for clip in sealed:
-            self._delivery.start(self._spool.put(clip))
+            await self._stored()
+            self._store(clip)
+
+    def _store(self, clip: SpooledClip) -> None:
+        """Begin to bring a clip, counted in its visit first, to the disk; it is delivered from there."""
+
+        def put() -> str:
+            self._open_visits.save()
+            return self._spool.put(clip)
+
+        async def store() -> None:
+            self._delivery.start(await asyncio.to_thread(put))
+
+        self._storing = asyncio.create_task(store())
+
+    async def _stored(self) -> None:
+        """Wait until the clip before is in the spool. Raises SPOOL_FULL."""
+        if self._storing is not None:
+            await asyncio.shield(self._storing)
+            self._storing = None
 
     def _seal_one(self, clip: ReadyClip) -> SpooledClip:
         now = self._now_ms()
@@ -301,7 +326,7 @@ class Pipeline:
             offset_ms=self._keeper.offset_ms if clip.frames else 0,
         )
         spooled = seal_clip(content, chain, now_ms=now)
-        self._open_visits.note(chain.owner, chain.record_count)
+        self._open_visits.count(chain.owner, chain.record_count)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
         self._statistics.clip_sealed(spooled.upload.record_id, frames, clip.alias)
         return spooled

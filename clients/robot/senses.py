@@ -273,7 +273,7 @@ class SenseDesk:
             offset_ms=keeper.offset_ms if clip.frames else 0,
         )
         spooled = seal_clip(content, chain, now_ms=now)
-        self._open_visits.note(chain.owner, chain.record_count)
+        self._open_visits.count(chain.owner, chain.record_count)
         frames = [(frame.sequence, frame.captured_at_ms) for frame in clip.frames]
         self._statistics.senses[sensor].clip_sealed(spooled.upload.record_id, frames, clip.alias)
         return spooled

@@ -90,7 +90,7 @@ STEPS: dict[str, Step] = {
     "clip-filled": Step(Pipeline, "_seal_one", number=2),
     "clip-sealed": Step(pipeline, "seal_clip", after=True, number=2),
     "visit-counted-before-sync": Step(os, "fsync", counts=_syncs_visits, number=2),
-    "visit-counted": Step(OpenVisits, "note", after=True, number=2, loses=True),
+    "visit-counted": Step(OpenVisits, "save", after=True, number=2, loses=True),
     "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True, loses=True),
     "spooled-before-sync": Step(os, "fsync", counts=_syncs_clip, number=2, loses=True),
     "spooled-after-sync": Step(os, "fsync", after=True, counts=_syncs_clip, number=2, loses=True),

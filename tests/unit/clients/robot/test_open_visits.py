@@ -38,3 +38,17 @@ def test_a_changed_file_is_named_and_not_taken_for_an_empty_one(tmp_path: Path, 
     path.write_bytes(change(path.read_bytes()))
     with pytest.raises(BlockRobotError, match=r"SPOOL_DAMAGED.*open-visits"):
         OpenVisits(path, KEY)
+
+
+def test_a_count_is_on_disk_once_it_is_saved_and_what_is_there_is_not_written_again(tmp_path: Path) -> None:
+    path = tmp_path / "open-visits"
+    visits = OpenVisits(path, KEY)
+    visits.count(ANN, 1)
+    assert (visits.counts, path.exists()) == ({ANN: 1}, False)
+    visits.save()
+    first = path.read_bytes()
+    visits.save()
+    assert path.read_bytes() == first
+    assert OpenVisits(path, KEY).counts == {ANN: 1}
+    visits.lower(ANN)
+    assert OpenVisits(path, KEY).counts == {ANN: 0}
