@@ -144,12 +144,17 @@ async def test_a_power_cut_at_every_write_of_the_embedded_store_and_of_the_keys(
 
 
 @pytest.mark.parametrize(
-    ("first", "has_transactions"), [*((first, False) for first in range(1, 1 + CHUNKS_COUNT)), (1, True)]
+    ("first", "has_transactions"),
+    [
+        (1, False),
+        (1, True),
+        *(pytest.param(first, False, marks=pytest.mark.long) for first in range(2, 1 + CHUNKS_COUNT)),
+    ],
 )
 async def test_a_power_cut_at_every_command_to_the_server(
     tmp_path: Path, mongo_database: str, monkeypatch: pytest.MonkeyPatch, has_transactions: bool, first: int
 ) -> None:
-    """Without transactions the order of the commands has to bear it; with them each fourth command is cut, in one go."""
+    """Without transactions the order of the commands has to bear it: each is cut, most of them in the long run of tests."""
     if not has_transactions:
         monkeypatch.setattr("node.offchain.mongo_store._tells_of_transactions", lambda _hello: False)
     steps = 0
