@@ -216,7 +216,7 @@ class KilledRobot:
         """
         assert list((self.robot / "spool").iterdir()) == []
         assert OpenVisits(self.robot / "open-visits", load_identity(self.robot).spool).counts == {}
-        reports = await self.wallet.records()
+        reports = await self.read()
         entries = [entry for report in reports for entry in report.records]
         ids = [entry.record_id.hex() for entry in entries]
         assert len(ids) == len(set(ids))
@@ -231,6 +231,11 @@ class KilledRobot:
                 self._viewed.add(report.visit.owner)
         frames = Counter(frame for record_id in ids for frame in self.diaries.sealed[record_id])
         assert [frame for frame, count in frames.items() if count > 1] == []
+
+    async def read(self) -> list[VisitReport]:
+        """What the wallet finds, by no older state than any node proves: one may be a block behind what the robot saw."""
+        await self.wallet.network.catch_up(self.wallet.keys.identity)
+        return await self.wallet.records()
 
     async def _view(self, report: VisitReport) -> None:
         """Every record of a visit opens, with the frames that were sealed, and every custodian holds it whole."""

@@ -44,7 +44,7 @@ async def test_ctrl_c_ends_a_live_run_with_everything_sealed_recorded_and_closed
                 process.kill()
                 await process.wait()
         summary = json.loads(output)
-        reports = await robot.wallet.records()
+        reports = await robot.read()
 
         assert (process.returncode, summary["ok"]) == (0, True)
         frames = summary["frames"]

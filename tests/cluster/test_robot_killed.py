@@ -57,7 +57,7 @@ async def test_a_no_that_is_said_while_the_robot_is_dead_is_carried_out_by_which
             await robot.live(step)
         await robot.live()
         await robot.check()
-        assert await robot.wallet.records() == []
+        assert await robot.read() == []
 
         await robot.consent()
         await robot.live("announced")
@@ -65,7 +65,7 @@ async def test_a_no_that_is_said_while_the_robot_is_dead_is_carried_out_by_which
         await robot.live(DESTROYING[2])
         await robot.live()
         await robot.check()
-        (report,) = await robot.wallet.records()
+        (report,) = await robot.read()
         assert (report.closed, report.records, report.missing_count) == (True, (), 0)
 
 
