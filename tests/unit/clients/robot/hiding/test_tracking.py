@@ -7,7 +7,7 @@ import math
 import pytest
 
 from clients.robot.hiding.segmentation import Silhouette
-from clients.robot.hiding.tracking import Tracker
+from clients.robot.hiding.tracking import HIDDEN_MS, TOGETHER_MS, Tracker
 
 
 def seen(x_m: float, z_m: float, trouble: str = "") -> Silhouette:
@@ -85,3 +85,65 @@ def test_a_person_alone_keeps_the_number_over_a_gap_and_so_do_two_far_apart() ->
     tracker.step((seen(-2.0, 3.0), seen(2.0, 5.0)), 0)
     back = tracker.step((seen(-1.9, 3.0), seen(2.1, 5.0)), 800)
     assert [track.number for track in back if track is not None] == [1, 2]
+
+
+TWO = (seen(-0.3, 2.5), seen(0.3, 2.5))
+MERGED = (seen(0.0, 2.5, "merged"),)
+
+
+def hidden(tracker: Tracker, silhouettes: tuple[Silhouette, ...], at_ms: int) -> bool:
+    tracker.step(silhouettes, at_ms)
+    return tracker.is_somebody_hidden
+
+
+def test_of_two_who_went_together_and_one_is_seen_the_other_counts_as_hidden_until_seen() -> None:
+    tracker = Tracker()
+    assert not hidden(tracker, TWO, 0)
+    assert not hidden(tracker, MERGED, 33)
+    for at_ms in range(66, 5_000, 33):
+        assert hidden(tracker, (seen(0.0, 2.5),), at_ms)
+    assert not hidden(tracker, (seen(0.0, 2.5), seen(1.4, 2.9)), 5_000)
+    assert not hidden(tracker, (seen(0.0, 2.5),), 5_033)
+
+
+def test_who_vanished_beside_another_counts_as_hidden() -> None:
+    tracker = Tracker()
+    assert not hidden(tracker, (seen(-0.2, 2.5), seen(0.2, 2.6)), 0)
+    assert hidden(tracker, (seen(0.0, 2.5),), 33)
+
+
+def test_two_who_crossed_and_are_both_seen_again_hide_nobody() -> None:
+    tracker = Tracker()
+    for silhouettes, at_ms in ((TWO, 0), (MERGED, 33), (MERGED, 66), (TWO, 100)):
+        assert not hidden(tracker, silhouettes, at_ms)
+
+
+def test_who_left_the_other_is_not_hidden_though_the_other_still_looks_like_two() -> None:
+    tracker = Tracker()
+    hidden(tracker, TWO, 0)
+    hidden(tracker, MERGED, 33)
+    leaving = seen(0.9, 2.5)
+    for at_ms in range(66, 400, 33):
+        hidden(tracker, (seen(-0.2, 2.5, "merged"), leaving), at_ms)
+    assert not hidden(tracker, (seen(-0.2, 2.5), leaving), 400)
+
+
+def test_who_walks_out_of_the_picture_alone_is_not_hidden() -> None:
+    tracker = Tracker()
+    for step in range(60):
+        assert not hidden(tracker, (seen(-0.9, 2.5), seen(0.3 + step * 0.03, 2.5)), step * 33)
+    for step in range(60, 120):
+        assert not hidden(tracker, (seen(-0.9, 2.5),), step * 33)
+
+
+def test_nobody_is_hidden_for_ever_nor_by_two_who_left_together() -> None:
+    tracker = Tracker()
+    hidden(tracker, MERGED, 0)
+    hidden(tracker, (seen(0.0, 2.5),), 33)
+    for at_ms in range(66, HIDDEN_MS, 200):
+        assert hidden(tracker, (seen(0.0, 2.5),), at_ms)
+    assert not hidden(tracker, (seen(0.0, 2.5),), HIDDEN_MS + 33)
+    gone = Tracker()
+    hidden(gone, MERGED, 0)
+    hidden(gone, (), TOGETHER_MS)
+    assert not hidden(gone, (seen(0.0, 2.5),), TOGETHER_MS + 33)
