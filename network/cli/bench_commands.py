@@ -241,7 +241,9 @@ def companions_command(scenes: int, seed: int, workers: int | None, as_json: boo
 @click.option("--robots", default=1, show_default=True, type=click.IntRange(1, 16), help="Robots at once.")
 @click.option("--fps", default=30, show_default=True, type=click.IntRange(1, 60), help="Frames a second, each robot.")
 @click.option("--cut", default=0.0, type=click.FloatRange(0.0, 600.0), help="Seconds without a network, in the middle.")
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from.")
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the scene is drawn from."
+)
 @json_option
 @plain_errors
 def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, as_json: bool) -> None:

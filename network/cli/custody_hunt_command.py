@@ -29,7 +29,9 @@ def _read_ids(_context: click.Context, _parameter: click.Parameter, given: tuple
         except ValueError:
             record_id = b""
         if len(record_id) != RECORD_ID_BYTES:
-            raise click.BadParameter(f"{text!r} is no record id: 32 hexadecimal digits, as `wallet records` shows them.")
+            raise click.BadParameter(
+                f"{text!r} is no record id: 32 hexadecimal digits, as `wallet records` shows them."
+            )
         ids.append(record_id)
     return tuple(ids)
 
