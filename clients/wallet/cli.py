@@ -120,22 +120,29 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
 
 @wallet.command()
 @click.argument("code")
-@click.option("--purpose", "purposes", multiple=True, default=("demo",), show_default=True, help="What you consent to.")
+@click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
 @json_option
 @click.pass_context
 @plain_errors
 def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
     """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 
+    Without a purpose you consent to nothing, and no robot records you.
+
     Example: blockrobot wallet register BR1-... --purpose demo
     """
     done = run_opened(ctx, lambda opened: opened.register(code, list(purposes)))
     if as_json:
         print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)})
-    else:
+    elif purposes:
         console.print(
             f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
             "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
+        )
+    else:
+        console.print(
+            "You are registered, and have consented to nothing: no robot records you.\n"
+            "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
         )
 
 
