@@ -20,6 +20,7 @@ from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.linking import tell_linked
 from clients.wallet.opening import place_wallet, read_passphrase, run_opened, show_moment, wallet_options
 from clients.wallet.pictures import write_pictures
 from clients.wallet.rights import describe_event
@@ -265,6 +266,12 @@ async def _chosen(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEnt
     return [entries[record_id] for record_id in record_ids] if record_ids else list(entries.values())
 
 
+def _tell_linked(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
+    if not as_json:
+        tell_linked(len({entry.visit.owner for entry in entries}))
+    return entries
+
+
 async def _view_all(
     opened: Wallet, entries: list[RecordEntry], purpose: str, *, verdict: bool, out: Path | None
 ) -> list[RecordView]:
@@ -325,7 +332,7 @@ def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: st
     """
 
     async def action(opened: Wallet) -> list[RecordView]:
-        entries = await _chosen(opened, record_ids)
+        entries = _tell_linked(await _chosen(opened, record_ids), as_json=as_json)
         return await _view_all(opened, entries, purpose, verdict=False, out=out)
 
     _print_views(run_opened(ctx, action), as_json=as_json, out=out)
@@ -344,7 +351,8 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
     """
 
     async def action(opened: Wallet) -> list[RecordView]:
-        return await _view_all(opened, await _chosen(opened, record_ids), purpose, verdict=True, out=None)
+        entries = _tell_linked(await _chosen(opened, record_ids), as_json=as_json)
+        return await _view_all(opened, entries, purpose, verdict=True, out=None)
 
     _print_views(run_opened(ctx, action), as_json=as_json, out=None)
 
@@ -414,7 +422,8 @@ def erase(
 
     async def action(opened: Wallet) -> list[ErasureReport]:
         chosen = await _chosen(opened, () if everything else record_ids)
-        entries = [entry for entry in chosen if entry.state["status"] == "active"]
+        active = [entry for entry in chosen if entry.state["status"] == "active"]
+        entries = _tell_linked(active, as_json=as_json)
         erasing = Erasing(opened)
         reports: list[ErasureReport] = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
