@@ -14,9 +14,9 @@ from consensus.records.envelopes import open_data_key
 from node.api.authorisation import CALLERS, refusal_of
 from node.api.routes import ROUTES
 from tests.offchain.conftest import house, make_store  # noqa: F401 - fixtures
+from tests.offchain.desk import Desk, Peer
 from tests.offchain.house import ACCESS_ID, House, read_all
 from tests.offchain.small_chain import ALICE, access, record_clip
-from tests.offchain.test_scrub import Desk, Peer
 
 on_disk = pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
 
