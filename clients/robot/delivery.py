@@ -168,12 +168,19 @@ class Delivery:
             await self._close(visits, owner, record_count)
 
     async def close_over(self, visits: OpenVisits, goes_on: Callable[[bytes], bool]) -> None:
-        """Close those visits of this run that do not go on and whose every record is final; for a run that lasts long."""
-        for owner, record_count in visits.counts.items():
-            if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != record_count:
+        """Close those visits of this run that do not go on and whose every record is final; for a run that lasts long.
+
+        One that did not go on before its count is read has all its records in it: what came to it while others were
+        closed counts. What cannot be closed now is left to the next time.
+        """
+        for owner in visits.counts:
+            if owner in visits.inherited or goes_on(owner) or self._done_counts[owner] != visits.counts[owner]:
                 continue
             await self._delay()
-            await self._close(visits, owner, record_count)
+            try:
+                await self._close(visits, owner, visits.counts[owner])
+            except BlockRobotError as error:
+                _log.warning("visit_not_closed", code=error.code)
 
     async def _close(self, visits: OpenVisits, owner: bytes, record_count: int) -> None:
         doubtful = owner in visits.inherited or owner in self._tried_visits

@@ -13,8 +13,6 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from typing import Any
 
-import structlog
-
 from clients.robot.admission import Admission
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.consents import Consents
@@ -50,8 +48,6 @@ WAITING_CLIPS_MAX_COUNT = 512
 QUIET_S = 1.0
 CLOSE_EVERY_S = 15.0
 _BACKPRESSURE_POLL_S = 0.05
-
-_log = structlog.get_logger("pipeline")
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,10 +202,7 @@ class Pipeline:
         """Close visits as they end: a run may last for days. What cannot be closed now is tried again, and at the end."""
         while True:
             await asyncio.sleep(CLOSE_EVERY_S)
-            try:
-                await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))
-            except BlockRobotError as error:
-                _log.warning("visit_not_closed", code=error.code)
+            await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))
 
     async def _work_on(self, event: Event) -> None:
         """Take one admitted event all the way to the spool."""

@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 
 from clients.robot.bag import make_bag
@@ -18,7 +19,7 @@ from consensus.limits import VISIT_MAX_MS
 from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
-from tests.unit.clients.robot.test_spool import KEY
+from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual
 
 
@@ -99,6 +100,67 @@ def test_during_a_run_a_visit_is_closed_once_it_is_over_and_all_its_records_are_
     assert visits.counts == {}
 
 
+class TwoOver(Run):
+    """Two visits of one record each; the first is being closed, over a cut, when something happens to the second."""
+
+    FIRST, SECOND = b"\x02" * 33, b"\x03" * 33
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder / "spool", clips=0)
+        self.visits = OpenVisits(folder / "visits", KEY)
+        self.going_on = {self.SECOND}
+        self.under_way = self.delivery()
+
+    def seal(self, number: int, owner: bytes) -> None:
+        """Do as the pipeline does when it seals the visit's next clip."""
+        self.visits.note(owner, self.visits.counts.get(owner, 0) + 1)
+        self.under_way.start(self.spool.put(msgspec.structs.replace(clip(number), owner=owner)))
+
+    async def close_while(self, meanwhile: Callable[[], None], *, cut_ms: int) -> dict[bytes, int]:
+        """Return what is closed after one round during which that happens, and all is delivered."""
+        self.seal(1, self.FIRST)
+        self.seal(2, self.SECOND)
+        await self.under_way.drain()
+        self.network.close_refusals = ["NODE_UNREACHABLE"] * 3
+        round_of_closing = asyncio.create_task(self.under_way.close_over(self.visits, self.going_on.__contains__))
+        await asyncio.sleep(cut_ms / 1000)
+        meanwhile()
+        await round_of_closing
+        await self.under_way.drain()
+        return self.network.closed
+
+
+@pytest.mark.parametrize("cut_ms", range(1_300, 1_600, 20))
+def test_a_clip_that_is_sealed_while_another_visit_is_closed_is_counted_in_its_own(tmp_path: Path, cut_ms: int) -> None:
+    """Its visit is over soon after, and not closed short of it: the chain would refuse it, at each start again."""
+    run = TwoOver(tmp_path)
+
+    def seal_the_last() -> None:
+        run.seal(3, run.SECOND)
+        run.going_on.clear()
+
+    async def main() -> None:
+        await run.close_while(seal_the_last, cut_ms=cut_ms)
+        await run.under_way.close_over(run.visits, run.going_on.__contains__)
+
+    run_virtual(main())
+    assert run.network.closed == {run.FIRST: 1, run.SECOND: 2}
+    assert (run.visits.counts, run.spool.names()) == ({}, [])
+
+
+def test_a_visit_that_is_refused_keeps_no_other_from_being_closed(tmp_path: Path) -> None:
+    run = TwoOver(tmp_path)
+    run.going_on.clear()
+
+    async def main() -> None:
+        await run.close_while(lambda: run.network.close_refusals.append("SENDER_WITHOUT_STANDING"), cut_ms=1)
+        assert run.network.closed == {run.SECOND: 1}
+        await run.under_way.close_over(run.visits, run.going_on.__contains__)
+
+    run_virtual(main())
+    assert run.network.closed == {run.FIRST: 1, run.SECOND: 1}
+
+
 def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path) -> None:
     """How many of its records are final only that life knew."""
     OpenVisits(tmp_path / "visits", KEY).note(b"\x02" * 33, 0)
@@ -110,14 +172,14 @@ def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path
 
 def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_without_a_word(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool")
-    clip = run.spool.get(run.names[0])
+    sealed = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(clip.owner, 1)
-    run.refused = {clip.upload.record_id}
+    visits.note(sealed.owner, 1)
+    run.refused = {sealed.upload.record_id}
 
     async def main() -> None:
         delivery = await run.deliver_all()
-        visits.lower(clip.owner)
+        visits.lower(sealed.owner)
         await delivery.close_over(visits, lambda _: False)
 
     run_virtual(main())
@@ -126,20 +188,20 @@ def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_w
 
 def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_the_same(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool")
-    clip = run.spool.get(run.names[0])
+    sealed = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(clip.owner, 0)
+    visits.note(sealed.owner, 0)
 
     async def main() -> Delivery:
         run.network.answers_lost_count = 1
         delivery = run.delivery()
         delivery.start(run.names[0])
         await asyncio.sleep(LATENCY_MS / 1000 + 0.01)
-        run.refused = {clip.upload.record_id}
+        run.refused = {sealed.upload.record_id}
         await delivery.drain()
         return delivery
 
-    assert closed_by(run, run_virtual(main()), visits) == {clip.owner: 0}
+    assert closed_by(run, run_virtual(main()), visits) == {sealed.owner: 0}
     assert run.network.records == {}
 
 

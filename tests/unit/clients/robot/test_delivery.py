@@ -48,6 +48,7 @@ class FakeNetwork:
         self.uploads: dict[bytes, ClipUpload] = {}
         self.calls: list[tuple[int, str]] = []
         self.refusals: list[str] = []
+        self.close_refusals: list[str] = []
         self.upload_refusals: list[str] = []
         self.verdict: str = ""
         self.answers_lost_count = 0
@@ -94,6 +95,8 @@ class FakeNetwork:
         self.at_once_count -= 1
         if self.refusals:
             raise BlockRobotError(self.refusals.pop(0))
+        if self.close_refusals and transaction.body.entry == "close_visit":
+            raise BlockRobotError(self.close_refusals.pop(0))
         code = self.verdict or self._execute(transaction)
         if self.answers_lost_count:
             self.answers_lost_count -= 1
@@ -116,6 +119,8 @@ class FakeNetwork:
             record_id, owner = arguments[0], arguments[1]
             if owner not in self.visits:
                 return "VISIT_UNKNOWN"
+            if owner in self.closed:
+                return "VISIT_CLOSED"
             if record_id in self.records:
                 return "RECORD_EXISTS"
             assert self.uploads[record_id].txid, "a record is submitted only after its upload"
