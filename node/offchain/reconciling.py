@@ -15,7 +15,7 @@ from node.offchain.block_effects import RELEASED_KIND, EffectsOfBlock, matches_r
 from node.offchain.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
-from node.offchain.standing import settle
+from node.offchain.standing import settle, with_natural
 from node.offchain.store import BlockEffects, CustodyStore, RecordFacts, VisitStanding
 
 RECORDS_AT_ONCE_COUNT = 256
@@ -61,11 +61,14 @@ class Reconciliation:
         await self._store.apply(BlockEffects(confirmed=tuple(confirmed), missing=tuple(missing)))
 
     async def _take_standings(self) -> None:
-        """Heed what stands of each visit; what no longer does, because it was lifted meanwhile, is let go."""
+        """Heed what stands of each visit; what no longer does, because it was lifted meanwhile, is let go.
+
+        Only the store knows of a clip that it keeps longer and the chain no longer does: those expiries are its own.
+        """
         standing = {row.owner: row for row in self._facts.standings()}
         for owner, before in (await self._store.standings()).items():
-            lifted = VisitStanding(owner, before.narrowed_height, natural=before.natural)
-            standing.setdefault(owner, lifted)
+            now = standing.get(owner, VisitStanding(owner, before.narrowed_height))
+            standing[owner] = with_natural(now, {**dict(before.natural), **dict(now.natural)})
         for row in standing.values():
             await settle(self._store, row)
 

@@ -376,3 +376,30 @@ async def test_what_was_lifted_while_a_custodian_was_away_is_let_go(house: House
         assert not bobs.quarantined
         await house.follow(at_ms=EXPIRES_MS)
         assert (await house.store.clips([clip.record_id]))[clip.record_id].status == "erased"
+
+
+@pytest.mark.parametrize("left", ["objected", "denied", "of another record"])
+async def test_what_was_lifted_while_away_is_let_go_though_something_else_stands_of_the_visit(
+    house: House, left: str
+) -> None:
+    clip, other = record_clip(), record_clip()
+    async with house.open():
+        await house.keep(clip)
+        await house.keep(other)
+        await house.follow(restricted(clip, other, until_ms=START_MS + YEAR_MS))
+    state = _state(clip, height=1)
+    state.record(other, height=2)
+    state.rows[b"records\x00of-visit/" + ALICE + other.record_id] = True
+    if left == "objected":
+        state.rows[b"rights\x00objection/" + ALICE] = {"research": START_MS}
+    elif left == "denied":
+        state.rows[b"rights\x00quarantine/" + ALICE] = b"\xb1" * 32
+    else:
+        state.rows[b"rights\x00restriction/" + ALICE] = _restriction(other)
+    async with house.open():
+        await reconcile(house, state, at_ms=EXPIRES_MS - 10)
+        assert (await house.store.clips([clip.record_id]))[clip.record_id].expires_at_ms == EXPIRES_MS
+        await house.follow(at_ms=EXPIRES_MS)
+        kept = await house.store.clips([clip.record_id, other.record_id])
+        assert kept[clip.record_id].status == "erased"
+        assert kept[other.record_id].status == ("confirmed" if left == "of another record" else "erased")
