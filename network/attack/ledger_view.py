@@ -100,7 +100,7 @@ def read_ledger(blocks: Sequence[Block]) -> LedgerView:
                     registrations.append((arguments[0], body.sender, block.time_ms))
                 case ("access", "request"):
                     requests.append((body.sender, block.time_ms))
-                case ("consent", entry):
+                case ("consent", entry) | ("rights", "object_to" as entry):
                     words.append(WordSeen(arguments[0], body.sender, entry, block.time_ms))
                 case _:
                     pass

@@ -27,6 +27,9 @@ from node.api.sessions import SessionTable
 from node.mempool import Mempool
 from node.transaction_cache import TransactionCache
 
+SPEAKING_ENTRIES = ("give", "refuse", "withdraw", "object_to")
+"""What people call themselves to say something of their consent. All else under a handle is a leak."""
+
 _TRIALS_A_PERSON_COUNT = 8
 _PROBES_COUNT = 64
 
@@ -62,11 +65,13 @@ def attack_presence(
     """Say which of two enrolled people was recorded on a day, from what stands for them in the registry.
 
     In the paper's schemes that is a hash, to be found again on records (salted: by her UID); in ours (no scheme) a handle
-    and M. `speaking`: whether whoever said something of her consent on that day is among them, or left out.
+    and M. `speaking`: whether whoever said something of her consent on that day is among them, or left out. Left out is
+    nobody for anything else that stands under her handle or M.
     """
     came, acts = _presence(played), _acts_by_day(view)
     marks = {number: (holder.handle, holder.keys.identity.public_key) for number, holder in played.holders.items()}
-    spoke = {(day, number) for number, (handle, _) in marks.items() for day in acts.get(handle, ())}
+    said = {(day_of(word.at_ms), word.handle) for word in view.words if word.entry in SPEAKING_ENTRIES}
+    spoke = {(day, number) for number, (handle, _) in marks.items() for day, known in said if known == handle}
     traces = _traces(played, came, scheme) if scheme is not None else {}
     rng = np.random.default_rng([seed, 0x9E5E])
     hits: dict[int, list[float]] = defaultdict(list)

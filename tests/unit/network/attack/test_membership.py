@@ -8,7 +8,7 @@ import pytest
 
 from network.attack.days import MANNERS
 from network.attack.ledger_view import LedgerView, WordSeen
-from network.attack.membership import attack_enrolment, attack_presence, probe_standing
+from network.attack.membership import SPEAKING_ENTRIES, attack_enrolment, attack_presence, probe_standing
 from network.attack.open_limits import (
     attack_addresses,
     attack_consent_words,
@@ -58,17 +58,31 @@ def test_a_handle_does_not_tell_who_was_here(hospital: SmallHospital) -> None:
     assert attack_presence(hospital.played, hospital.evidence.view, None, seed=SEED).success == 0.5
 
 
-def test_a_robot_that_wrote_something_under_a_handle_would_tell(hospital: SmallHospital) -> None:
+@pytest.mark.parametrize("one_in", [1, 2])
+def test_a_robot_that_wrote_something_under_a_handle_would_tell(hospital: SmallHospital, one_in: int) -> None:
     """As it would if it asked the chain for consent one by one, in transactions."""
     played, view = hospital.played, hospital.evidence.view
     words = []
-    for number in played.truth.stay_of_owner.values():
+    for number in list(played.truth.stay_of_owner.values())[::one_in]:
         stay = played.population.stays[number]
         holder = played.holders[stay.person]
         at_ms = played.chain.genesis.created_at_ms + 1000 + (stay.day + 1) * DAY_MS + 1
         words.append(WordSeen(holder.handle, holder.keys.identity.public_key, "asked", at_ms))
     told = LedgerView(view.visits, view.registrations, (*view.words, *words))
-    assert attack_presence(played, told, None, seed=SEED, speaking=True).success > 0.95
+    rate = attack_presence(played, told, None, seed=SEED)
+    assert rate.trials == attack_presence(played, view, None, seed=SEED).trials > 0
+    assert rate.success > (0.95 if one_in == 1 else 0.6)
+    assert not rate.is_guessing
+
+
+@pytest.mark.parametrize("entry", SPEAKING_ENTRIES)
+def test_whoever_spoke_of_her_consent_is_left_out_and_nobody_else(hospital: SmallHospital, entry: str) -> None:
+    played, view = hospital.played, hospital.evidence.view
+    at_ms = played.chain.genesis.created_at_ms + 1000 + DAY_MS + 1
+    words = tuple(WordSeen(h.handle, h.keys.identity.public_key, entry, at_ms) for h in played.holders.values())
+    told = LedgerView(view.visits, view.registrations, words)
+    rate = attack_presence(played, told, None, seed=SEED)
+    assert 0 < rate.trials < attack_presence(played, told, None, seed=SEED, speaking=True).trials
 
 
 def test_a_node_answers_an_outsider_the_same_of_members_and_strangers(hospital: SmallHospital) -> None:
