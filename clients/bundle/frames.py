@@ -111,7 +111,8 @@ def walk_frames(
     """Yield the files of a record's frames, in order, and return what is told of them.
 
     `state` is the record's, proved; `seen` are the empty frames that were yielded before. Raises BUNDLE_INVALID,
-    BUNDLE_UNPROVEN for a frame that the ledger does not commit to, RENDITION_CORRUPTED for one that is no rendition.
+    BUNDLE_UNPROVEN for a frame that the ledger does not commit to or calls erased, RENDITION_CORRUPTED for one that is
+    no rendition.
     """
     told = []
     for index, leaf in enumerate(_read_leaves(opening, state)):
@@ -121,6 +122,8 @@ def walk_frames(
             told.append(FrameDocument(index, status, 0, 0, "", "", []))
             continue
         name = rendition_name(visit, record, index)
+        if index in state["erased_frames"]:
+            raise BlockRobotError("BUNDLE_UNPROVEN", f"{name} is erased on the ledger, and yet the bundle opens it.")
         content = source.committed(name, bytes.fromhex(opening.record_id), index)
         if commitment_leaf(salt, index, sha256(content)) != leaf:
             raise BlockRobotError("BUNDLE_UNPROVEN", f"{name} is not what the robot committed to.")

@@ -126,8 +126,8 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
     """Return one visit from what is proved of it, with the records opened.
 
     `sealing_public` is the person's proved sealing key, or None where the bundle does not say who she is: metadata is
-    the exporter's word then. Raises BUNDLE_UNPROVEN for keys that are missing or lead nowhere, and for metadata that is
-    not what was sealed.
+    the exporter's word then. Raises BUNDLE_UNPROVEN for keys that are missing or lead nowhere, for metadata that is not
+    what was sealed, and for a quarantined visit of which a record is opened.
     """
     owners = list(_values(proved, VISIT))
     if len(owners) != 1:
@@ -148,6 +148,10 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
     count = _present_count(proved, COUNT + owner)
     ids = [entry["record_id"] for _, entry in trail if entry["kind"] == RECORDED]
     records = [_read_record(proved, record_id, owner, openings.get(record_id), sealing_public) for record_id in ids]
+    if proved[QUARANTINE + owner].value is not None and any(record.opening for record in records):
+        raise _unproven(
+            "A visit is quarantined, since it may show somebody else, and yet the bundle opens records of it."
+        )
     heights = [proof.height for proof in proved.values()]
     return VisitFacts(
         owner=owner,
