@@ -30,8 +30,10 @@ from node.transaction_cache import TransactionCache
 SPEAKING_ENTRIES = ("give", "refuse", "withdraw", "object_to")
 """What people call themselves to say something of their consent. All else under a handle is a leak."""
 
+PROBES_COUNT = 400
+"""How many: of ties alone fewer than 300 do not show that the answers are the same."""
+
 _TRIALS_A_PERSON_COUNT = 8
-_PROBES_COUNT = 64
 
 
 def attack_enrolment(played: Played, marks: Collection[bytes], scheme: Scheme | None, *, seed: int) -> Rate:
@@ -160,12 +162,13 @@ def probe_standing(played: Played, *, seed: int) -> Rate:
         has_standing=lambda transaction: _has_standing(chain, transaction.body.sender),
         is_spent=lambda _: False,
     )
-    members = [holder.keys.identity.public_key for holder in played.holders.values()][:_PROBES_COUNT]
-    hits: dict[int, list[float]] = {}
-    for place, member in enumerate(members):
+    members = [holder.keys.identity.public_key for holder in played.holders.values()]
+    hits: dict[int, list[float]] = defaultdict(list)
+    for number in range(PROBES_COUNT):
+        place = number % len(members)
         stranger = PrivateKey(secrets.token_bytes(32)).public_key
-        answers = [_answers(table, pool, chain, key) for key in (member, stranger)]
-        hits[place] = [0.5 if answers[0] == answers[1] else 1.0]
+        answers = [_answers(table, pool, chain, key) for key in (members[place], stranger)]
+        hits[place].append(0.5 if answers[0] == answers[1] else 1.0)
     return grouped_rate(hits, 0.5, seed=seed)
 
 

@@ -44,8 +44,8 @@ class Rate:
         }
 
 
-def count_rate(hits: int, trials: int, guess: float) -> Rate:
-    """Return the rate of independent attempts, with exact (Clopper-Pearson) bounds."""
+def count_rate(hits: float, trials: int, guess: float) -> Rate:
+    """Return the rate of independent attempts, with exact (Clopper-Pearson) bounds. A tie is half a hit."""
     if trials == 0:
         return Rate(0.0, guess, 0.0, 1.0, 0)
     low = float(beta.ppf(1 - ONE_SIDED, hits, trials - hits + 1)) if hits else 0.0
@@ -56,8 +56,8 @@ def count_rate(hits: int, trials: int, guess: float) -> Rate:
 def grouped_rate(hits: Mapping[int, Sequence[float]], guess: float, *, seed: int) -> Rate:
     """Return the rate of attempts that hang together in groups (people): bounds by bootstrap over the groups.
 
-    An attempt counts 1, or 0.5 for a tie, which a coin decides. Where every group has the same rate there is nothing to
-    draw from, and the attempts count as independent.
+    An attempt counts 1, or 0.5 for a tie, which a coin decides. Where every group has the same rate, or there is
+    one alone, there is nothing to draw from, and the attempts count as independent.
     """
     groups = [np.asarray(found, dtype=np.float64) for found in hits.values() if len(found)]
     trials = sum(map(len, groups))
@@ -70,8 +70,8 @@ def grouped_rate(hits: Mapping[int, Sequence[float]], guess: float, *, seed: int
     drawn = rng.integers(len(groups), size=(BOOTSTRAP_COUNT, len(groups)))
     means = sums[drawn].sum(axis=1) / sizes[drawn].sum(axis=1)
     low, high = (float(np.quantile(means, share)) for share in (1 - ONE_SIDED, ONE_SIDED))
-    if high - low < 1e-12 and success in (0.0, 1.0):
-        return count_rate(round(success * trials), trials, guess)
+    if high - low < 1e-12:
+        return count_rate(float(sums.sum()), trials, guess)
     return Rate(success, guess, low, high, trials)
 
 

@@ -48,6 +48,23 @@ def test_people_who_hang_together_make_the_bound_wide() -> None:
     assert grouped_rate(split, 0.5, seed=1).high > 0.6
 
 
+@pytest.mark.parametrize("tied", [{1: [0.5]}, {1: [0.5] * 9}, {person: [0.5] for person in range(40)}, {1: [0.0, 1.0]}])
+def test_a_few_ties_show_nothing(tied: dict[int, list[float]]) -> None:
+    """Where people do not differ there is nothing to draw from, and few attempts stay few."""
+    rate = grouped_rate(tied, 0.5, seed=1)
+    assert rate.success == 0.5
+    assert rate.low < 0.45
+    assert rate.high > 0.55
+    assert not rate.is_guessing
+
+
+def test_many_ties_are_guessing() -> None:
+    rate = grouped_rate({person: [0.5] * 4 for person in range(100)}, 0.5, seed=1)
+    assert rate.success == 0.5
+    assert 0.54 < rate.high < 0.55
+    assert rate.is_guessing
+
+
 def test_figures_come_in_pairs() -> None:
     figures = Rate(0.51234, 0.5, 0.49, 0.53, 100).figures("link_key_ours")
     assert figures == {
