@@ -33,17 +33,17 @@ def attack_all_schemes(evidence: Evidence, progress: Progress) -> tuple[Rates, d
     rates: Rates = {}
     progress("trying all UIDs")
     rates["dictionary"], figures = _attack_dictionary(evidence, schemes)
-    for name, features in _shared_attacks(evidence).items():
+    shared = _shared_attacks(evidence)
+    for name, features in shared.items():
         progress(f"linking visits by {name}")
         rate = _learned(evidence, features)
         rates[f"link_{name}"] = dict.fromkeys((*schemes, OURS), rate)
-    progress("linking visits by key")
-    by_key = linking.by_key(evidence.visits)
-    rates["link_key"] = {OURS: _learned(evidence, by_key)}
-    progress("linking visits by everything")
-    rates["link_all"] = {OURS: _learned(evidence, linking.joined(by_key, *_shared_attacks(evidence).values()))}
-    for name, scheme in schemes.items():
-        rates["link_key"][name] = rates["link_all"][name] = _link_by_mark(evidence, scheme)
+    for name, by_key in _key_attacks(evidence, schemes).items():
+        progress(f"linking visits by key and by everything: {name}")
+        rates.setdefault("link_key", {})[name] = _learned(evidence, by_key)
+        rates.setdefault("link_all", {})[name] = _learned(evidence, linking.joined(by_key, *shared.values()))
+    progress("linking salted marks")
+    rates["link_key"][SALTED] = rates["link_all"][SALTED] = _link_salted(evidence, schemes[SALTED])
     progress("naming visits by guessed secrets")
     rates["name"] = _attack_names(evidence, schemes, rates["dictionary"])
     progress("asking who is enrolled, and who was here")
@@ -67,6 +67,16 @@ def _shared_attacks(evidence: Evidence) -> dict[str, Features]:
         "robot": linking.by_robot(evidence.visits),
         "size": linking.by_size(evidence.sizes),
     }
+
+
+def _key_attacks(evidence: Evidence, schemes: dict[str, Scheme]) -> dict[str, Features]:
+    """Return one and the same attack for ours and for each scheme whose marks need no dictionary: it sees the mark too."""
+    attacks = {OURS: linking.by_key(evidence.visits)}
+    for name, scheme in schemes.items():
+        if name != SALTED:
+            marks = [scheme.mark(evidence.uid_of(place)).digest for place in range(len(evidence.visits))]
+            attacks[name] = linking.by_key(evidence.visits, marks)
+    return attacks
 
 
 def _learned(evidence: Evidence, features: Features) -> Rate:
@@ -98,11 +108,9 @@ def _rate_of(search: Search, uids: list[str], guess: float) -> Rate:
     return count_rate(hits, len(uids), guess)
 
 
-def _link_by_mark(evidence: Evidence, scheme: Scheme) -> Rate:
-    """Link by a scheme's mark. Equal marks are one person's; salted ones are first found out by dictionary."""
+def _link_salted(evidence: Evidence, scheme: Scheme) -> Rate:
+    """Link by salted marks, which are found out by dictionary."""
     marks = [scheme.mark(evidence.uid_of(place)) for place in range(len(evidence.visits))]
-    if scheme.name != SALTED:
-        return _judge(evidence, evidence.matched, lambda a, b: float(marks[a].digest == marks[b].digest))
     bits = evidence.played.population.serial_bits
     step = max(1, len(evidence.matched) // SALTED_TRIALS_COUNT)
     trials = evidence.matched[::step][:SALTED_TRIALS_COUNT]

@@ -31,16 +31,19 @@ def has_boosting() -> bool:
 def learn(same: Floats, other: Floats, people: npt.NDArray[np.int64], *, seed: int, boosting: bool) -> Scorer:
     """Return what scores a pair's features, larger for one person.
 
-    `same` and `other` are (trials, features) of true and false pairs, `people` whose trial each is.
+    `same` and `other` are (trials, features) of true and false pairs, `people` whose trial each is. A single feature
+    learns nothing, so all known people choose it; at equal rates it goes before what was learned.
     """
     known = np.unique(people)
     choosing = np.isin(people, known[::_CHOOSING_SHARE])
     table = np.concatenate([same[~choosing], other[~choosing]])
     labels = np.concatenate([np.ones(np.count_nonzero(~choosing)), np.zeros(np.count_nonzero(~choosing))])
     scorers = [_column(place, sign) for place in range(same.shape[1]) for sign in (1.0, -1.0)]
+    rates = [_rate(score(same), score(other)) for score in scorers]
     if len(table):
-        scorers.insert(0, _boost(table, labels, seed) if boosting else _regress(table, labels))
-    rates = [_rate(score(same[choosing]), score(other[choosing])) for score in scorers]
+        learned = _boost(table, labels, seed) if boosting else _regress(table, labels)
+        scorers.append(learned)
+        rates.append(_rate(learned(same[choosing]), learned(other[choosing])))
     return scorers[int(np.argmax(rates))]
 
 

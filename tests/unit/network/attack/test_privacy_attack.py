@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
+from network.attack import attacks_on_all
+from network.attack.attacks_on_all import attack_all_schemes
 from network.attack.run import MUST_WIN, too_weak
 from network.attack.schemes import SCHEMES
 from network.attack.scoring import Rate
+from network.attack.trials import Features, Trial, attack_trials
 from network.cli.main import main
+from tests.unit.network.attack.conftest import SmallHospital
 
 WON, LOST = Rate(1.0, 0.5, 1.0, 1.0, 100), Rate(0.5, 0.5, 0.49, 0.51, 100)
 
@@ -21,6 +27,21 @@ def test_an_attack_that_wins_nowhere_shows_nothing() -> None:
     assert too_weak(rates | {"link_key": {"prototype": LOST, "ours": LOST}}) == ["link_key"]
     del rates["dictionary"]
     assert too_weak(rates) == ["dictionary"]
+
+
+def test_an_attacker_who_was_blinded_is_told_to_be_too_weak(
+    hospital: SmallHospital, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The same linker attacks both: on the prototype it must win by the mark, so ours is not safe from a blind one."""
+
+    def blinded(trials: Sequence[Trial], _: Features, **how: Any) -> Rate:
+        return attack_trials(trials, lambda first, second: [0.0], **how)
+
+    seeing, _ = attack_all_schemes(hospital.evidence, lambda _: None)
+    assert {"link_key", "link_all"}.isdisjoint(too_weak(seeing))
+    monkeypatch.setattr(attacks_on_all, "attack_trials", blinded)
+    blind, _ = attack_all_schemes(hospital.evidence, lambda _: None)
+    assert {"link_key", "link_all"} <= set(too_weak(blind))
 
 
 @pytest.mark.timeout(200)
