@@ -66,6 +66,11 @@ class Verdict:
         """All frames of records whose frames are told."""
         return [frame for record in self.records for frame in record.frames]
 
+    @property
+    def visits_of_member(self) -> tuple[int, ...]:
+        """Numbers of the visits of which a record is shown to be sealed to the member. Signatures alone show nothing."""
+        return tuple(visit.number for visit in self.visits if any(record.metadata_proved for record in visit.records))
+
 
 def verify_bundle(path: Path, expected: Genesis | bytes | None = None, heard: Heard = never_heard) -> Verdict:
     """Check a bundle. `expected` is the genesis file or the genesis block's id that it has to lead back to.
@@ -89,6 +94,18 @@ def verify_bundle(path: Path, expected: Genesis | bytes | None = None, heard: He
 def printable(text: str) -> str:
     """Return a text of a stranger's file as a terminal may show it: no control characters, and not without end."""
     return "".join(sign if sign.isprintable() else "?" for sign in text[:TEXT_MAX_CHARS])
+
+
+def name_visits(numbers: Sequence[int]) -> str:
+    """Return the numbers of visits as the subject of a sentence: `visit 1 is`, `visits 1-3, 7 are`."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and runs[-1][-1] == number - 1:
+            runs[-1][1:] = [number]
+        else:
+            runs.append([number])
+    named = ", ".join("-".join(map(str, run)) for run in runs)
+    return f"visit {named} is" if len(numbers) == 1 else f"visits {named} are"
 
 
 class _Stored:
@@ -272,6 +289,10 @@ def unproved(verdict: Verdict) -> list[str]:
             lines.append(f"anything of {count} pictures, which {sentence}")
     consents = verdict.consents
     if consents.member:
+        shown = set(verdict.visits_of_member)
+        others = [visit.number for visit in verdict.visits if visit.number not in shown]
+        if others:
+            lines.append(f"that {name_visits(others)} of the member that it names: no sealed note in the file shows it")
         lines.append("that the history of consents is complete; what holds now is proved")
         if consents.last_word_height > max((word.height for word in consents.history), default=0):
             lines.append(f"what was said last about consent, in block {consents.last_word_height}")

@@ -10,7 +10,7 @@ from typing import Any
 import click
 from rich.markup import escape
 
-from clients.bundle.checking import Verdict, printable, unproved, verify_bundle
+from clients.bundle.checking import Verdict, name_visits, printable, unproved, verify_bundle
 from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
@@ -61,6 +61,7 @@ def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
         "accesses": verdict.accesses,
         "erasures": verdict.erasures,
         "member": verdict.consents.member,
+        "visits_of_member": list(verdict.visits_of_member),
         "consent_receipts": len(verdict.consents.history),
         "signed_by": [key.hex() for key in verdict.signers],
         "stated_problems": [
@@ -114,7 +115,10 @@ def _lines(verdict: Verdict) -> list[str]:
     ]
     if verdict.consents.member:
         words = f"{told['consent_receipts']} words on consent with their receipts"
-        lines.append(f"  - all of it is of member {verdict.consents.member}, whose consents are as told; {words}")
+        lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
+        if verdict.visits_of_member:
+            named = name_visits(verdict.visits_of_member)
+            lines.append(f"  - {named} of that member: robots sealed records to the key that it registered")
     lines.append("Not proved:")
     lines += [f"  - {line}" for line in unproved(verdict)]
     if manifest.problems:

@@ -8,15 +8,26 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import msgspec
 import pytest
+from click.testing import CliRunner
 
+from clients.bundle import documents as doc
+from clients.bundle.checking import unproved
+from clients.bundle.cli import verify
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.sealing import VisitChain
 from clients.wallet.exporting import Exporting, Wanted
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.proof_collecting import PersonProofs, collect_person
 from clients.wallet.viewing import Viewing
+from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.bundle.conftest import NOW_MS
-from tests.unit.clients.bundle.ward import Ward
+from tests.unit.clients.bundle.ward import Patient, Ward
+from tests.unit.clients.wallet.conftest import CHEAP
 
 
 @pytest.fixture
@@ -67,3 +78,61 @@ async def test_a_record_of_a_quarantined_visit_that_was_kept_is_refused(
     with pytest.raises(BlockRobotError, match="quarantined") as caught:
         write_bundle(tmp_path / "mixed.zip", opened_by(now, before))
     assert caught.value.code == "BUNDLE_UNPROVEN"
+
+
+async def register_bob(ward: Ward, folder: Path) -> tuple[Wallet, PersonProofs]:
+    """Another member of the same network, and what proves who he is."""
+    store = Keystore.create(folder / "bob.wallet", draw_words(), "tea", CHEAP)
+    wallet = Wallet(store, ward.genesis)
+    wallet.network = ward.network  # type: ignore[assignment]
+    card = ward.chain.card("bob")
+    patient = Patient("bob", keys=wallet.keys)
+    ward.chain.must(patient.identity, "identity", "register", *ward.chain.register_arguments(patient, card))
+    store.content.handle = card.handle
+    return wallet, await collect_person(wallet)
+
+
+def told(path: Path, ward: Ward) -> tuple[str, str]:
+    """What `verify` says is proved, and what it says is not, on one line each."""
+    result = CliRunner().invoke(verify, [str(path), "--genesis", ward.genesis.block_id.hex()])
+    assert result.exit_code == 0, result.output
+    proved, open_questions = " ".join(result.output.split()).split("Not proved:")
+    return proved, open_questions
+
+
+async def test_the_visits_of_one_are_never_called_those_of_another_who_signed_too(
+    ward: Ward, visit: VisitChain, tmp_path: Path
+) -> None:
+    """Two who agree can put both their keys under one file: only what a robot sealed says whose a visit is."""
+    anns = await collect(ward)
+    bob, person = await register_bob(ward, tmp_path)
+    openings = [msgspec.structs.replace(row, box_key="") for row in anns.proofs.openings.records]
+    proofs = dataclasses.replace(
+        anns.proofs,
+        person=person.state,
+        receipts=doc.ReceiptProofs(list(person.receipts)),
+        openings=doc.RecordOpenings(openings, []),
+    )
+
+    def find_key(key: bytes) -> PrivateKey:
+        return bob.keys.identity if key == bob.keys.identity.public_key else anns.find_key(key)
+
+    verdict = write_bundle(tmp_path / "mixed.zip", dataclasses.replace(anns, proofs=proofs, find_key=find_key))
+    assert verdict.visits_of_member == ()
+    assert any("that visit 1 is of the member that it names" in line for line in unproved(verdict))
+    proved, open_questions = told(tmp_path / "mixed.zip", ward)
+    assert "of that member" not in proved
+    assert "that visit 1 is of the member that it names" in open_questions
+
+
+async def test_a_visit_is_called_the_members_where_a_robot_sealed_a_record_of_it_to_her(
+    ward: Ward, visit: VisitChain, tmp_path: Path
+) -> None:
+    second = ward.open_visit()
+    erased = ward.record(second)
+    await ward.erase(second, [erased])
+    verdict = write_bundle(tmp_path / "mine.zip", await collect(ward))
+    assert verdict.visits_of_member == (1,)
+    proved, open_questions = told(tmp_path / "mine.zip", ward)
+    assert "visit 1 is of that member" in proved
+    assert "that visit 2 is of the member that it names" in open_questions
