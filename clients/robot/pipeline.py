@@ -199,7 +199,7 @@ class Pipeline:
                 await self._stored()
 
     async def _close_over(self) -> None:
-        """Close visits as they end: a run may last for days. What cannot be closed now is tried again, and at the end."""
+        """Close visits as their time comes, since a run may last for days. What cannot be closed now is tried again."""
         while True:
             await asyncio.sleep(CLOSE_EVERY_S)
             await self._delivery.close_over(self._open_visits, lambda o: self._visits.goes_on(o, self._now_ms()))

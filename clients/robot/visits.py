@@ -1,11 +1,13 @@
 """The visits that a robot has open: one owner key for each person, for at most ten minutes.
 
-The secret r of a visit is used once and forgotten; the robot can then record for the owner but not find her again. Must
-never write r, s, or which handle a visit belongs to.
+The secret r of a visit is used once and forgotten; the robot can then record for the owner but not find her again. When
+a visit is to be closed on the chain is drawn as it is opened, and nothing that happens in it changes that. Must never
+write r, s, or which handle a visit belongs to.
 """
 
 from __future__ import annotations
 
+import random
 import secrets
 from dataclasses import dataclass
 
@@ -16,6 +18,9 @@ from consensus.records.roster import RosterRow
 
 # A visit is closed a minute early, so that its last records are on the chain before it ends.
 _VISIT_ROLL_MS = VISIT_MAX_MS - 60_000
+
+CLOSE_DELAY_MAX_MS = 60_000
+"""How long after the nine minutes of a visit it is closed at most, if its records are final."""
 
 
 @dataclass(slots=True)
@@ -32,6 +37,7 @@ class VisitBook:
         self._robot = robot
         self._purpose = purpose
         self._open: dict[str, _Open] = {}
+        self._closes_at_ms: dict[bytes, int] = {}  # by owner key, also of visits that are forgotten
 
     def chain_for(self, alias: str, row: RosterRow, now_ms: int) -> VisitChain:
         """Return the chain of the person's open visit, opening one if there is none."""
@@ -49,6 +55,7 @@ class VisitBook:
             sealing=row.sealing,
         )
         self._open[alias] = _Open(chain=chain, opened_at_ms=now_ms)
+        self._closes_at_ms[chain.owner] = now_ms + _VISIT_ROLL_MS + random.SystemRandom().randrange(CLOSE_DELAY_MAX_MS)
         return chain
 
     def _forget_ended(self, now_ms: int) -> None:
@@ -58,10 +65,16 @@ class VisitBook:
         }
 
     def goes_on(self, owner: bytes, now_ms: int) -> bool:
-        """Tell whether records may still be made in the visit of an owner key."""
+        """Tell whether the chain is to see the visit of an owner key open still. Once it is not, nothing is recorded in it.
+
+        It is until nine minutes and a random delay are over, whatever ended it here: closed when its person takes her
+        consent back, which the chain shows under her handle, it would tell whose it was.
+        """
         self._forget_ended(now_ms)
-        return any(visit.chain.owner == owner for visit in self._open.values())
+        if now_ms >= self._closes_at_ms.get(owner, now_ms):
+            self._closes_at_ms.pop(owner, None)
+        return owner in self._closes_at_ms
 
     def forget(self, alias: str) -> None:
-        """End a person's visit here: should she be recorded again, it is in a new one."""
+        """Record no more in a person's visit: should she be recorded again, it is in a new one."""
         self._open.pop(alias, None)

@@ -15,6 +15,7 @@ from clients.robot.delivery import Delivery
 from clients.robot.events import SourceEvent
 from clients.robot.open_visits import OpenVisits
 from clients.robot.scenario import parse_scenario
+from clients.robot.visits import CLOSE_DELAY_MAX_MS
 from consensus.limits import VISIT_MAX_MS
 from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
@@ -214,7 +215,7 @@ class Watching(Robot):
     async def events(self) -> AsyncIterator[SourceEvent]:
         async for event in super().events():
             yield event
-        await asyncio.sleep(VISIT_MAX_MS / 1000)
+        await asyncio.sleep((VISIT_MAX_MS + CLOSE_DELAY_MAX_MS) / 1000)
         self.closed_meanwhile = dict(self.network.closed)
 
 

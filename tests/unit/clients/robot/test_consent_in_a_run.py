@@ -13,9 +13,12 @@ from clients.robot.bag import make_bag
 from clients.robot.consents import STALE_AFTER_MS
 from clients.robot.event_log import read_events
 from clients.robot.events import Frame, SourceEvent
+from clients.robot.pipeline import CLOSE_EVERY_S
 from clients.robot.scenario import parse_scenario
 from clients.robot.spool import Spool
+from clients.robot.visits import CLOSE_DELAY_MAX_MS
 from consensus.errors import BlockRobotError
+from consensus.limits import VISIT_MAX_MS
 from consensus.primitives.encoding import decode
 from consensus.records.envelopes import open_metadata
 from consensus.records.metadata import RecordMetadata
@@ -292,6 +295,29 @@ def test_of_a_break_between_two_readings_what_was_taken_before_it_is_dropped(tmp
     )
     per_owner = {owner: list(robot.network.records.values()).count(owner) for owner in robot.network.visits}
     assert robot.network.closed == per_owner
+
+
+@pytest.mark.parametrize("act", [withdraw, lambda _: None])
+def test_when_a_visit_is_closed_does_not_tell_that_she_said_no(tmp_path: Path, walk_bag: Path, act: Act) -> None:
+    """Her word and the closing both stand on the chain: side by side they would name her."""
+
+    class Live(Meddled):
+        live = True
+
+        async def events(self) -> AsyncIterator[SourceEvent]:
+            async for event in super().events():
+                yield event
+            await asyncio.sleep(30)
+            act(self)
+            await asyncio.sleep((VISIT_MAX_MS + CLOSE_DELAY_MAX_MS) / 1000)
+            assert robot.open_visits.counts == {}
+
+    robot = Live(tmp_path, walk_bag, roster())
+    robot.act = lambda _: None
+    run_virtual(robot.run())
+    (opened_ms,), (closed_ms,) = robot.network.times("open_visit"), robot.network.times("close_visit")
+    rolled_ms = VISIT_MAX_MS - 60_000
+    assert rolled_ms - 5_000 <= closed_ms - opened_ms <= rolled_ms + CLOSE_DELAY_MAX_MS + CLOSE_EVERY_S * 1_000
 
 
 @pytest.mark.parametrize("after_frames", [3, 15])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 
-from clients.robot.visits import VisitBook
+from clients.robot.visits import CLOSE_DELAY_MAX_MS, VisitBook
 from consensus.limits import TIME_BUCKET_MS, VISIT_MAX_MS
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, scan_announcement
@@ -101,11 +101,34 @@ def test_the_announced_time_is_coarse() -> None:
     assert 0 <= START_MS - chain.bucket_ms < TIME_BUCKET_MS
 
 
-def test_a_visit_goes_on_until_it_is_rolled_or_ended() -> None:
+def test_a_visit_is_closed_after_its_nine_minutes_and_a_random_delay_whatever_ended_it() -> None:
+    """Closed when she says no it would name her: her word stands beside it on the chain."""
     visits, ann, bob = book(), Person(), Person()
     of_ann, of_bob = visits.chain_for("ann", ann.row, START_MS).owner, visits.chain_for("bob", bob.row, START_MS).owner
-    assert visits.goes_on(of_ann, START_MS + 60_000)
     visits.forget("ann")
-    assert not visits.goes_on(of_ann, START_MS + 60_000)
-    assert visits.goes_on(of_bob, START_MS + 60_000)
-    assert not visits.goes_on(of_bob, START_MS + VISIT_MAX_MS)
+    again = visits.chain_for("ann", ann.row, START_MS + 1_000).owner
+    for owner in (of_ann, of_bob, again):
+        assert visits.goes_on(owner, START_MS + VISIT_MAX_MS - 60_001)
+    for owner in (of_ann, of_bob, again):
+        assert not visits.goes_on(owner, START_MS + 1_000 + VISIT_MAX_MS - 60_000 + CLOSE_DELAY_MAX_MS)
+
+
+def test_the_time_of_closing_is_drawn_for_each_visit() -> None:
+    """Two people who came together would else leave together."""
+    visits, delays = book(), set()
+    owners = [visits.chain_for(str(number), Person().row, START_MS).owner for number in range(12)]
+    for owner in owners:
+        rolled_ms = START_MS + VISIT_MAX_MS - 60_000
+        delays.add(
+            next(ms for ms in range(0, CLOSE_DELAY_MAX_MS + 1, 100) if not visits.goes_on(owner, rolled_ms + ms))
+        )
+    assert len(delays) > 6
+    assert min(delays) < CLOSE_DELAY_MAX_MS / 2 < max(delays)
+
+
+def test_nothing_is_recorded_in_a_visit_that_may_be_closed() -> None:
+    """Though the clock is set back."""
+    visits, ann = book(), Person()
+    first = visits.chain_for("ann", ann.row, START_MS)
+    assert not visits.goes_on(first.owner, START_MS + VISIT_MAX_MS + CLOSE_DELAY_MAX_MS)
+    assert visits.chain_for("ann", ann.row, START_MS).owner != first.owner
