@@ -7,6 +7,7 @@ that was lost between the two counts as missing, and the owner is told so.
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from pathlib import Path
 
 from clients.robot.sealed_file import TEMPORARY_PREFIX, read_sealed, seal_content, write_durably
@@ -42,6 +43,7 @@ class OpenVisits:
         path.with_name(TEMPORARY_PREFIX + path.name).unlink(missing_ok=True)
         self._counts = {visit.owner: visit.record_count for visit in self._read()}
         self._saved = dict(self._counts)
+        self._dropped: Counter[bytes] = Counter()
         self.inherited = frozenset(self._counts)
 
     def _read(self) -> tuple[VisitCount, ...]:
@@ -57,23 +59,26 @@ class OpenVisits:
         """How many records each visit has that is not closed yet, by owner key, oldest visit first."""
         return dict(self._counts)
 
-    def note(self, owner: bytes, record_count: int) -> None:
-        """Remember durably that a visit has so many records. Raises SPOOL_FULL."""
-        self.count(owner, record_count)
+    def note(self, owner: bytes, sealed_count: int) -> None:
+        """Remember durably that so many clips of a visit are sealed. Raises SPOOL_FULL."""
+        self.count(owner, sealed_count)
         self.save()
 
-    def count(self, owner: bytes, record_count: int) -> None:
-        """Say that a visit has so many records. To be saved before the last of them is."""
-        self._counts[owner] = record_count
+    def count(self, owner: bytes, sealed_count: int) -> None:
+        """Say that so many clips of a visit are sealed, the destroyed ones included. To be saved before the last is."""
+        self._counts[owner] = sealed_count - self._dropped[owner]
 
     def lower(self, owner: bytes) -> None:
         """Remember durably that a record of the visit, if it is still open, will never be. Raises SPOOL_FULL."""
         if self._counts.get(owner, 0) > 0:
-            self.note(owner, self._counts[owner] - 1)
+            self._dropped[owner] += 1
+            self._counts[owner] -= 1
+            self.save()
 
     def forget(self, owner: bytes) -> None:
         """The visit is closed on the chain. Raises SPOOL_FULL."""
         self._counts.pop(owner, None)
+        self._dropped.pop(owner, None)
         self.save()
 
     def save(self) -> None:

@@ -162,6 +162,26 @@ def test_a_visit_that_is_refused_keeps_no_other_from_being_closed(tmp_path: Path
     assert run.network.closed == {run.FIRST: 1, run.SECOND: 1}
 
 
+def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_what_is_on_the_chain(tmp_path: Path) -> None:
+    run = Run(tmp_path / "spool", clips=3)
+    first = run.spool.get(run.names[0])
+    visits = OpenVisits(tmp_path / "visits", KEY)
+    run.refused = {first.upload.record_id}
+
+    async def main() -> None:
+        delivery = run.delivery()
+        for place, name in enumerate(run.names):
+            visits.note(first.owner, place + 1)
+            delivery.start(name)
+            await delivery.drain()
+            if place == 0:
+                visits.lower(first.owner)
+        await delivery.close_over(visits, lambda _: False)
+
+    run_virtual(main())
+    assert (run.network.closed, visits.counts) == ({first.owner: 2}, {})
+
+
 def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path) -> None:
     """How many of its records are final only that life knew."""
     OpenVisits(tmp_path / "visits", KEY).note(b"\x02" * 33, 0)

@@ -52,3 +52,19 @@ def test_a_count_is_on_disk_once_it_is_saved_and_what_is_there_is_not_written_ag
     assert OpenVisits(path, KEY).counts == {ANN: 1}
     visits.lower(ANN)
     assert OpenVisits(path, KEY).counts == {ANN: 0}
+
+
+def test_a_visit_that_goes_on_after_a_clip_was_dropped_stays_a_record_short(tmp_path: Path) -> None:
+    """The pipeline counts what it seals; what was destroyed since was sealed too, and will never be a record."""
+    path = tmp_path / "open-visits"
+    visits = OpenVisits(path, KEY)
+    visits.note(ANN, 1)
+    visits.lower(ANN)
+    visits.note(ANN, 2)
+    visits.note(ANN, 3)
+    visits.lower(ANN)
+    visits.note(ANN, 4)
+    assert visits.counts == OpenVisits(path, KEY).counts == {ANN: 2}
+    visits.forget(ANN)
+    visits.lower(ANN)
+    assert visits.counts == {}
