@@ -26,6 +26,7 @@ from clients.wallet.pictures import write_pictures
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.visits import find_record
 from clients.wallet.wallet import RecordEntry, VisitReport, VisitRights, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -260,10 +261,9 @@ async def _chosen(opened: Wallet, record_ids: tuple[str, ...]) -> list[RecordEnt
     reports = await opened.records()
     reports = [report for report in reports if record_ids or not report.standing.breach_id]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
-    missing = [record_id for record_id in record_ids if record_id not in entries]
-    if missing:
-        raise BlockRobotError("NOT_FOUND", f"You have no record {missing[0]}.")
-    return [entries[record_id] for record_id in record_ids] if record_ids else list(entries.values())
+    if not record_ids:
+        return list(entries.values())
+    return [entries[find_record(list(entries), record_id)] for record_id in record_ids]
 
 
 def _tell_linked(entries: list[RecordEntry], *, as_json: bool) -> list[RecordEntry]:
