@@ -45,7 +45,10 @@ class ProvedReceipt:
 
 
 class ProvedChain:
-    """One chain, followed through its epochs from genesis. Remembers every final header, so that none contradict."""
+    """One chain, followed through its epochs from genesis. Remembers every final header, so that none contradict.
+
+    `times_ms` holds the times of the blocks that proofs are of, by height.
+    """
 
     def __init__(self, genesis: Genesis, epochs: Sequence[str]) -> None:
         """Raises PROOF_INVALID, PROOF_OTHER_EPOCH, CERTIFICATE_INVALID, ENCODING_*, BUNDLE_INVALID."""
@@ -56,8 +59,7 @@ class ProvedChain:
         self._steps: list[tuple[Schedule, bytes]] = [(genesis.schedule, genesis.block_id)]
         self._ids: dict[int, bytes] = {0: genesis.block_id}
         self._final: dict[bytes, Header] = {}
-        self.heights: list[int] = []
-        self.times_ms: list[int] = []
+        self.times_ms: dict[int, int] = {}
         for number, text in enumerate(epochs, 1):
             proof = decode(read_bytes("proofs/chain.json", text), EpochProof)
             if proof.epoch.number != number:
@@ -90,8 +92,7 @@ class ProvedChain:
         header = verify_finality(proof, schedule, self._chain_id, first_id)
         self._note(header, proof.header_bytes)
         self._final[raw] = header
-        self.heights.append(header.height)
-        self.times_ms.append(header.timestamp_ms)
+        self.times_ms[header.height] = header.timestamp_ms
         return header
 
     def state(self, name: str, proofs: StateProofs) -> dict[bytes, ProvedValue]:

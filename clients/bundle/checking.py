@@ -42,12 +42,17 @@ _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, Ove
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What was proved of a sound bundle. `is_anchored`: against a genesis that the reader named, not the bundle's own."""
+    """What was proved of a sound bundle. `is_anchored`: against a genesis that the reader named, not the bundle's own.
+
+    Everything is told as of `as_of_height` at least: the oldest block that any of it is proved of. What happened later
+    may be in the bundle or not, whatever `newest_height` is.
+    """
 
     manifest: doc.Manifest
     is_anchored: bool
-    heights: tuple[int, int]
-    times_ms: tuple[int, int]
+    as_of_height: int
+    as_of_ms: int
+    newest_height: int
     epochs: int
     visits: tuple[doc.VisitDocument, ...]
     consents: doc.ConsentsDocument
@@ -251,15 +256,18 @@ class _Check:
             raise BlockRobotError("BUNDLE_UNPROVEN", "The manifest says that something was left out, and it is there.")
 
     def _verdict(self, manifest: doc.Manifest, proven: Proven, visits: tuple[doc.VisitDocument, ...]) -> Verdict:
-        heights, times = proven.chain.heights or [0], proven.chain.times_ms or [0]
+        times_ms, consents = proven.chain.times_ms, proven.consents
+        told = [visit.proved_from_height for visit in visits] + [consents.proved_at_height] * bool(consents.member)
+        as_of = min(told, default=0)
         return Verdict(
             manifest=manifest,
             is_anchored=self._expected is not None,
-            heights=(min(heights), max(heights)),
-            times_ms=(min(times), max(times)),
+            as_of_height=as_of,
+            as_of_ms=times_ms.get(as_of, 0),
+            newest_height=max(times_ms, default=0),
             epochs=proven.chain.epoch_count,
             visits=visits,
-            consents=proven.consents,
+            consents=consents,
             events=sum(len(facts.entries) for facts in proven.visits),
             accesses=sum(len(facts.accesses) for facts in proven.visits),
             erasures=sum(len(facts.erasures) for facts in proven.visits),
@@ -273,6 +281,10 @@ def unproved(verdict: Verdict) -> list[str]:
     if not verdict.is_anchored:
         lines.append("that this is the network it says it is: the genesis file in the bundle is the bundle's own word")
     lines.append("that the robot saw what it committed to, and that there were no other visits than these")
+    later = "a visit may have been erased, restricted or denied since"
+    lines.append(
+        f"what happened after block {verdict.as_of_height}, or of a visit after the block it is told of: {later}"
+    )
     partial = [visit for visit in verdict.visits if not visit.is_whole]
     if partial:
         lines.append(f"that nothing else happened in {len(partial)} visits of which only a part was exported")

@@ -48,9 +48,10 @@ def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
         "genesis_id": manifest.genesis_id,
         "is_anchored": verdict.is_anchored,
         "is_complete": not manifest.problems,
-        "proved_from_height": verdict.heights[0],
-        "proved_until_height": verdict.heights[1],
-        "proved_until_ms": verdict.times_ms[1],
+        "proved_until_height": verdict.as_of_height,
+        "proved_until_ms": verdict.as_of_ms,
+        "newest_proof_height": verdict.newest_height,
+        "visits_proved_until_height": [visit.proved_from_height for visit in verdict.visits],
         "epochs": verdict.epochs,
         "stated_created_at_ms": manifest.created_at_ms,
         "visits": len(verdict.visits),
@@ -95,6 +96,17 @@ def verify(file: Path, named: str | None, as_json: bool) -> None:
         console.print(line)
 
 
+def _as_of(verdict: Verdict) -> list[str]:
+    """Return of which block each visit is told: proofs of several blocks may stand in one file."""
+    numbers: dict[int, list[int]] = {}
+    for visit in verdict.visits:
+        numbers.setdefault(visit.proved_from_height, []).append(visit.number)
+    lines = [f"  {name_visits(numbers[height])} told as of block {height}" for height in sorted(numbers)]
+    if verdict.consents.member:
+        lines.append(f"  the member and her consents are told as of block {verdict.consents.proved_at_height}")
+    return lines
+
+
 def _lines(verdict: Verdict) -> list[str]:
     told, manifest = _told(Path(), verdict), verdict.manifest
     anchor = "the network that you named" if verdict.is_anchored else "[yellow]the bundle's own word[/yellow]"
@@ -103,8 +115,9 @@ def _lines(verdict: Verdict) -> list[str]:
         f"Against which network: {_plain(manifest.network)} ({anchor})",
         f"  chain id      {manifest.chain_id}",
         f"  genesis hash  {manifest.genesis_id}",
-        f"Up to which block: {verdict.heights[1]}, of {_moment(verdict.times_ms[1])}"
-        f" (the oldest proof is of block {verdict.heights[0]}; {verdict.epochs} epochs followed)",
+        f"Up to which block: {verdict.as_of_height}, of {_moment(verdict.as_of_ms)}"
+        f" (the newest proof is of block {verdict.newest_height}; {verdict.epochs} epochs followed)",
+        *_as_of(verdict),
         "Proved:",
         f"  - {told['visits']} visits with {told['records']} records are on the ledger as told, "
         f"and {told['metadata_proved']} of them opened as the robot sealed them",

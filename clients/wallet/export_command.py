@@ -152,7 +152,7 @@ def _told(out: Path, verdict: Verdict) -> dict[str, Any]:
         "accesses": verdict.accesses,
         "erasures": verdict.erasures,
         "consent_receipts": len(verdict.consents.history),
-        "proved_until_height": verdict.heights[1],
+        "proved_until_height": verdict.as_of_height,
         "genesis_id": verdict.manifest.genesis_id,
         "problems": [{"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in problems],
         "not_proved": unproved(verdict),

@@ -15,6 +15,7 @@ from click.testing import CliRunner
 from clients.bundle import documents as doc
 from clients.bundle.checking import unproved
 from clients.bundle.cli import verify
+from clients.bundle.visits import RESTRICTION
 from clients.bundle.writing import Contents, write_bundle
 from clients.robot.sealing import VisitChain
 from clients.wallet.exporting import Exporting, Wanted
@@ -136,3 +137,49 @@ async def test_a_visit_is_called_the_members_where_a_robot_sealed_a_record_of_it
     proved, open_questions = told(tmp_path / "mine.zip", ward)
     assert "visit 1 is of that member" in proved
     assert "that visit 2 is of the member that it names" in open_questions
+
+
+async def test_an_old_state_is_not_shown_as_that_of_a_newer_block_that_stands_beside_it(
+    ward: Ward, visit: VisitChain, tmp_path: Path
+) -> None:
+    """Each proof is sound: the visit's is of before the erasure, the person's and the other visit's of after."""
+    before = await collect(ward)
+    then = ward.chain.height
+    record_id = bytes.fromhex(before.proofs.openings.records[0].record_id)
+    await ward.erase(visit, [record_id])
+    ward.record(ward.open_visit())
+    now = await collect(ward)
+    rows = [*before.proofs.openings.records, *now.proofs.openings.records]
+    proofs = dataclasses.replace(
+        now.proofs,
+        visits=(before.proofs.visits[0], now.proofs.visits[1]),
+        openings=doc.RecordOpenings([msgspec.structs.replace(row, commitment_leaves=[], salts=[]) for row in rows], []),
+    )
+    verdict = write_bundle(tmp_path / "mixed.zip", dataclasses.replace(now, proofs=proofs))
+    assert (verdict.records[0].status, verdict.erasures) == ("active", 0)
+    assert ward.chain.height > then
+    proved, open_questions = told(tmp_path / "mixed.zip", ward)
+    assert f"Up to which block: {then}, of " in proved
+    assert f"visit 1 is told as of block {then}" in proved
+    assert f"visit 2 is told as of block {ward.chain.height}" in proved
+    assert f"the member and her consents are told as of block {ward.chain.height}" in proved
+    assert f"what happened after block {then}" in open_questions
+    assert verdict.as_of_height == then
+
+
+async def test_one_visit_of_two_blocks_is_told_as_of_the_older(ward: Ward, visit: VisitChain, tmp_path: Path) -> None:
+    """That nothing was denied or restricted was proved before it was; the trail goes on after it."""
+    before = await collect(ward)
+    then = ward.chain.height
+    ward.chain.must(await ward.owner_key(visit.owner), "rights", "restrict", [], "accuracy")
+    old = [snapshot for snapshot in before.proofs.visits[0].snapshots if snapshot.keys]
+    now = await collect(ward)
+    proved_before = {key.key: key for each in old for key in each.keys}
+    (newer,) = now.proofs.visits[0].snapshots
+    stale = proved_before[(RESTRICTION + visit.owner).hex()]
+    kept = [key for key in newer.keys if key.key != stale.key]
+    state = doc.StateProofs([doc.Snapshot(old[0].finality, [stale]), doc.Snapshot(newer.finality, kept)])
+    contents = dataclasses.replace(now, proofs=dataclasses.replace(now.proofs, visits=(state,)))
+    verdict = write_bundle(tmp_path / "mixed.zip", contents)
+    assert verdict.as_of_height == then
+    assert f"visit 1 is told as of block {then}" in told(tmp_path / "mixed.zip", ward)[0]
