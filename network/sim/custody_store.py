@@ -77,6 +77,20 @@ class MemoryCustodyStore:
         self._clips[clip.record_id] = clip
         self._frames[clip.record_id] = {frame.index: frame for frame in frames}
 
+    async def correct(self, facts: RecordFacts) -> None:
+        """See `CustodyStore.correct`."""
+        await self._begin_writing()
+        clip = self._clips.get(facts.record_id)
+        if clip is not None and clip.status == "confirmed":
+            self._clips[facts.record_id] = replace(
+                clip, txid=facts.txid, owner=facts.owner, expires_at_ms=facts.expires_at_ms, height=facts.height
+            )
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.replace_frames`; here it is one step."""
+        await self._begin_writing()
+        self._frames[record_id] = {frame.index: frame for frame in frames}
+
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""
         await self._begin_writing()

@@ -268,7 +268,7 @@ class Custodian:
             return slots
         old = [place.slot for place in await self._store.frame_places([clip.record_id])]
         used = taken[: len(present)]
-        await self._store.stage(clip, _wrap(clip.record_id, _parts_of(present), used))
+        await self._store.replace_frames(clip.record_id, _wrap(clip.record_id, _parts_of(present), used))
         return old if len(used) == len(taken) else [*old, *slots[len(used) :]]
 
     # Blocks

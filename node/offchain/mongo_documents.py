@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
 
 from bson.int64 import Int64
-from pymongo import UpdateOne
+from pymongo import ReplaceOne, UpdateOne
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, u32
@@ -85,16 +85,24 @@ def clip_row(found: Document) -> ClipRow:
     )
 
 
-def confirmation(facts: RecordFacts) -> UpdateOne:
-    """Return the write that confirms a whole clip, and changes no erased or half-written one."""
-    changes = {
-        "status": "confirmed",
+def _told(facts: RecordFacts) -> Document:
+    return {
         "txid": facts.txid,
         "owner": facts.owner,
         "expires_at_ms": facts.expires_at_ms,
         "height": facts.height,
     }
+
+
+def confirmation(facts: RecordFacts) -> UpdateOne:
+    """Return the write that confirms a whole clip, and changes no erased or half-written one."""
+    changes = {"status": "confirmed"} | _told(facts)
     return UpdateOne({"_id": facts.record_id, "status": {"$in": ["staged", "confirmed"]}}, {"$set": changes})
+
+
+def correction(facts: RecordFacts) -> UpdateOne:
+    """Return the write that says of a confirmed clip what the chain does, and changes no other."""
+    return UpdateOne({"_id": facts.record_id, "status": "confirmed"}, {"$set": _told(facts)})
 
 
 def expiry(record_id: bytes, expires_at_ms: int) -> UpdateOne:
@@ -122,6 +130,12 @@ def frame_document(row: FrameRow) -> Document:
         "wrapped_key": row.wrapped_key,
         "ciphertext": row.ciphertext,
     }
+
+
+def replacement(row: FrameRow) -> ReplaceOne[Document]:
+    """Return the write that puts a frame in its place, over the one that is there."""
+    frame = frame_document(row)
+    return ReplaceOne({"_id": frame["_id"]}, frame, upsert=True)
 
 
 def frame_row(found: Document) -> FrameRow:

@@ -240,9 +240,19 @@ class MongoStore:
         first = documents.clip_document(clip, STAGING)
         await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, first, upsert=True)])
         await self._delete("frames", {"record_id": clip.record_id})
-        written = [documents.frame_document(row) for row in frames]
-        await self._bulk("frames", [ReplaceOne({"_id": frame["_id"]}, frame, upsert=True) for frame in written])
+        await self._bulk("frames", [documents.replacement(row) for row in frames])
         await self._bulk("clips", [ReplaceOne({"_id": clip.record_id}, documents.clip_document(clip), upsert=True)])
+
+    async def correct(self, facts: RecordFacts) -> None:
+        """See `CustodyStore.correct`."""
+        await self._bulk("clips", [documents.correction(facts)])
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.replace_frames`; each goes into its old one's place, and only then what has none."""
+        await self._bulk("frames", [documents.replacement(row) for row in frames])
+        written = {row.index for row in frames}
+        held = [place.index for place in await self.frame_places([record_id])]
+        await self.erase_frames(record_id, [index for index in held if index not in written])
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""

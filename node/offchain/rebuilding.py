@@ -125,7 +125,7 @@ class Rebuild:
             clip, txid=facts.txid, owner=facts.owner, expires_at_ms=facts.expires_at_ms, height=facts.height
         )
         if clip.status == "confirmed" and clip != right:
-            await self._store.stage(right, await self._store.frames(clip.record_id))
+            await self._store.correct(facts)
             self._report.corrected.append(clip.record_id)
 
     async def _drop_unclaimed(self, in_flight: frozenset[int]) -> None:

@@ -109,12 +109,16 @@ def _apply(database: sqlite3.Connection, effects: BlockEffects) -> None:
         )
 
 
-def _stage(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-    database.execute("DELETE FROM frames WHERE record_id = ?", (clip.record_id,))
+def _replace_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
     database.executemany(
         "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
         [(row.record_id, row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
     )
+
+
+def _stage(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
+    _replace_frames(database, clip.record_id, frames)
     database.execute(
         "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
         (
@@ -245,6 +249,16 @@ class SqliteStore:
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
         """See `CustodyStore.stage`."""
         await self._write(lambda database: _stage(database, clip, frames))
+
+    async def correct(self, facts: RecordFacts) -> None:
+        """See `CustodyStore.correct`."""
+        changes = "txid = ?, owner = ?, expires_at_ms = ?, height = ?"
+        query = f"UPDATE clips SET {changes} WHERE record_id = ? AND status = 'confirmed'"  # noqa: S608
+        await self._write_one(query, (facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id))
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """See `CustodyStore.replace_frames`."""
+        await self._write(lambda database: _replace_frames(database, record_id, frames))
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""

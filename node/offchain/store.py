@@ -239,6 +239,14 @@ class CustodyStore(ReceiptOutbox, Protocol):
         """Keep a clip and its frames, in place of any rows of the same record."""
         ...
 
+    async def correct(self, facts: RecordFacts) -> None:
+        """Write what the chain says of a confirmed clip, its frames untouched; another stays as it is."""
+        ...
+
+    async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
+        """Put these frames in the place of all that a clip has. Cut off, each index has its old frame or its new one."""
+        ...
+
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """Note the newer transaction of a staged clip; one that is not staged stays as it is."""
         ...

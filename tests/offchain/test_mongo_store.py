@@ -112,6 +112,7 @@ QUERIES: Mapping[str, Query] = {
     "frames": lambda store: store.frames(RECORD_ID),
     "frame_places": lambda store: store.frame_places([RECORD_ID, b"\x09" * 16]),
     "erase_clip": lambda store: store.erase_clip(RECORD_ID),
+    "replace_frames": lambda store: store.replace_frames(RECORD_ID, [FrameRow(RECORD_ID, 0, b"new", b"wrapped", 8)]),
     "drop_staged": lambda store: store.drop_staged(RECORD_ID),
     "lapsed": lambda store: store.lapsed(5000, 10),
     "expired": lambda store: store.expired(5000, 10),

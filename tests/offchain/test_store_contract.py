@@ -101,6 +101,30 @@ async def test_a_confirmed_clip_knows_its_owner_from_the_chain(store: CustodySto
     assert await store.clips_of_owner(STRANGER) == []
 
 
+async def test_what_the_chain_says_of_a_confirmed_clip_alone_is_corrected(store: CustodyStore) -> None:
+    staged, confirmed, erased = [await stage(store, number) for number in (1, 2, 3)]
+    await store.apply(BlockEffects(confirmed=(facts(2, owner=STRANGER), facts(3))))
+    await store.erase_clip(erased.record_id)
+    for number in (1, 2, 3):
+        await store.correct(facts(number, expires_at_ms=7000, height=4))
+    found = await store.clips([record_id(number) for number in (1, 2, 3)])
+    assert (found[record_id(1)], found[record_id(3)].status) == (staged, "erased")
+    right = replace(confirmed, status="confirmed", txid=NEWER_TXID, owner=OWNER, expires_at_ms=7000, height=4)
+    assert found[record_id(2)] == right
+    assert await store.frames(record_id(2)) == frames_of(confirmed, 200)
+
+
+async def test_frames_are_replaced_and_the_clip_stays_as_it_is(store: CustodyStore) -> None:
+    held, other = await stage(store, 1, frames=3), await stage(store, 2)
+    await store.apply(BlockEffects(confirmed=(facts(1),)))
+    before = await store.clips([record_id(1)])
+    fresh = frames_of(held, 700)[::2]
+    await store.replace_frames(record_id(1), fresh)
+    assert await store.frames(record_id(1)) == fresh
+    assert await store.clips([record_id(1)]) == before
+    assert await store.frames(record_id(2)) == frames_of(other, 200)
+
+
 async def test_numbers_come_back_as_plain_integers(store: CustodyStore) -> None:
     """What the store returns goes into transactions, which take integers and nothing like them."""
     large = 1_800_000_000_000
