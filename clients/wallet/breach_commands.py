@@ -118,7 +118,7 @@ def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @click.pass_context
 @plain_errors
 def assess(ctx: click.Context, breach: str, risk: str, reason: str, as_json: bool) -> None:
-    """Say how much risk a breach is to people; say it anew when you know more.
+    """Say how much risk a breach is to people; say it anew if it turns out to be more. It cannot be lowered again.
 
     Example: blockrobot officer assess 3fa2c19b07de --risk risk --reason released-before
     """
@@ -151,6 +151,8 @@ def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_js
 @plain_errors
 def close(ctx: click.Context, breach: str, outcome: str, reason: str, as_json: bool) -> None:
     """End a breach: have the visit erased, or end its quarantine. It cannot be opened again.
+
+    If more comes to a visit after you had it erased, say so again, and that is erased too.
 
     Example: blockrobot officer close 3fa2c19b07de --outcome erased --reason matched-wrongly
     """

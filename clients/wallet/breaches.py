@@ -88,12 +88,17 @@ class Breaches:
         return await self._call("notify", [breach.breach_id, recipient, reason])
 
     async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
-        """End a breach; where it ends as `erased`, have every record erased before. Returns how many were ordered."""
+        """End a breach; where it ends as `erased`, have every record erased before. Returns how many were ordered.
+
+        Of one that ended as `erased` already, what came to the visit since is erased. Raises CALL_REFUSED with the
+        contract's code.
+        """
         ids = await self._records_to_erase(breach) if outcome == "erased" else []
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
             tell(start, len(ids))
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
-        await self._call("close", [breach.breach_id, outcome, reason])
+        if breach.is_open or not ids:
+            await self._call("close", [breach.breach_id, outcome, reason])
         return len(ids)
 
     async def find_correction(self, correction: Correction) -> dict[str, Any]:

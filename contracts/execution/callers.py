@@ -85,7 +85,6 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "a custodian, once for the same records": _always("custodian"),
     "a custodian of the request, once": _own("custodian"),
     "the organisation's officers": _own("officer"),
-    "the organisation's officers, until the breach is closed": _own("officer"),
     "the person of the handle": _own(*RECORDED),
     "the member of the handle": _own(*MEMBERS),
     "the member of the handle, with the new key's agreement": _own(*MEMBERS),

@@ -272,3 +272,12 @@ def of_visit(owner: bytes) -> list:
     for entry in entries:
         ids.append(entry[0][len(prefix):])
     return ids
+
+
+@view
+def require_none_active(owner: bytes) -> bool:
+    """Fail if a record of the visit is neither erased, nor being erased, nor reported as expired."""
+    for record_id in of_visit(owner):
+        entry = state.get(b"record/" + record_id)
+        require(entry["status"] != "active", "RECORDS_LEFT", "A record of the visit is still there: have it erased first.")
+    return True

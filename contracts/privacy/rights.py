@@ -243,7 +243,7 @@ def wrong_person():
 
 
 def require_officer(breach_id: bytes) -> dict:
-    """Return a breach that is not closed, if the caller is an officer of the organisation whose robot it was."""
+    """Return a breach, if the caller is an officer of the organisation whose robot it was."""
     require_direct()
     require(len(breach_id) == HASH_BYTES, "BREACH_UNKNOWN", "A breach's id has 32 bytes.")
     entry = state.get(b"breach/" + breach_id)
@@ -252,6 +252,11 @@ def require_officer(breach_id: bytes) -> dict:
     if entitled:
         entitled = call("identity", "member", ctx.caller)["org"] == entry["org"]
     require(entitled, "NOT_AN_OFFICER", "Only a data protection officer of the robot's organisation may do that.")
+    return entry
+
+
+def require_handling(breach_id: bytes) -> dict:
+    entry = require_officer(breach_id)
     require(entry["status"] != "closed", "BREACH_CLOSED", "The breach is closed.")
     return entry
 
@@ -270,9 +275,14 @@ def check_reason(reason: str):
 
 @export
 def assess(breach_id: bytes, risk: str, reason: str):
-    """Say how much risk there is for people, and why; it may be said anew. Who may call: the organisation's officers."""
-    entry = require_officer(breach_id)
+    """Say how much risk there is for people, and why; said anew it never gets less, lest somebody be told no more.
+
+    Who may call: the organisation's officers.
+    """
+    entry = require_handling(breach_id)
     require(risk in RISKS, "RISK_UNKNOWN", "A risk is none, risk or high.")
+    lowered = (entry["risk"] == "high" and risk != "high") or (entry["risk"] == "risk" and risk == "none")
+    require(not lowered, "RISK_LOWERED", "A risk that was said is not lowered: tell those whom it concerns.")
     check_reason(reason)
     entry["risk"] = risk
     entry["assessed"] = {"time": ctx.time, "officer": ctx.caller, "reason": reason}
@@ -287,7 +297,7 @@ def notify(breach_id: bytes, recipient: str, reason: str):
 
     Who may call: the organisation's officers.
     """
-    entry = require_officer(breach_id)
+    entry = require_handling(breach_id)
     require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
     require(recipient in RECIPIENTS, "RECIPIENT_UNKNOWN", "Told are the authority or the subjects.")
     require(recipient not in entry["notified"], "NOTIFIED_ALREADY", "They were told already.")
@@ -303,8 +313,13 @@ def notify(breach_id: bytes, recipient: str, reason: str):
 
 @export
 def order_erasure(breach_id: bytes, records: list):
-    """Have records of a denied visit erased. Who may call: the organisation's officers, until the breach is closed."""
+    """Have records of a denied visit erased, also what came after the breach was closed as `erased`; not as `released`.
+
+    Who may call: the organisation's officers.
+    """
     entry = require_officer(breach_id)
+    ended = entry["closed"] is not None and entry["closed"]["outcome"] != "erased"
+    require(not ended, "BREACH_CLOSED", "The breach is closed.")
     require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
     call("erasure", "order", entry["owner"], records)
 
@@ -313,9 +328,9 @@ def order_erasure(breach_id: bytes, records: list):
 def close(breach_id: bytes, outcome: str, reason: str):
     """End a breach: `released` ends the quarantine, `erased` leaves it in force for ever. Whom it concerns was told first.
 
-    Who may call: the organisation's officers.
+    As `erased` it ends once the erasure of every record was asked for. Who may call: the organisation's officers.
     """
-    entry = require_officer(breach_id)
+    entry = require_handling(breach_id)
     require(entry["assessed"] is not None, "BREACH_NOT_ASSESSED", "The breach is assessed first.")
     require(outcome in OUTCOMES, "OUTCOME_UNKNOWN", "A breach ends as erased or released.")
     check_reason(reason)
@@ -323,6 +338,8 @@ def close(breach_id: bytes, outcome: str, reason: str):
     require(told, "BREACH_NOT_NOTIFIED", "Where there is a risk, the authority is told before.")
     told = entry["risk"] != "high" or "subjects" in entry["notified"]
     require(told, "BREACH_NOT_NOTIFIED", "Where the risk is high, the subjects are told before.")
+    if outcome == "erased":
+        call("records", "require_none_active", entry["owner"])
     entry["status"] = "closed"
     entry["closed"] = {"time": ctx.time, "officer": ctx.caller, "outcome": outcome, "reason": reason}
     keep_step(breach_id, entry, "breach_closed", {"outcome": outcome, "reason": reason})

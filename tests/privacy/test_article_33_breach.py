@@ -81,7 +81,7 @@ def test_3_only_officers_act(hospital: Hospital, visit: Visit, breach_id: bytes)
 
 
 def test_4_whom_it_concerns_is_told_before_it_is_closed(
-    hospital: Hospital, officer: PrivateKey, breach_id: bytes
+    hospital: Hospital, visit: Visit, officer: PrivateKey, breach_id: bytes
 ) -> None:
     ending = ("close", breach_id, "erased", "matched-wrongly")
     assert _step(hospital, officer, *ending) == "BREACH_NOT_ASSESSED"
@@ -89,7 +89,18 @@ def test_4_whom_it_concerns_is_told_before_it_is_closed(
     for recipient in ("authority", "subjects"):
         assert _step(hospital, officer, *ending) == "BREACH_NOT_NOTIFIED"
         hospital.must(officer, "rights", "notify", breach_id, recipient, "")
+    assert _step(hospital, officer, *ending) == "RECORDS_LEFT"
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
     assert _step(hospital, officer, *ending) == "OK"
+
+
+def test_4_a_risk_is_not_said_to_be_lower_to_tell_fewer(
+    hospital: Hospital, officer: PrivateKey, breach_id: bytes
+) -> None:
+    hospital.must(officer, "rights", "assess", breach_id, "high", "released-before")
+    hospital.must(officer, "rights", "notify", breach_id, "authority", "")
+    assert _step(hospital, officer, "assess", breach_id, "none", "owner-confirmed") == "RISK_LOWERED"
+    assert _step(hospital, officer, "close", breach_id, "released", "owner-confirmed") == "BREACH_NOT_NOTIFIED"
 
 
 def test_4_a_risk_that_turns_out_higher_is_told_to_more(

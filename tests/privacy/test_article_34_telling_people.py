@@ -46,6 +46,7 @@ def test_1_a_high_risk_does_not_end_before_they_were_told(
     assert hospital.send(*ending).code == "BREACH_NOT_NOTIFIED"
     assert hospital.send(hospital.admin, "rights", "notify", breach_id, "subjects", "").code == "NOT_AN_OFFICER"
     hospital.must(officer, "rights", "notify", breach_id, "subjects", "")
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
     hospital.must(*ending)
 
 
@@ -64,4 +65,5 @@ def test_2_they_can_look_it_up_in_the_trail(hospital: Hospital, visit: Visit, of
 @pytest.mark.parametrize("risk", ["none", "risk"])
 def test_3_otherwise_it_is_not_demanded(hospital: Hospital, visit: Visit, officer: PrivateKey, risk: str) -> None:
     breach_id = _assessed(hospital, visit, officer, risk)
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
     hospital.must(officer, "rights", "close", breach_id, "erased", "matched-wrongly")

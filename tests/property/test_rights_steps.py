@@ -26,10 +26,11 @@ class Note:
     expires_ms: int
     kept_until_ms: int = 0
     is_erased: bool = False
+    is_erasing: bool = False
     is_named: bool = False
 
     def is_there(self, now_ms: int) -> bool:
-        return not self.is_erased and max(self.expires_ms, self.kept_until_ms) > now_ms
+        return not self.is_erased and not self.is_erasing and max(self.expires_ms, self.kept_until_ms) > now_ms
 
 
 @dataclass
@@ -82,7 +83,7 @@ class Oracle:
 
     def request(self, ids: list[bytes], purpose: str) -> bool:
         hit = self.is_whole or any(self.notes[one].is_named for one in ids) or (not ids and self.is_restricted)
-        there = not any(self.notes[one].is_erased for one in ids)
+        there = not any(self.notes[one].is_erased or self.notes[one].is_erasing for one in ids)
         return there and not self.is_denied and purpose not in self.objected and (not hit or purpose in OWN_PURPOSES)
 
     def deny(self) -> bool:
@@ -100,7 +101,8 @@ class Oracle:
         return not self.is_denied
 
     def assess(self, risk: str) -> bool:
-        if self.breach not in {"opened", "assessed"}:
+        rising = ["", "none", "risk", "high"]
+        if self.breach not in {"opened", "assessed"} or rising.index(risk) < rising.index(self.risk):
             return False
         self.breach, self.risk = "assessed", risk
         return True
@@ -113,9 +115,18 @@ class Oracle:
 
     def close(self, outcome: str) -> bool:
         needed = {"none": set(), "risk": {"authority"}, "high": {"authority", "subjects"}}.get(self.risk, set())
-        if self.breach != "assessed" or not needed <= self.told:
+        is_left = outcome == "erased" and not all(note.is_erased or note.is_erasing for note in self.notes.values())
+        if self.breach != "assessed" or not needed <= self.told or is_left:
             return False
         self.breach, self.is_denied = "closed", outcome == "erased"
+        return True
+
+    def order(self, ids: list[bytes]) -> bool:
+        can = self.breach == "assessed" or (self.breach == "closed" and self.is_denied)
+        if not ids or not can or any(self.notes[one].is_erased or self.notes[one].is_erasing for one in ids):
+            return False
+        for one in ids:
+            self.notes[one].is_erasing = True
         return True
 
     def expire(self, ids: list[bytes], now_ms: int) -> bool:
@@ -139,6 +150,7 @@ STEPS = st.lists(
         st.tuples(st.just("deny")),
         st.tuples(st.just("assess"), st.sampled_from(["none", "risk", "high"])),
         st.tuples(st.just("notify"), st.sampled_from(["authority", "subjects"])),
+        st.tuples(st.just("order"), PICKED),
         st.tuples(st.just("close"), st.sampled_from(["erased", "released"])),
     ),
     min_size=3,
@@ -183,6 +195,9 @@ class Play:
         elif kind == "object":
             expected = oracle.object(rest[0])
             receipt = hospital.send(key, "rights", "object_to_release", [rest[0]])
+        elif kind == "order":
+            expected = oracle.order(self.ids(rest[0]))
+            receipt = hospital.send(self.officer, "rights", "order_erasure", self.breach_id, self.ids(rest[0]))
         elif kind == "deny":
             expected = oracle.deny()
             receipt = hospital.send(key, "rights", "wrong_person")

@@ -124,6 +124,23 @@ async def test_closing_as_erased_orders_every_record_in_parts(world: World, cloc
     assert {key for key, _, _ in saying.said} == {world.keys.identity.public_key}
 
 
+async def test_what_comes_after_an_end_as_erased_is_erased_by_saying_it_again(
+    world: World, clock: list[int], saying: Saying
+) -> None:
+    assert clock
+    visit = world.open_visit()
+    late = b"l" * 16
+    world.network.state[b"records\x00record/" + late] = {"status": "active", "owner": visit.owner}
+    world.append_audit(visit.owner, "recorded", late)
+    put_breach(world, FIRST, 0, visit.owner, status="closed", risk="none", assessed=ASSESSED)
+    handling = Breaches(world.wallet)
+    found = await handling.find("b1" * 4)
+    assert await handling.close(found, "erased", "matched-wrongly", lambda *_: None) == 1
+    assert [(entry, arguments) for _, entry, arguments in saying.said] == [("rights.order_erasure", [FIRST, [late]])], (
+        "it is closed already"
+    )
+
+
 # As people call them
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import encode_value
 from consensus.records.consents import find_consent, read_choices
 from consensus.records.rights import (
@@ -329,6 +330,62 @@ def test_what_is_erased_by_an_officer_stays_in_quarantine(
     assert hospital.send(visit.key, "access", "request", [], "own-access").code == "VISIT_QUARANTINED"
     late = hospital.record(visit)
     assert hospital.send(visit.key, "access", "request", [late], "own-access").code == "VISIT_QUARANTINED"
+
+
+def test_nothing_is_called_erased_while_a_record_is_still_there(
+    hospital: Hospital, visit: Visit, officer: Any, breach_id: bytes
+) -> None:
+    ending = (officer, "rights", "close", breach_id, "erased", "matched-wrongly")
+    hospital.must(officer, "rights", "assess", breach_id, "none", "nothing-released")
+    assert hospital.send(*ending).code == "RECORDS_LEFT"
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records[:2])
+    assert hospital.send(*ending).code == "RECORDS_LEFT"
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records[2:])
+    hospital.must(*ending)
+
+
+def test_what_comes_after_the_end_can_be_erased_if_it_ended_so(
+    hospital: Hospital, visit: Visit, officer: Any, breach_id: bytes
+) -> None:
+    hospital.must(officer, "rights", "assess", breach_id, "none", "nothing-released")
+    hospital.must(officer, "rights", "order_erasure", breach_id, visit.records)
+    hospital.must(officer, "rights", "close", breach_id, "erased", "matched-wrongly")
+    late = hospital.record(visit)
+    asked = hospital.must(officer, "rights", "order_erasure", breach_id, [late])
+    hospital.receipts_of_all(asked.txid)
+    assert hospital.view("records", "get", late)["status"] == "erased"
+    assert hospital.send(officer, "rights", "close", breach_id, "released", "owner-confirmed").code == "BREACH_CLOSED"
+
+
+def test_nothing_more_is_erased_by_officers_once_a_visit_was_released(
+    hospital: Hospital, visit: Visit, officer: Any, breach_id: bytes
+) -> None:
+    hospital.must(officer, "rights", "assess", breach_id, "none", "nothing-released")
+    hospital.must(officer, "rights", "close", breach_id, "released", "owner-confirmed")
+    assert hospital.send(officer, "rights", "order_erasure", breach_id, visit.records).code == "BREACH_CLOSED"
+
+
+def test_a_visit_of_many_records_can_be_ended_as_erased(hospital: Hospital, officer: Any) -> None:
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    for _ in range(300):
+        hospital.record(visit)
+    breach_id = hospital.must(visit.key, "rights", "wrong_person").txid
+    hospital.must(officer, "rights", "assess", breach_id, "none", "nothing-released")
+    for start in range(0, 300, 64):
+        hospital.must(officer, "rights", "order_erasure", breach_id, visit.records[start : start + 64])
+    receipt = hospital.must(officer, "rights", "close", breach_id, "erased", "matched-wrongly")
+    assert receipt.gas_used < CALL_GAS_MAX / 3
+
+
+@pytest.mark.parametrize(("said", "lower"), [("high", "risk"), ("high", "none"), ("risk", "none")])
+def test_a_risk_that_was_said_is_never_lowered(
+    hospital: Hospital, officer: Any, breach_id: bytes, said: str, lower: str
+) -> None:
+    hospital.must(officer, "rights", "assess", breach_id, said, "released-before")
+    hospital.must(officer, "rights", "notify", breach_id, "authority", "")
+    assert hospital.send(officer, "rights", "assess", breach_id, lower, "owner-confirmed").code == "RISK_LOWERED"
+    hospital.must(officer, "rights", "assess", breach_id, said, "facts-came-late")
+    assert hospital.view("rights", "breach", breach_id)["risk"] == said
 
 
 def test_an_officer_of_another_house_has_no_say(hospital: Hospital, visit: Visit, breach_id: bytes) -> None:
