@@ -281,6 +281,7 @@ class Assembly:
             randomness=around.randomness,
             custodians=lambda: self.directory.custodians,
             is_in_touch=self._has_heard_the_network,
+            final_height=lambda: self.writer.queued_height,
         )
         self.peers.clips = custody
         return custody

@@ -111,8 +111,12 @@ class Custody:
         randomness: Callable[[int], bytes] = secrets.token_bytes,
         custodians: Callable[[], frozenset[str]] | None = None,
         is_in_touch: Callable[[], bool] = lambda: True,
+        final_height: Callable[[], int] = lambda: -1,
     ) -> None:
-        """`is_in_touch` tells whether the node is as far as a quorum of the network: before that nothing is served."""
+        """`is_in_touch` tells whether the node is as far as a quorum of the network: before that nothing is served.
+
+        `final_height` is how far that is, blocks included that are final and not stored yet.
+        """
         self._genesis = genesis
         self.custodian = self._custodian = custodian
         self._key = key
@@ -125,6 +129,7 @@ class Custody:
         self._name = name
         self._custodians = custodians or (lambda: frozenset(node.name for node in genesis.custodians))
         self._is_in_touch = is_in_touch
+        self._final_height = final_height
         self._serves_from: int | None = None
         self._submitted: dict[tuple[str, bytes, int], _Submission] = {}
         self._served: OrderedDict[bytes, bytes] = OrderedDict()
@@ -145,7 +150,7 @@ class Custody:
         Its store, its ledger, even its erase keys may be of an old backup: what was erased since is erased here first.
         """
         if self._serves_from is None and self._is_in_touch():
-            self._serves_from = self._feed.height
+            self._serves_from = max(self._feed.height, self._final_height())
         followed = -1 if self.checkpoint_height is None else self.checkpoint_height
         return self._serves_from is not None and followed >= self._serves_from
 
@@ -246,7 +251,10 @@ class Custody:
                 return False
             log.info("custody_reconciles", followed=height, earliest_height=snapshot.earliest_height)
             point = Checkpoint(position.height, position.block_id, position.timestamp_ms)
-            await self._custodian.reconcile(ChainFacts(snapshot, point))
+            try:
+                await self._custodian.reconcile(ChainFacts(snapshot, point))
+            finally:
+                self._served.clear()
         log.info("custody_reconciled", height=point.height)
         await self._note_followed(point.height)
         self._wake_outbox.set()
@@ -264,7 +272,10 @@ class Custody:
             raise BlockRobotError("STORAGE_DAMAGED", f"The ledger does not hold block {height}.")
         block, receipts = decode(block_bytes, Block), decode(receipts_bytes, Receipts).receipts
         events = collect_events(height, block.block_id, block.header.timestamp_ms, receipts)
-        await self._custodian.on_finalized_block(events)
+        try:
+            await self._custodian.on_finalized_block(events)
+        finally:
+            self._served.clear()  # of what was erased nothing may be left, not even in memory
         await self._note_followed(height)
         await self._note_refusals(receipts)
         if events.events:
@@ -352,24 +363,31 @@ class Custody:
         if not self.is_serving:
             raise BlockRobotError("CUSTODY_CATCHING_UP")
         request = decode(body, ClipRequest)
-        data = self._served.get(request.record_id)
-        if data is None or request.offset == 0:
-            data = await self._export(request.record_id)
-            self._served[request.record_id] = data
-            while len(self._served) > CLIPS_SERVED_KEPT_COUNT:
-                self._served.popitem(last=False)
+        data = await self._read_clip(request.record_id, is_first=request.offset == 0)
         part = data[request.offset : request.offset + CLIP_PART_BYTES] if request.offset >= 0 else b""
         if request.offset + len(part) >= len(data):
             self._served.pop(request.record_id, None)
         return encode(ClipPart(total=len(data), data=part))
 
-    async def _export(self, record_id: bytes) -> bytes:
+    async def _read_clip(self, record_id: bytes, *, is_first: bool) -> bytes:
+        """Return a clip's bytes, for parts after the first as they were kept, if it may still leave as it was."""
         try:
-            return encode(await self._custodian.export(record_id))
+            await self._custodian.require_exportable(record_id)
+            kept = None if is_first else self._served.get(record_id)
+            if kept is not None:
+                return kept
+            followed = self.checkpoint_height
+            data = encode(await self._custodian.export(record_id))
         except BlockRobotError as error:
+            self._served.pop(record_id, None)
             if error.code in CLIP_ABSENT_CODES:
                 return b""
             raise
+        if followed == self.checkpoint_height:  # else a block may have erased some of it while it was read
+            self._served[record_id] = data
+            while len(self._served) > CLIPS_SERVED_KEPT_COUNT:
+                self._served.popitem(last=False)
+        return data
 
     async def _fetch(self) -> None:
         count = 0

@@ -399,11 +399,15 @@ class Custodian:
         A restricted clip may be copied, since that is storing it; one of a denied visit stays where it is.
         """
         found = await self.look_at(record_id)
+        await self.require_exportable(record_id)  # last, since a word may have become final while the frames were read
+        return found
+
+    async def require_exportable(self, record_id: bytes) -> None:
+        """Raise as `export` if a clip may not leave for another custodian now."""
         clip = await self._confirmed_clip(record_id)
         standing = await find_standing(self._store, clip.owner)
         if standing is not None and standing.quarantined:
             raise BlockRobotError("CLIP_QUARANTINED")
-        return found
 
     async def look_at(self, record_id: bytes) -> ClipDownload:
         """Return a confirmed clip as it is, for this custodian's own upkeep. Raises as `download`."""

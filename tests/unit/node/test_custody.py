@@ -44,6 +44,7 @@ class ScriptedCustodian:
         self.dismissed: list[OutboxRow] = []
         self.fails_once_at: int | None = None
         self.clip: ClipDownload | None = None
+        self.refusal = "NOT_FOUND"
 
     async def start(self) -> None:
         """Nothing was cut off."""
@@ -65,9 +66,13 @@ class ScriptedCustodian:
         self.rows.remove(row)
 
     async def export(self, record_id: bytes) -> ClipDownload:
-        if self.clip is None:
-            raise BlockRobotError("NOT_FOUND")
+        await self.require_exportable(record_id)
+        assert self.clip is not None
         return self.clip
+
+    async def require_exportable(self, record_id: bytes) -> None:
+        if self.clip is None:
+            raise BlockRobotError(self.refusal)
 
     async def fetch_missing(self, links: Any) -> int:
         return 0
@@ -238,6 +243,26 @@ async def test_a_large_clip_comes_over_in_parts_and_whole(rig: Rig) -> None:
     assert await link.fetch(bytes(16)) is None
 
 
+@pytest.mark.parametrize("code", ["CLIP_ERASED", "CLIP_QUARANTINED", "NOT_FOUND"])
+async def test_what_is_erased_or_quarantined_between_two_parts_does_not_leave_and_is_forgotten(
+    rig: Rig, code: str
+) -> None:
+    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    first = encode(ClipRequest(record_id=bytes(16), offset=0))
+    assert decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, first), ClipPart).data
+    assert rig.custody._served
+    rig.custodian.clip, rig.custodian.refusal = None, code
+    following = encode(ClipRequest(record_id=bytes(16), offset=CLIP_PART_BYTES))
+    if code == "CLIP_QUARANTINED":
+        with pytest.raises(BlockRobotError, match=code):
+            await rig.custody.serve_peer("node-2", RequestKind.CLIP, following)
+    else:
+        part = decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, following), ClipPart)
+        assert (part.total, part.data) == (0, b"")
+    assert not rig.custody._served
+
+
 async def test_nobody_but_a_custodian_gets_a_clip(rig: Rig) -> None:
     with pytest.raises(BlockRobotError) as caught:
         await rig.custody.serve_peer("node-3", RequestKind.CLIP, encode(ClipRequest(bytes(16), 0)))
@@ -283,4 +308,43 @@ async def test_no_clip_leaves_before_the_custodian_has_followed_the_network_sinc
     in_touch = False
     await rig.finalize(3)
     assert rig.custody.is_serving, "one that has followed goes on serving while it is cut off"
+    await rig.custody.stop()
+
+
+async def test_blocks_that_are_final_and_not_stored_yet_are_followed_too_before_a_clip_leaves(rig: Rig) -> None:
+    """The node is level with the others by what it knows to be final: of that its disk may have only a part."""
+    known = 2
+    rig.custody._final_height = lambda: known
+    await rig.finalize(0)
+    await rig.custody.start()
+    assert not rig.custody.is_serving
+    await rig.finalize(1)
+    await rig.followed(1)
+    assert not rig.custody.is_serving
+    await rig.finalize(2)
+    await rig.followed(2)
+    assert rig.custody.is_serving
+    known = 9
+    assert rig.custody.is_serving, "one that has followed goes on serving"
+    await rig.custody.stop()
+
+
+async def test_after_a_block_no_part_of_a_clip_is_as_it_was_kept_before(rig: Rig) -> None:
+    """The block may have erased frames: the next part is read anew, and of the old ones memory holds nothing."""
+    leaves = [bytes([number % 256]) * 32 for number in range(70_000)]
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves, [])
+    await rig.finalize(0)
+    await rig.finalize(1)
+    await rig.custody.start()
+    await rig.followed(1)
+    first = encode(ClipRequest(record_id=bytes(16), offset=0))
+    await rig.custody.serve_peer("node-2", RequestKind.CLIP, first)
+    assert rig.custody._served
+    rig.custodian.clip = ClipDownload(bytes(16), bytes(32), [], leaves[:40_000], [])
+    await rig.finalize(2)
+    await rig.followed(2)
+    assert not rig.custody._served
+    following = encode(ClipRequest(record_id=bytes(16), offset=CLIP_PART_BYTES))
+    part = decode(await rig.custody.serve_peer("node-2", RequestKind.CLIP, following), ClipPart)
+    assert part.total == len(encode(rig.custodian.clip))
     await rig.custody.stop()
