@@ -171,8 +171,10 @@ class Hider:
                     seen.troubles[track.number] = silhouette.trouble
                 else:
                     seen.cuts[track.number] = cut(depth, self._background, segmented, silhouette)
-            if seen.merged or self._tracker.is_somebody_hidden:
-                self.matcher.note_unfollowed(frame.captured_at_ms)
+            merged = [one.range_m for one, track in zip(silhouettes, tracks, strict=True) if track is None]
+            unfollowed = [*merged, *self._tracker.hidden_ranges]
+            if unfollowed:
+                self.matcher.note_unfollowed(frame.captured_at_ms, unfollowed)
             self.matcher.advance(frame.captured_at_ms)
         self._seen[frame.sequence] = seen
         return [*before, *self._take(decided)]

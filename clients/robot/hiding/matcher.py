@@ -1,8 +1,8 @@
 """Binds tags to tracks by likelihood over the whole track, against every rival and against an absent bearer. Pure.
 
 A binding needs log-odds of 9.2 and ends below 0. It must never bind without distance: from such readings one person
-in the picture cannot be told from another, nor from someone outside it; nor while somebody is in view who is not
-followed, since the bearer may be that one. Readings are weighed in the order in which they were taken, whatever the
+in the picture cannot be told from another, nor from someone outside it; nor while somebody as far away is in view who
+is not followed, since the bearer may be that one. Readings are weighed in the order in which they were taken, whatever the
 order in which they came.
 """
 
@@ -31,6 +31,8 @@ TAGS_MAX_COUNT = 256
 READINGS_MAX_COUNT = 2_048
 AHEAD_MAX_MS = 60_000
 SIGMA_MIN_M = 0.05
+# Who is not followed and nearer than that in range to somebody who is could well be the bearer in their stead.
+UNFOLLOWED_M = 1.5
 _CHECKPOINT_EVERY_COUNT = 16
 
 _Order = tuple[int, int, int, str, int, float, float, float]
@@ -63,6 +65,14 @@ class _Standing(NamedTuple):
 
 
 _Standings = dict[int, _Standing]
+
+
+class _Cloud(NamedTuple):
+    """A time (ms, after one and up to the other) at which people at these ranges (m) had no track."""
+
+    after_ms: int
+    until_ms: int
+    ranges: tuple[float, ...]
 
 
 @dataclass(slots=True)
@@ -135,20 +145,19 @@ class Matcher:
         self._tags: dict[str, _Tag] = {}
         self._tracks: dict[int, Track] = {}
         self._waiting: set[str] = set()
-        self._clouds: list[tuple[int, int]] = []
+        self._clouds: list[_Cloud] = []
         self._now_ms: int | None = None
 
-    def note_unfollowed(self, at_ms: int) -> None:
-        """Take notice that somebody in this frame is not followed; call in time order, before `advance` to that time.
+    def note_unfollowed(self, at_ms: int, ranges: Sequence[float]) -> None:
+        """Take notice that people at these ranges (m) are not followed in this frame, or may be hidden there.
 
-        Readings taken beside such a frame speak against a binding, never for one: whoever stands merged with another, or
-        was just parted from him, has no track to stand for him, and the tag would go to the next best one.
+        Call in time order, before `advance` to that time. For who is about as far away, readings taken beside such a
+        frame speak against a binding, never for one: whoever stands merged with another, was just parted from him, or
+        is right behind him has no track to stand for him, and the tag would go to the next best one.
         """
         # From the frame before, so that a reading between the two counts the same whether it comes in time or late.
         after_ms = at_ms - NEAREST_RANGE_MS if self._now_ms is None else min(self._now_ms, at_ms - 1)
-        if self._clouds and self._clouds[-1][1] >= after_ms:
-            after_ms, _ = self._clouds.pop()
-        self._clouds.append((after_ms, at_ms + NEAREST_RANGE_MS))
+        self._clouds.append(_Cloud(after_ms, at_ms + NEAREST_RANGE_MS, tuple(ranges)))
 
     def add_track(self, track: Track) -> None:
         """Take notice of a track; asking again does nothing."""
@@ -222,7 +231,7 @@ class Matcher:
     def forget_before(self, at_ms: int) -> None:
         """Drop ended tracks, and tags that were not heard, that can no longer matter."""
         horizon = at_ms - EVIDENCE_MS
-        del self._clouds[: bisect_left(self._clouds, horizon - LET_GO_MS, key=lambda cloud: cloud[1])]
+        del self._clouds[: bisect_left(self._clouds, horizon - LET_GO_MS, key=lambda cloud: cloud.until_ms)]
         gone = [n for n, track in self._tracks.items() if track.seen_ms < horizon]
         for number in gone:
             del self._tracks[number]
@@ -262,7 +271,7 @@ class Matcher:
     def _weigh(self, tag: _Tag, reading: Sighting) -> None:
         """Take one reading into account for every track that was followed when it was taken."""
         at_ms = reading.middle_ms
-        clouded = self._is_clouded(at_ms)
+        clouds = self._ranges_unfollowed(at_ms)
         steps: dict[int, Step] = {}
         for number, track in self._tracks.items():
             person_m = track.range_at(at_ms)
@@ -271,16 +280,20 @@ class Matcher:
             old = tag.standings.get(number) or _Standing()
             every = _take(old.every, reading, at_ms, person_m, steps)
             sure = old.sure
-            if not clouded:
+            if all(abs(person_m - unfollowed_m) > UNFOLLOWED_M for unfollowed_m in clouds):
                 # As long as nobody was ever in doubt, the two are one.
                 sure = every if sure is old.every else _take(sure, reading, at_ms, person_m, steps)
             tag.standings[number] = old._replace(every=every, sure=sure)
         self._decide(tag, at_ms)
 
-    def _is_clouded(self, at_ms: int) -> bool:
-        """Tell whether somebody was in view, beside that time, who was not followed."""
-        place = bisect_left(self._clouds, at_ms, key=lambda cloud: cloud[1])
-        return place < len(self._clouds) and self._clouds[place][0] < at_ms
+    def _ranges_unfollowed(self, at_ms: int) -> list[float]:
+        """Return how far away those were, beside that time, who were not followed."""
+        place = bisect_left(self._clouds, at_ms, key=lambda cloud: cloud.until_ms)
+        found: list[float] = []
+        while place < len(self._clouds) and self._clouds[place].after_ms < at_ms:
+            found += self._clouds[place].ranges
+            place += 1
+        return found
 
     def _decide(self, tag: _Tag, at_ms: int) -> None:
         """Weigh the tracks in view against each other and absence, and bind or unbind."""

@@ -28,8 +28,10 @@ NEAREST_RANGE_MS = 150
 UNSEEN_CERTAIN_MS = 300
 STRAY_M_PER_S = 1.5
 FAR = 1e6
-# Of those who went together, whoever is not seen again within that time may as well be gone.
+# Who went together with another and is not seen again counts as hidden for so long after they were last together.
 HIDDEN_MS = 30_000
+# Where none of them is seen any more, they may come back together within that time.
+GONE_MS = 5_000
 TOGETHER_M, TOGETHER_MS = 1.2, 1_500
 TOGETHER_COUNT = 2
 
@@ -83,22 +85,32 @@ class Track:
 
 @dataclass(slots=True, eq=False)
 class _Together:
-    """Where two people went together, when they were last there, and the tracks of those who were seen apart since."""
+    """Where people were last seen together, how many of them are not seen apart, and the tracks of those who are."""
 
     x_m: float
     z_m: float
     seen_ms: int
-    apart: list[Track]
+    hidden_count: int
+    apart: list[Track] = field(default_factory=list)
 
-    @property
-    def hidden_count(self) -> int:
-        """How many were not seen apart so far."""
-        return TOGETHER_COUNT - len(self.apart)
+    def note_ended(self) -> None:
+        """Count whoever was seen apart and is followed no more among the hidden again, there where they were last."""
+        for track in [track for track in self.apart if track.ended]:
+            self.apart.remove(track)
+            self.hidden_count += 1
+            self.x_m, self.z_m, self.seen_ms = track.x_m, track.z_m, max(self.seen_ms, track.seen_ms)
+
+    def is_open(self, at_ms: int) -> bool:
+        """Tell whether it still matters that they went together."""
+        return self.hidden_count > 0 and at_ms - self.seen_ms <= (HIDDEN_MS if self.apart else GONE_MS)
 
     def is_near(self, x_m: float, z_m: float, at_ms: int) -> bool:
-        """Whether somebody from here can be there by then."""
-        strayed = STRAY_M_PER_S * max(0, at_ms - self.seen_ms) / 1000
-        return float(np.hypot(x_m - self.x_m, z_m - self.z_m)) <= TOGETHER_M + strayed
+        """Tell whether one of them can come to be seen there: beside those who are, or where all of them were."""
+        elapsed_ms = at_ms - self.seen_ms
+        beside = [(track.x_m, track.z_m, TOGETHER_M) for track in self.apart]
+        if elapsed_ms <= TOGETHER_MS or not self.apart:
+            beside.append((self.x_m, self.z_m, TOGETHER_M + STRAY_M_PER_S * max(0, elapsed_ms) / 1000))
+        return any(float(np.hypot(x_m - x, z_m - z)) <= reach_m for x, z, reach_m in beside)
 
 
 class Tracker:
@@ -110,24 +122,26 @@ class Tracker:
         self._together: list[_Together] = []
 
     @property
-    def is_somebody_hidden(self) -> bool:
-        """Whether of two who went together one alone was seen again so far: the other may stand right behind."""
-        return any(0 < group.hidden_count < TOGETHER_COUNT for group in self._together)
+    def hidden_ranges(self) -> list[float]:
+        """Where somebody may stand hidden, as the ranges (m) of those with whom they went together."""
+        return [track.ranges[-1] for group in self._together if group.hidden_count for track in group.apart]
 
     def step(self, silhouettes: tuple[Silhouette, ...], at_ms: int) -> list[Track | None]:
         """Return the track of each silhouette; None for a merged one, which is nobody's for certain."""
-        for track in self.live:
-            track.ended = track.ended or at_ms - track.seen_ms > LOST_AFTER_MS
+        lost = [track for track in self.live if at_ms - track.seen_ms > LOST_AFTER_MS]
+        for track in lost:
+            track.ended = True
         self.live = [track for track in self.live if not track.ended]
-        self._together = [group for group in self._together if _is_open(group, at_ms)]
+        for track in lost:
+            self._note_lost(track)
+        for group in self._together:
+            group.note_ended()
+        self._together = [group for group in self._together if group.is_open(at_ms)]
         chosen: list[Track | None] = [None] * len(silhouettes)
         single = [i for i, silhouette in enumerate(silhouettes) if silhouette.trouble != "merged"]
         for i, track in self._assign([silhouettes[i] for i in single], at_ms):
             chosen[single[i]] = track
         self._end_doubtful(silhouettes, chosen, at_ms)
-        for silhouette in silhouettes:
-            if silhouette.trouble == "merged":
-                self._note_together(silhouette.x_m, silhouette.z_m, at_ms)
         for i in single:
             match = chosen[i]
             if match is None or match.ended:
@@ -152,10 +166,16 @@ class Tracker:
                     cost[row, column] = distance
         rows, columns = linear_sum_assignment(cost)
         matches = [(int(r), int(c)) for r, c in zip(rows, columns, strict=True) if cost[r, c] < FAR]
-        self._end_exchangeable(matches, possible, at_ms)
+        self._end_exchangeable(matches, possible, silhouettes, at_ms)
         return [(row, self.live[column]) for row, column in matches]
 
-    def _end_exchangeable(self, matches: list[tuple[int, int]], possible: npt.NDArray[np.bool_], at_ms: int) -> None:
+    def _end_exchangeable(
+        self,
+        matches: list[tuple[int, int]],
+        possible: npt.NDArray[np.bool_],
+        silhouettes: list[Silhouette],
+        at_ms: int,
+    ) -> None:
         """End what may have been exchanged while it was unseen: a track, and who else could be where it is found now."""
         unseen = [at_ms - track.seen_ms > UNSEEN_CERTAIN_MS for track in self.live]
         found = {column: row for row, column in matches}
@@ -166,37 +186,54 @@ class Tracker:
                 # A rival that is found elsewhere could be here only if this one could be there.
                 if rival not in found or possible[found[rival], column]:
                     self.live[column].ended = track.ended = True
+                    if rival not in found:
+                        self._note_together(silhouettes[row], 2, at_ms)
             if unseen[column] and any(possible[r, column] for r in range(len(possible)) if r not in found.values()):
                 self.live[column].ended = True
 
     def _end_doubtful(self, silhouettes: tuple[Silhouette, ...], chosen: list[Track | None], at_ms: int) -> None:
         """End tracks inside a merged blob, and both tracks where one has just vanished into the other's silhouette."""
         taken = {track.number for track in chosen if track is not None}
-        for track in self.live:
-            if track.number in taken:
-                continue
-            x, z = track.predicted(at_ms)
-            for seen, matched in zip(silhouettes, chosen, strict=True):
-                if float(np.hypot(seen.x_m - x, seen.z_m - z)) > SWALLOWED_M + GATE_PER_M * seen.z_m:
-                    continue
-                if seen.trouble == "merged":
+        lost = [track for track in self.live if track.number not in taken]
+        for seen, matched in zip(silhouettes, chosen, strict=True):
+            inside = [track for track in lost if _could_be_in(track, seen, at_ms)]
+            if seen.trouble == "merged":
+                for track in inside:
                     track.ended = True
-                elif matched is not None and at_ms - track.seen_ms < SWALLOWED_WITHIN_MS:
-                    track.ended = matched.ended = True
-                    self._note_together(seen.x_m, seen.z_m, at_ms)
+                self._note_together(seen, len(inside), at_ms)
+                continue
+            inside = [track for track in inside if at_ms - track.seen_ms < SWALLOWED_WITHIN_MS]
+            if matched is not None and inside:
+                for track in (*inside, matched):
+                    track.ended = True
+                self._note_together(seen, len(inside) + 1, at_ms)
 
-    def _note_together(self, x_m: float, z_m: float, at_ms: int) -> None:
-        """Take notice that two people are in one silhouette, or that one was lost beside the other."""
-        near = [group for group in self._together if group.is_near(x_m, z_m, at_ms)]
+    def _note_together(self, seen: Silhouette, ended_count: int, at_ms: int) -> None:
+        """Take notice that people are in one silhouette, or beside it unseen; so many tracks ended for it just now."""
+        near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         self._together = [group for group in self._together if group not in near]
-        # Who has left the other counts as seen, though the other still looks like two.
+        # Who has left the others counts as seen, though they still look like two.
         apart = [track for group in near for track in group.apart if not track.ended]
-        self._together.append(_Together(x_m, z_m, at_ms, apart[: TOGETHER_COUNT - 1]))
+        hidden = ended_count + sum(group.hidden_count for group in near)
+        least = max(1, TOGETHER_COUNT - len(apart))
+        self._together.append(_Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart))
+
+    def _note_lost(self, lost: Track) -> None:
+        """Take notice that somebody was lost from sight; beside another he counts as hidden there, or just outside."""
+        if any(lost in group.apart for group in self._together):
+            return
+        for track in self.live:
+            back_s = (track.seen_ms - lost.seen_ms) / 1000
+            x, z = track.x_m - track.speed_x * back_s, track.z_m - track.speed_z * back_s
+            if track.began_ms <= lost.seen_ms and float(np.hypot(lost.x_m - x, lost.z_m - z)) <= TOGETHER_M:
+                self._together.append(_Together(lost.x_m, lost.z_m, lost.seen_ms, 1, [track]))
+                return
 
     def _note_apart(self, track: Track, at_ms: int) -> None:
-        """Take notice that somebody is seen alone, who may have been one of two."""
+        """Take notice that somebody is seen alone, who may have been one of those."""
         for group in self._together:
             if group.hidden_count > 0 and group.is_near(track.x_m, track.z_m, at_ms):
+                group.hidden_count -= 1
                 group.apart.append(track)
                 return
 
@@ -208,7 +245,7 @@ class Tracker:
         return track
 
 
-def _is_open(group: _Together, at_ms: int) -> bool:
-    """Tell whether it still matters who went together: not once all were seen again, or both are gone."""
-    lasts_ms = TOGETHER_MS if group.hidden_count == TOGETHER_COUNT else HIDDEN_MS
-    return group.hidden_count > 0 and at_ms - group.seen_ms <= lasts_ms
+def _could_be_in(track: Track, seen: Silhouette, at_ms: int) -> bool:
+    """Tell whether somebody who is not seen now may be in, or right behind, a silhouette."""
+    x, z = track.predicted(at_ms)
+    return float(np.hypot(seen.x_m - x, seen.z_m - z)) <= SWALLOWED_M + GATE_PER_M * seen.z_m

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -230,14 +231,46 @@ def test_who_was_just_parted_from_the_bearer_is_not_shown_while_the_bearer_still
     assert {kept.cut.x for kept in stage.kept("ann")} <= {1}
 
 
-def test_who_hides_the_bearer_is_not_taken_for_the_bearer(stage: Stage) -> None:
-    """They went together; then one alone is seen, and the tag is read at nearly that range: from right behind."""
+def hiding_ann(at: int) -> list[Place]:
+    """They went together for three seconds; then one alone is seen, and ann is right behind."""
+    return [Place(0.0, stroll(at).z_m - 0.15, "merged" if at < 3_000 else "")]
 
-    def places(at: int) -> list[Place]:
-        return [Place(0.0, stroll(at).z_m - 0.15, "merged" if at < 3_000 else "")]
 
-    stage.play({at: places(at) for at in times(0, 16)}, worn("ann", 0, 16))
+def hiding_ann_and_unseen_for_a_while(at: int) -> list[Place]:
+    return [] if 6_000 <= at < 7_300 else hiding_ann(at)
+
+
+def hiding_ann_while_a_stranger_comes_in(at: int) -> list[Place]:
+    return [*hiding_ann(at), *([Place(2.9, 6.5)] if at >= 8_000 else [])]
+
+
+def three_of_whom_two_are_seen(at: int) -> list[Place]:
+    near = stroll(at).z_m - 0.15
+    if at < 1_000:
+        return [Place(-0.3, near), Place(0.3, near), Place(0.0, near + 0.4)]
+    return [Place(0.0, near, "merged")] if at < 3_000 else [Place(-0.3, near), Place(0.5, near + 1.5)]
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        hiding_ann,
+        hiding_ann_and_unseen_for_a_while,
+        hiding_ann_while_a_stranger_comes_in,
+        three_of_whom_two_are_seen,
+    ],
+)
+def test_who_hides_the_bearer_is_not_taken_for_the_bearer(stage: Stage, places: Callable[[int], list[Place]]) -> None:
+    stage.play({at: places(at) for at in times(0, 20)}, worn("ann", 0, 20))
     assert stage.kept("ann") == []
+
+
+def test_a_couple_far_away_that_parts_and_meets_stands_in_nobodys_way(stage: Stage) -> None:
+    def places(at: int) -> list[Place]:
+        return [stroll(at), Place(1.0, 5.6, "merged" if at % 10_000 < 1_000 else "")]
+
+    stage.play({at: places(at) for at in times(0, 30)}, worn("ann", 0, 30))
+    assert len(stage.kept("ann")) > 250
 
 
 def test_readings_without_distance_never_suffice_though_only_one_is_in_view(stage: Stage) -> None:

@@ -83,10 +83,10 @@ def test_a_binding_ends_when_the_readings_turn_against_it() -> None:
     assert matcher.bound_track("tag", [1]) is None
 
 
-def beside_somebody_unfollowed(matcher: Matcher, readings: list[Sighting]) -> None:
+def beside_somebody_unfollowed(matcher: Matcher, readings: list[Sighting], range_m: float = 2.5) -> None:
     for sighting in readings:
         matcher.add_sighting("tag", sighting)
-        matcher.note_unfollowed(sighting.middle_ms)
+        matcher.note_unfollowed(sighting.middle_ms, [range_m])
         matcher.advance(sighting.middle_ms)
 
 
@@ -99,6 +99,13 @@ def test_readings_beside_somebody_who_is_not_followed_bind_nobody_and_later_ones
     for sighting in readings[30:]:
         matcher.add_sighting("tag", sighting)
         matcher.advance(sighting.middle_ms)
+    assert matcher.bound_track("tag", [1]) == 1
+
+
+def test_who_is_not_followed_far_from_the_bearer_stands_in_nobodys_way() -> None:
+    track, matcher = walker(1, 2.5, seconds=30), Matcher()
+    matcher.add_track(track)
+    beside_somebody_unfollowed(matcher, worn_by(track, np.random.default_rng(12)), range_m=5.0)
     assert matcher.bound_track("tag", [1]) == 1
 
 
