@@ -205,6 +205,12 @@ class MemoryCustodyStore:
         self._require_open()
         return self._missing.get(record_id)
 
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """See `CustodyStore.missing_of_owner`."""
+        self._require_open()
+        found = [facts for facts in self._missing.values() if facts.owner == owner]
+        return sorted(found, key=lambda facts: facts.record_id)
+
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
         self._require_open()

@@ -370,6 +370,10 @@ class MongoStore:
         found = rows(documents.missing_row, await self._one("missing", record_id))
         return found[0] if found else None
 
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """See `CustodyStore.missing_of_owner`."""
+        return rows(documents.missing_row, await self._many("missing", {"owner": owner}))
+
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
         found = rows(documents.grant_row, await self._one("grants", access_id))

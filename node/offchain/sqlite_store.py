@@ -371,6 +371,11 @@ class SqliteStore:
         rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
         return _missing(rows[0]) if rows else None
 
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """See `CustodyStore.missing_of_owner`."""
+        query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
+        return [_missing(row) for row in await self._read(query, owner)]
+
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
         rows = await self._read("SELECT owner, records, height FROM grants WHERE access_id = ?", access_id)

@@ -16,7 +16,6 @@ from consensus.errors import BlockRobotError
 from node.offchain.finalized import FinalizedEvent
 from node.offchain.store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitStanding
 
-MISSING_READ_COUNT = 10_000
 NARROWING = frozenset({"rights.restricted", "rights.objected", "rights.quarantined", "rights.quarantine_ended"})
 STANDING_EVENTS = NARROWING | {"rights.lifted"}
 
@@ -97,7 +96,7 @@ async def settle(store: CustodyStore, standing: VisitStanding) -> VisitStanding:
     """
     natural = dict(standing.natural)
     known = {clip.record_id: clip.expires_at_ms for clip in await store.clips_of_owner(standing.owner)}
-    missing = {facts.record_id: facts for facts in await _missing_of(store, standing.owner)}
+    missing = {facts.record_id: facts for facts in await store.missing_of_owner(standing.owner)}
     known |= {record_id: facts.expires_at_ms for record_id, facts in missing.items()}
     held: dict[bytes, int] = {}
     changed: list[tuple[bytes, int]] = []
@@ -115,10 +114,6 @@ async def settle(store: CustodyStore, standing: VisitStanding) -> VisitStanding:
     settled = with_natural(standing, held)
     await store.apply(BlockEffects(standings=(settled,)))
     return settled
-
-
-async def _missing_of(store: CustodyStore, owner: bytes) -> list[RecordFacts]:
-    return [facts for facts in await store.missing(MISSING_READ_COUNT) if facts.owner == owner]
 
 
 def hold(standing: VisitStanding, facts: RecordFacts) -> tuple[VisitStanding, RecordFacts]:

@@ -307,6 +307,10 @@ class CustodyStore(ReceiptOutbox, Protocol):
         """Return what the chain says of one missing clip, or None if it is not missing."""
         ...
 
+    async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
+        """Return all missing clips of an owner, by record id."""
+        ...
+
     async def grant(self, access_id: bytes) -> Grant | None:
         """Return a final access request, or None."""
         ...

@@ -223,6 +223,17 @@ async def test_what_is_recorded_into_a_visit_that_is_kept_is_kept_too(opened: Ho
     assert (await opened.store.clips([held.record_id]))[held.record_id].status == "erased"
 
 
+async def test_all_that_is_missing_of_a_visit_is_kept_and_nothing_of_others(opened: House) -> None:
+    old, newer = record_clip(), record_clip()
+    await opened.follow(recorded(old))
+    await opened.follow(recorded(newer, owner=BOB))
+    await opened.follow(restricted(old, until_ms=START_MS + YEAR_MS))
+    found = await opened.store.missing_clip(old.record_id)
+    assert found is not None
+    assert found.expires_at_ms == START_MS + YEAR_MS
+    assert [one.record_id for one in await opened.store.missing_of_owner(ALICE)] == [old.record_id]
+
+
 async def test_an_owner_who_denies_keeps_nothing(opened: House) -> None:
     clip = record_clip()
     await opened.keep(clip)
