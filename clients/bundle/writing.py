@@ -1,16 +1,20 @@
 """Writes a bundle: whole, checked and readable by its owner only, or not at all. Must never replace a file unasked.
 
-It is written beside its place, checked there as any stranger would check it, and only then gets its name.
+It is written beside its place, without a name where the system knows such files (it goes then with the program, however
+that ends), checked there as any stranger would check it, and only then gets its name.
 """
 
 from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Callable, Sequence
+import signal
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NoReturn
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
@@ -33,6 +37,9 @@ from clients.bundle.proving import (
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_to_json
 from consensus.primitives.keys import PrivateKey
+
+_DESCRIPTORS = Path("/proc/self/fd")
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,23 +117,65 @@ def require_free(path: Path, *, replace: bool) -> None:
 def write_bundle(path: Path, contents: Contents, *, replace: bool = False, heard: Heard = never_heard) -> Verdict:
     """Write a bundle to `path`, mode 0600, and return what anybody can see from it.
 
-    Whatever goes wrong, or whoever interrupts: the file that was there before is as it was, and nothing else is left.
-    Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError.
+    Whatever goes wrong, or whoever interrupts: the file that was there before is as it was, and nothing else is left
+    (but where files have to have names and the program is killed with no time to tidy up: a hidden file then).
+    Raises FILE_EXISTS, EXPORT_TOO_LARGE, BUNDLE_UNPROVEN, OSError; SystemExit if the program is told to end.
     """
     require_free(path, replace=replace)
     temporary = path.with_name(f".{path.name[:64]}.{secrets.token_hex(4)}")
-    descriptor = os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o600)
-    try:
-        with os.fdopen(descriptor, "wb") as file:
-            write_entries(file, contents, heard)
-            file.flush()
-            os.fsync(file.fileno())
-        verdict = verify_bundle(temporary, contents.genesis, lambda what, done, of: heard(f"checking {what}", done, of))
-        _give_name(temporary, path, replace=replace)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+    with _ending_in_order():
+        file, place = _create(temporary)
+        try:
+            with file:
+                write_entries(file, contents, heard)
+                file.flush()
+                os.fsync(file.fileno())
+                verdict = verify_bundle(
+                    place, contents.genesis, lambda what, done, of: heard(f"checking {what}", done, of)
+                )
+                if place != temporary:
+                    # With a descriptor named, Python asks the system so that it follows the link to the nameless file.
+                    os.link(place, temporary, src_dir_fd=file.fileno(), follow_symlinks=True)
+            _give_name(temporary, path, replace=replace)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
     return verdict
+
+
+def _create(temporary: Path) -> tuple[BinaryIO, Path]:
+    """Return a new file, and where it can be read: it has no name where that is possible, or else the temporary one."""
+    nameless = getattr(os, "O_TMPFILE", 0) if _DESCRIPTORS.exists() else 0
+    try:
+        descriptor = os.open(temporary.parent, os.O_RDWR | nameless, 0o600)
+    except OSError:
+        # Without O_TMPFILE this asks to write to a folder, which every system refuses.
+        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW
+        return os.fdopen(os.open(temporary, flags, 0o600), "wb"), temporary
+    return os.fdopen(descriptor, "wb"), Path(_DESCRIPTORS, str(descriptor))
+
+
+@contextmanager
+def _ending_in_order() -> Iterator[None]:
+    """Let Ctrl-C, a shutdown and a closed terminal be exceptions at once, so that what was begun is removed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _ENDINGS}
+    heeded = [number for number, handler in before.items() if handler not in {signal.SIG_IGN, None}]
+
+    def end(number: int, _frame: object) -> NoReturn:
+        for each in heeded:
+            signal.signal(each, signal.SIG_IGN)
+        raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
+
+    try:
+        for each in heeded:
+            signal.signal(each, end)
+        yield
+    finally:
+        for each in heeded:
+            signal.signal(each, before[each])
 
 
 def _give_name(temporary: Path, path: Path, *, replace: bool) -> None:

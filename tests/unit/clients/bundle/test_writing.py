@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import multiprocessing
+import os
+import signal
 import stat
 from pathlib import Path
 
 import pytest
 
 from clients.bundle import writing
-from clients.bundle.writing import require_free, write_bundle
+from clients.bundle.writing import Contents, require_free, write_bundle
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from tests.unit.clients.bundle.conftest import Made
 
 
@@ -74,6 +78,77 @@ def test_a_write_that_ends_early_leaves_nothing(made: Made, tmp_path: Path, erro
         write_bundle(path, made.contents, replace=True, heard=fail)
     assert path.read_text() == "the one before"
     assert names(tmp_path) == ["mine.zip"]
+
+
+def sign_nothing(_key: bytes) -> PrivateKey:
+    raise AssertionError("it went on to the end")
+
+
+def write_until_ended(path: Path, contents: Contents, number: int, nameless: int) -> None:
+    """In a process of its own: it is ended in the midst of writing."""
+    os.O_TMPFILE = nameless
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+    def end(_what: str, done: int, _of: int) -> None:
+        if done == 2:
+            os.kill(os.getpid(), number)
+
+    write_bundle(path, contents, replace=True, heard=end)
+
+
+def end_writing(made: Made, path: Path, number: int, nameless: int) -> int | None:
+    """Let a process write and be ended; returns its exit code."""
+    path.write_text("the one before")
+    contents = dataclasses.replace(made.contents, find_key=sign_nothing)
+    arguments = (path, contents, number, nameless)
+    process = multiprocessing.get_context("spawn").Process(target=write_until_ended, args=arguments)
+    process.start()
+    process.join()
+    assert path.read_text() == "the one before"
+    return process.exitcode
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP], ids=["terminated", "terminal closed"])
+def test_a_program_that_is_told_to_end_leaves_nothing(made: Made, tmp_path: Path, number: int) -> None:
+    """Also where every file has a name from the beginning."""
+    assert end_writing(made, tmp_path / "mine.zip", number, nameless=0) == 128 + number
+    assert names(tmp_path) == ["mine.zip"]
+
+
+def test_a_program_that_is_killed_leaves_nothing_where_a_file_needs_no_name(made: Made, tmp_path: Path) -> None:
+    """No handler runs then. Where every file has a name one is left: that is the difference, and the how-to says it."""
+    assert end_writing(made, tmp_path / "mine.zip", signal.SIGKILL, os.O_TMPFILE) == -signal.SIGKILL
+    assert len(names(tmp_path)) == (1 if knows_nameless_files(tmp_path) else 2)
+    before = names(tmp_path)
+    end_writing(made, tmp_path / "mine.zip", signal.SIGKILL, nameless=0)
+    (left,) = set(names(tmp_path)) - set(before)
+    assert left.startswith(".mine.zip.")
+
+
+def knows_nameless_files(folder: Path) -> bool:
+    try:
+        os.close(os.open(folder, os.O_RDWR | os.O_TMPFILE))
+    except OSError:
+        return False
+    return True
+
+
+def test_where_every_file_has_a_name_a_bundle_is_written_as_well(
+    made: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "O_TMPFILE", 0)
+    write_bundle(tmp_path / "mine.zip", made.contents)
+    assert (tmp_path / "mine.zip").read_bytes() == made.path.read_bytes()
+    assert names(tmp_path) == ["mine.zip"]
+
+
+def test_what_ends_a_program_is_as_it_was_once_a_bundle_is_written(made: Made, tmp_path: Path) -> None:
+    numbers = (signal.SIGTERM, signal.SIGINT)
+    before = [signal.getsignal(number) for number in numbers]
+    during = []
+    write_bundle(tmp_path / "mine.zip", made.contents, heard=lambda *_: during.extend(map(signal.getsignal, numbers)))
+    assert [signal.getsignal(number) for number in numbers] == before
+    assert set(during).isdisjoint(before)
 
 
 def test_a_bundle_that_a_stranger_would_refuse_never_gets_its_name(
