@@ -95,7 +95,7 @@ class Played:
 
 class _Days:
     def __init__(self, population: Population, folder: Path, seed: int, *, at_once: bool) -> None:
-        self.population, self.folder, self.at_once = population, folder, at_once
+        self.population, self.folder, self.seed, self.at_once = population, folder, seed, at_once
         self.loop = SimLoop(seed)
         self.dice = random.Random(seed)  # noqa: S311 - a simulation's dice
         self.chain = Chain(self.loop)
@@ -128,7 +128,9 @@ class _Days:
 
     async def robot_day(self, unit: Unit, day: int) -> None:
         roster = make_roster(self.chain, unit, list(self.holders.values()))
-        link = RobotLink(self.chain, unit, self.uploads, self.dice)
+        # Dice of its own: how often a robot sends must not change what people do.
+        dice = random.Random(f"{self.seed} {unit.number} {day}")  # noqa: S311 - a simulation's dice
+        link = RobotLink(self.chain, unit, self.uploads, dice)
         robot = RobotDay(self.chain, unit, roster, link, at_once=self.at_once)
         stays = [stay for stay in self.population.stays if (stay.robot, stay.day) == (unit.number, day)]
         is_stolen = day == self.population.days - 1 and unit.number < STOLEN_ROBOTS_COUNT
@@ -144,7 +146,7 @@ class _Days:
         link.is_cut = True  # in the last round it is out of touch, and then it is stolen
         await asyncio.gather(*(self.stay(robot, stay) for stay in stays if stay.round == last and not stay.is_long))
         await self.until(int(self.loop.now_ms) + ROUND_WINDOW_MS)
-        await robot.delivery.stop()
+        await robot.stop()
 
     async def stay(self, robot: RobotDay, stay: Stay) -> None:
         holder = self.holders[stay.person]

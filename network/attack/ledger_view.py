@@ -41,6 +41,8 @@ class VisitSeen:
     height: int
     position: int
     records: list[RecordSeen] = field(default_factory=list)
+    closed_at_ms: int = 0
+    """When the block was made that closes it; 0 if none does."""
 
     @property
     def begins_ms(self) -> int:
@@ -96,6 +98,8 @@ def read_ledger(blocks: Sequence[Block]) -> LedgerView:
                     record_id, owner, *rest = arguments
                     place = (block.time_ms, block.height, position, len(transaction.wire))
                     visits[owner].records.append(RecordSeen(record_id, *place, *rest[:3]))
+                case ("records", "close_visit"):
+                    visits[arguments[0]].closed_at_ms = block.time_ms
                 case ("identity", "register") if arguments[2] != "robot":
                     registrations.append((arguments[0], body.sender, block.time_ms))
                 case ("access", "request"):

@@ -46,7 +46,7 @@ def by_key(visits: Sequence[VisitSeen], extra_marks: Sequence[bytes] = ()) -> Fe
 
 
 def by_time(visits: Sequence[VisitSeen]) -> Features:
-    """Times to the millisecond of their blocks, the order of submission, and the rhythm of records.
+    """Times to the millisecond of their blocks, the order of submission, the rhythm of records, and when it was closed.
 
     The bucket and the hour are among them: a matched trial takes their worth away, a free one does not.
     """
@@ -139,6 +139,7 @@ def _time_shape(visit: VisitSeen) -> np.ndarray[tuple[int], np.dtype[np.float64]
             visit.at_ms % _MINUTES_5_MS,
             float(visit.position),
             float(np.mean(places)),
+            float(max(0, visit.closed_at_ms - visit.at_ms)),
         ]
     )
 

@@ -19,6 +19,10 @@ from network.attack.population import HOUR_MS
 from network.attack.scoring import Rate, choice_score, count_rate, grouped_rate
 
 NEAR_WORD_MS = 15_000
+CLOSED_BY_WORD_MS = 30_000
+"""So soon a robot that closed what a word ends would close it: every 15 s, and it has to hear of it first."""
+
+CLOSED_EARLY_MS = 9 * 60_000 - 5_000
 ONE_FRAME_MS = 250
 _TRIALS_MAX_COUNT = 3_000
 
@@ -75,8 +79,11 @@ def attack_rolled_visits(played: Played, visits: Sequence[VisitSeen]) -> Rate:
     return count_rate(hits, trials, statistics.fmean(guesses) if guesses else 0.0)
 
 
-def attack_consent_words(played: Played, view: LedgerView) -> Rate:
-    """Name the visit during which somebody said no: the one, of all near it, whose records stop with the word."""
+def attack_consent_words(played: Played, view: LedgerView, *, by_closing_alone: bool = False) -> Rate:
+    """Name the visit during which somebody said no: of all near it one that is closed early because of the word.
+
+    If there is none: the one whose records stop with the word, or, `by_closing_alone`, the one closed soonest after it.
+    """
     handles = {holder.handle: number for number, holder in played.holders.items()}
     visits = list(view.visits.values())
     hits = trials = 0
@@ -87,11 +94,25 @@ def attack_consent_words(played: Played, view: LedgerView) -> Rate:
         pool = [v for v in visits if v.begins_ms <= word.at_ms and v.ends_ms > word.at_ms - NEAR_WORD_MS]
         if not pool:
             continue
-        chosen = min(pool, key=lambda visit: (visit.ends_ms > word.at_ms + 1_500, abs(visit.ends_ms - word.at_ms)))
+        key = _closed_after if by_closing_alone else _stops_with
+        chosen = min(pool, key=lambda visit: (not _is_closed_by(word.at_ms, visit), *key(word.at_ms, visit)))
         trials += 1
         hits += played.person_of(chosen.owner) == handles[word.handle]
         guesses.append(1 / len(pool))
     return count_rate(hits, trials, statistics.fmean(guesses) if guesses else 0.0)
+
+
+def _is_closed_by(word_ms: int, visit: VisitSeen) -> bool:
+    is_early = visit.closed_at_ms - visit.begins_ms < CLOSED_EARLY_MS
+    return is_early and 0 <= visit.closed_at_ms - word_ms < CLOSED_BY_WORD_MS
+
+
+def _stops_with(word_ms: int, visit: VisitSeen) -> tuple[float, float]:
+    return (visit.ends_ms > word_ms + 1_500, abs(visit.ends_ms - word_ms))
+
+
+def _closed_after(word_ms: int, visit: VisitSeen) -> tuple[float, float]:
+    return (visit.closed_at_ms < word_ms, abs(visit.closed_at_ms - word_ms))
 
 
 def attack_addresses(played: Played, *, seed: int) -> Rate:

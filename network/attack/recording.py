@@ -9,12 +9,14 @@ from __future__ import annotations
 import asyncio
 import os
 import random
+from contextlib import suppress
 from typing import Any
 
 from clients.robot.consents import compute_person_tag
 from clients.robot.delivery import Delivered, Delivery
 from clients.robot.event_log import AliasBook
 from clients.robot.open_visits import OpenVisits
+from clients.robot.pipeline import CLOSE_EVERY_S
 from clients.robot.rosters import RosterBook
 from clients.robot.sealing import ClipContent, seal_clip
 from clients.robot.spool import Spool, SpooledClip
@@ -71,7 +73,7 @@ class RobotLink:
 
 
 class RobotDay:
-    """One run of one robot, from its start in the morning to its end, when it closes all visits."""
+    """One run of one robot, from its start in the morning to its end. Visits are closed as in the pipeline: see there."""
 
     def __init__(self, chain: Chain, unit: Unit, roster: RosterBook, link: RobotLink, *, at_once: bool = False) -> None:
         self.chain, self.unit, self.link = chain, unit, link
@@ -91,6 +93,17 @@ class RobotDay:
             on_dropped=self._dropped,
             at_once=at_once,
         )
+        self._closing = asyncio.create_task(self._close_over())
+
+    async def _close_over(self) -> None:
+        while True:
+            await asyncio.sleep(CLOSE_EVERY_S)
+            await self.delivery.close_over(self.open_visits, lambda o: self.visits.goes_on(o, self.chain.now_ms()))
+
+    async def _stop_closing(self) -> None:
+        self._closing.cancel()
+        with suppress(asyncio.CancelledError):
+            await self._closing
 
     async def _may_record(self, clip: SpooledClip) -> bool:
         return self.consents(self._handles[clip.person])
@@ -128,12 +141,15 @@ class RobotDay:
         return clip
 
     async def end(self) -> None:
-        """Wait until every record is final, and close the visits, as the pipeline does at its end."""
+        """Wait until every record is final, and close what is still open, as the pipeline does at its end."""
+        await self._stop_closing()
         await self.delivery.drain()
-        for owner, record_count in self.open_visits.counts.items():
-            if record_count > 0 or self.delivery.has_announced(owner):
-                await self.delivery.close_visit(owner, record_count)
-            self.open_visits.forget(owner)
+        await self.delivery.close_visits(self.open_visits)
+
+    async def stop(self) -> None:
+        """End as a thief ends it: nothing more is sent."""
+        await self._stop_closing()
+        await self.delivery.stop()
 
 
 def _heard(_: Delivered) -> None:

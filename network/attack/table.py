@@ -50,6 +50,7 @@ def limits_of(evidence: Evidence, custody: CustodyStory, folder: Path, progress:
         "one_frame_now": _one_frame_at_once(evidence, folder),
         "long_stay": open_limits.attack_rolled_visits(played, visits),
         "consent_word": open_limits.attack_consent_words(played, evidence.view),
+        "consent_word_by_closing": open_limits.attack_consent_words(played, evidence.view, by_closing_alone=True),
         "present_with_words": attack_presence(played, evidence.view, None, seed=seed, speaking=True),
         "registration_time": open_limits.attack_registration_times(played, evidence.view, seed=seed),
         "node_by_address": open_limits.attack_addresses(played, seed=seed),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from network.attack import days
 from network.attack.custody import CustodyStory, keep_last_day
 from network.attack.days import Played, play
 from network.attack.evidence import Evidence, gather
@@ -30,6 +31,8 @@ class SmallHospital:
 def hospital(tmp_path_factory: pytest.TempPathFactory) -> SmallHospital:
     folder = tmp_path_factory.mktemp("attacked")
     population = draw_population(SEED, people=10, days=2, serial_bits=SERIAL_BITS)
-    played = play(population, folder, seed=SEED)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(days, "WALLETS_A_DAY_SHARE", 1.0)  # of so few, else hardly two would ask on one evening
+        played = play(population, folder, seed=SEED)
     evidence = gather(played, seed=SEED, boosting=False)
     return SmallHospital(played, evidence, keep_last_day(played, folder / "custodian"), folder)
