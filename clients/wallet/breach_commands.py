@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -146,16 +147,25 @@ def notify(ctx: click.Context, breach: str, whom: str, reason: str | None, as_js
 @click.argument("breach")
 @click.option("--outcome", type=click.Choice(sorted(OUTCOMES)), required=True, help="erased or released.")
 @click.option("--reason", type=_reasons(), required=True, help="Why.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
 @plain_errors
-def close(ctx: click.Context, breach: str, outcome: str, reason: str, as_json: bool) -> None:
+def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool, as_json: bool) -> None:
     """End a breach: have the visit erased, or end its quarantine. It cannot be opened again.
 
     If more comes to a visit after you had it erased, say so again, and that is erased too.
 
     Example: blockrobot officer close 3fa2c19b07de --outcome erased --reason matched-wrongly
     """
+    if outcome == "erased" and not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        click.confirm(
+            "Every record of the visit will be gone for everyone, for ever, also what was to be kept for a claim."
+            " Erase?",
+            abort=True,
+        )
 
     def tell(number: int, count: int) -> None:
         click.echo(f"erasing records: {number} of {count} are asked for", err=True)

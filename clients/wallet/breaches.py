@@ -90,10 +90,14 @@ class Breaches:
     async def close(self, breach: Breach, outcome: str, reason: str, tell: Tell) -> int:
         """End a breach; where it ends as `erased`, have every record erased before. Returns how many were ordered.
 
-        Of one that ended as `erased` already, what came to the visit since is erased. Raises CALL_REFUSED with the
+        Nothing is erased of a breach that could not be closed then: who has to be told is told before. Of one that ended
+        as `erased` already, what came to the visit since is erased. Raises CALL_REFUSED with the
         contract's code.
         """
-        ids = await self._records_to_erase(breach) if outcome == "erased" else []
+        ids: list[bytes] = []
+        if outcome == "erased":
+            require_told(breach)
+            ids = await self._records_to_erase(breach)
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
             tell(start, len(ids))
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
@@ -127,6 +131,19 @@ class Breaches:
         ids = [audit[key]["record_id"] for key in entries if audit[key]["kind"] == RECORDED_KIND]
         states = await self._wallet.values([b"records\x00record/" + record_id for record_id in ids], self._key)
         return [record_id for record_id in ids if states[b"records\x00record/" + record_id]["status"] == "active"]
+
+
+def require_told(breach: Breach) -> None:
+    """Raise CALL_REFUSED, as the contract would on closing, unless a breach was assessed and whom it concerns was told."""
+    state = breach.state
+    if state["assessed"] is None:
+        raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_ASSESSED: The breach is assessed first.")
+    if state["risk"] != "none" and "authority" not in state["notified"]:
+        raise BlockRobotError(
+            "CALL_REFUSED", "BREACH_NOT_NOTIFIED: Where there is a risk, the authority is told before."
+        )
+    if state["risk"] == "high" and "subjects" not in state["notified"]:
+        raise BlockRobotError("CALL_REFUSED", "BREACH_NOT_NOTIFIED: Where it is high, the subjects are told before.")
 
 
 def breach_json(breach: Breach) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from clients.wallet import breach_commands, rights_commands
 from clients.wallet import cli as wallet_cli
 from clients.wallet.breaches import Breaches, breach_json
-from clients.wallet.rights import write_correction
+from clients.wallet.rights import Rights, write_correction
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u64
 from consensus.records.rights import BREACH_NOTIFY_MS, Correction, commit_correction
@@ -141,6 +141,24 @@ async def test_what_comes_after_an_end_as_erased_is_erased_by_saying_it_again(
     )
 
 
+@pytest.mark.parametrize(
+    ("risk", "notified", "assessed"),
+    [("", {}, None), ("risk", {}, ASSESSED), ("high", {"authority": ASSESSED}, ASSESSED)],
+)
+async def test_nothing_is_erased_of_a_breach_that_cannot_be_closed_yet(
+    world: World, clock: list[int], saying: Saying, risk: str, notified: dict[str, Any], assessed: dict[str, Any] | None
+) -> None:
+    assert clock
+    visit = world.open_visit()
+    world.network.state[b"records\x00record/" + b"r" * 16] = {"status": "active", "owner": visit.owner}
+    world.append_audit(visit.owner, "recorded", b"r" * 16)
+    put_breach(world, FIRST, 0, visit.owner, status="assessed", risk=risk, notified=notified, assessed=assessed)
+    handling = Breaches(world.wallet)
+    with pytest.raises(BlockRobotError, match="BREACH_NOT_"):
+        await handling.close(await handling.find("b1" * 4), "erased", "matched-wrongly", lambda *_: None)
+    assert saying.said == []
+
+
 # As people call them
 
 
@@ -206,6 +224,23 @@ def test_a_correction_is_of_one_visit(world: World, run: Any, tmp_path: Path) ->
         "wallet", "correct", "--visit", names[0], "--visit", names[1], "--text-file", str(tmp_path / "right.txt")
     )
     assert (result.exit_code, "of one visit" in result.output) == (2, True)
+
+
+def test_what_was_restricted_before_a_refusal_is_told(world: World, run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = [world.open_visit().owner.hex() for _ in range(2)]
+    say, said = Rights.restrict, []
+
+    async def once(rights: Rights, chosen: Any, ground: str) -> Any:
+        if said:
+            raise BlockRobotError("CALL_REFUSED", "RESTRICTION_STANDS")
+        said.append(chosen.visit.owner.hex())
+        return await say(rights, chosen, ground)
+
+    monkeypatch.setattr(Rights, "restrict", once)
+    words = ("restrict", "--visit", names[0], "--visit", names[1], "--ground", "accuracy", "--now")
+    result = run("wallet", *words)
+    assert (result.exit_code != 0, "RESTRICTION_STANDS" in result.stderr) == (True, True)
+    assert f"Done before the refusal, and final: all of visit {said[0][:12]}." in result.stderr
 
 
 def test_what_is_not_hers_is_named_with_the_next_step(world: World, run: Any) -> None:
