@@ -98,6 +98,7 @@ class Rebuild:
     async def _set_right(self, facts: ChainFacts) -> None:
         """Go over every clip: what the state has erased goes, what it says of the others is written anew."""
         gone: list[bytes] = []
+        expired: list[RecordFacts] = []
         async for clip in self._store.all_clips():
             self._report.clips_count += 1
             if self._report.clips_count % _TELL_EVERY_COUNT == 0:
@@ -107,13 +108,24 @@ class Rebuild:
                 if clip.status == "confirmed":
                     self._report.unknown_to_chain.append(clip.record_id)
             elif not record.is_kept(facts.point.timestamp_ms):
-                if clip.status != "erased" or await self._store.frame_places([clip.record_id]):
+                is_over = record.facts.expires_at_ms <= facts.point.timestamp_ms
+                if is_over and clip.status == "confirmed" and record.status in {"active", "expired"}:
+                    expired.append(record.facts)
+                elif clip.status != "erased" or await self._store.frame_places([clip.record_id]):
                     gone.append(clip.record_id)
             else:
                 await self._set_right_one(clip, record)
         for start in range(0, len(gone), RECORDS_A_CALL_MAX_COUNT):
             await self._custodian.eraser.erase_again(gone[start : start + RECORDS_A_CALL_MAX_COUNT])
         self._report.erased_again += gone
+        await self._erase_expired(facts, expired)
+
+    async def _erase_expired(self, facts: ChainFacts, expired: Sequence[RecordFacts]) -> None:
+        """Erase what is held beyond its time as its own block would have: the chain still waits for the reports."""
+        for record in expired:
+            await self._store.correct(record)
+            self._report.erased_again.append(record.record_id)
+        await self._custodian.eraser.erase_expired(facts.point.timestamp_ms, facts.point.height)
 
     async def _set_right_one(self, clip: ClipRow, record: RecordState) -> None:
         facts = record.facts

@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.records.clips import ClipDownload
 from node.offchain.store import BlockEffects, ClipRow
 from tests.offchain.desk import Desk, Peer
 from tests.offchain.house import ERASURE_ID, House, read_all, refused
@@ -91,6 +92,25 @@ async def test_a_record_that_expired_on_chain_alone_is_erased_again(desk: Desk) 
     assert (await desk.rebuild()).erased_again == [clip.record_id]
     assert (await desk.scrub()).is_clean
     assert desk.house.keys.held_count == 0
+
+
+@pytest.mark.parametrize("status", ["active", "expired"])
+async def test_what_is_held_beyond_its_time_is_erased_and_reported_as_expired(desk: Desk, status: str) -> None:
+    """The chain waits for a report from each custodian, whichever way the clip went."""
+    clip, erasing = record_clip(), record_clip()
+    for one in (clip, erasing):
+        await desk.house.custodian.stage(one.upload)
+        await desk.house.follow(recorded(one, expires_at_ms=EXPIRES_MS + 10**9))
+    desk.record(clip, status=status)
+    desk.record(erasing, status="erasing")
+    await desk.house.follow(at_ms=EXPIRES_MS + 1)
+    rebuilt = await desk.rebuild()
+    assert sorted(rebuilt.erased_again) == sorted([clip.record_id, erasing.record_id])
+    (owed,) = [arguments for kind, arguments in await desk.house.owed() if kind == "erasure.expired"]
+    assert owed[0] == [clip.record_id]
+    assert await desk.house.store.frame_places([clip.record_id]) == []
+    await desk.rebuild()
+    assert len(await desk.house.owed()) == 1
 
 
 async def test_a_changed_byte_is_found_in_its_frame_and_mended_from_a_sound_copy(desk: Desk) -> None:
@@ -260,3 +280,26 @@ async def test_the_checkpoint_of_a_rebuilt_store_is_the_states(desk: Desk) -> No
     fresh = record_clip()
     await desk.house.keep(fresh)
     assert await desk.opens(fresh)
+
+
+async def test_a_clip_that_is_erased_while_the_scrub_looks_at_it_ends_no_scrub(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = [record_clip() for _ in range(3)]
+    await desk.hold(*clips)
+    custodian, erased = desk.house.custodian, False
+    look_at = custodian.look_at
+
+    async def erased_meanwhile(record_id: bytes) -> ClipDownload:
+        nonlocal erased
+        if not erased:
+            erased = True
+            [gone] = [clip for clip in clips if clip.record_id == record_id]
+            await desk.house.follow(erasure(ERASURE_ID, gone))
+            desk.record(gone, status="erasing", height=clips.index(gone) + 1)
+            desk.state.erasure(gone)
+        return await look_at(record_id)
+
+    monkeypatch.setattr(custodian, "look_at", erased_meanwhile)
+    assert (await desk.scrub()).is_clean
+    assert erased
