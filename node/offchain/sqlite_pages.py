@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 _HEADER_BYTES = 100
 _TRUNK = struct.Struct(">II")
@@ -38,15 +39,15 @@ class PageFile:
         """Return how many bytes that no row holds are not zero. `roots` are the first pages of all tables."""
         if self._is_empty:
             return 0
-        gaps = sum(_count_set(content[start:end]) for _, content, start, end in self._gaps(roots))
-        return gaps + self._count_dirty_free()
+        gaps = chain(self._gaps(roots), self._trunk_tails())
+        return sum(_count_set(content[start:end]) for _, content, start, end in gaps) + self._count_dirty_free()
 
     def clean(self, roots: Sequence[int]) -> int:
         """Overwrite every gap that is not zero, force it to the medium, and return how many bytes that were."""
         cleaned = 0
         if self._is_empty:
             return cleaned
-        for number, content, start, end in self._gaps(roots):
+        for number, content, start, end in chain(self._gaps(roots), self._trunk_tails()):
             dirty = _count_set(content[start:end])
             if dirty:
                 os.pwrite(self._descriptor, bytes(end - start), (number - 1) * self._page_bytes + start)
@@ -81,17 +82,27 @@ class PageFile:
                 yield number, content, freeblock + 4, freeblock + size
                 freeblock = following if following > freeblock else 0
 
-    def _count_dirty_free(self) -> int:
-        """Count on free pages. A trunk page holds the numbers of others; only what lies behind them counts."""
-        dirty, seen, trunk = 0, 0, self._first_trunk
+    def _trunks(self) -> Iterator[tuple[int, bytes, int]]:
+        """Yield (page number, page, how many numbers) of the pages that list the free ones."""
+        seen, trunk = 0, self._first_trunk
         while trunk and seen <= self._free_count:
             content = self._page(trunk)
             following, leaves = _TRUNK.unpack_from(content)
-            dirty += _count_set(content[_TRUNK.size + 4 * leaves :])
-            numbers = struct.unpack_from(f">{leaves}I", content, _TRUNK.size)
-            dirty += sum(_count_set(self._page(number)) for number in numbers)
+            yield trunk, content, leaves
             seen += 1 + leaves
             trunk = following
+
+    def _trunk_tails(self) -> Iterator[tuple[int, bytes, int, int]]:
+        """Yield, as `_gaps`, what lies behind the numbers that count: those of pages that were taken stay there."""
+        for number, content, leaves in self._trunks():
+            yield number, content, _TRUNK.size + 4 * leaves, len(content)
+
+    def _count_dirty_free(self) -> int:
+        """Count on the free pages that are listed."""
+        dirty = 0
+        for _, content, leaves in self._trunks():
+            numbers = struct.unpack_from(f">{leaves}I", content, _TRUNK.size)
+            dirty += sum(_count_set(self._page(number)) for number in numbers)
         return dirty
 
 

@@ -181,7 +181,9 @@ class SqliteStore:
         if self._database is not None:
             await self._in_worker(self._database.close)
             self._database = None
+        if self._descriptor >= 0:
             os.close(self._descriptor)
+            self._descriptor = -1
         if self._worker is not None:
             self._worker.shutdown()
             self._worker = None
@@ -195,6 +197,7 @@ class SqliteStore:
             return self._connect()
         except BaseException:
             os.close(self._descriptor)
+            self._descriptor = -1
             raise
 
     def _connect(self) -> sqlite3.Connection:
@@ -242,8 +245,10 @@ class SqliteStore:
         return await self._in_worker(lambda: self._opened().execute(query, arguments).fetchall())
 
     def _opened(self) -> sqlite3.Connection:
-        if self._database is None:
+        if self._descriptor < 0:
             raise BlockRobotError("STORE_UNAVAILABLE", "The store is not open.")
+        if self._database is None:  # a sweep closed it, and could not open it again
+            self._database = self._connect()
         return self._database
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
@@ -327,23 +332,21 @@ class SqliteStore:
 
         A commit by another program in between would be in the log, and the next sweep goes on from there.
         """
+        await self._in_worker(self._clean)
 
-        def clean() -> None:
-            database = self._opened()
-            if database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
-                raise BlockRobotError(
-                    "STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut."
-                )
-            database.execute("BEGIN IMMEDIATE")
-            try:
-                cleaned = self._log_bytes() == 0 and PageFile(self._descriptor).clean(_roots(database))
-            finally:
-                database.execute("ROLLBACK")
-            if cleaned:  # the connection's own copies of these pages would be written again
-                database.close()
-                self._database = self._connect()
-
-        await self._in_worker(clean)
+    def _clean(self) -> None:
+        database = self._opened()
+        if database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()[0]:
+            raise BlockRobotError("STORE_UNAVAILABLE", "Another program reads the database, so its log cannot be cut.")
+        database.execute("BEGIN IMMEDIATE")
+        try:
+            cleaned = self._log_bytes() == 0 and PageFile(self._descriptor).clean(_roots(database))
+        finally:
+            database.execute("ROLLBACK")
+        if cleaned:  # the connection's own copies of these pages would be written again
+            self._database = None
+            database.close()
+            self._database = self._connect()
 
     def _log_bytes(self) -> int:
         log = self._directory / f"{DATABASE_FILE_NAME}-wal"
@@ -484,9 +487,9 @@ class SqliteStore:
 
     async def leftovers(self) -> Leftovers:
         """See `CustodyStore.leftovers`. The one connection is busy meanwhile, so nothing is written."""
-        await self.sweep()
 
         def look() -> Leftovers:
+            self._clean()
             database = self._opened()
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
             return Leftovers(self._log_bytes(), PageFile(self._descriptor).count_dirty(_roots(database)))

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 
+from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from node.offchain.sqlite_pages import PageFile
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
@@ -157,3 +158,51 @@ async def test_sweeping_gives_up_no_lock_and_loses_no_commit_of_anybody(tmp_path
         assert await store.frames(second[0].record_id) == second[1]
         changed = [replace(frame, ciphertext=b"\x00") for frame in first[1]]
         assert await store.frames(first[0].record_id) == changed
+
+
+async def test_page_numbers_that_reused_pages_leave_in_the_list_of_free_ones_are_no_alarm(tmp_path: Path) -> None:
+    """SQLite writes over no number that it takes from the list: they tell of no row, and are cleared all the same."""
+    async with SqliteStore(tmp_path) as store:
+        clips = [_clip(number) for number in range(8)]
+        for clip, frames in clips[:6]:
+            await store.stage(clip, frames)
+        for clip, _ in clips[:4]:
+            await store.erase_clip(clip.record_id)
+        await store.sweep()
+        for clip, frames in clips[6:]:
+            await store.stage(clip, frames)
+            left = await store.leftovers()
+            assert (left.log_bytes, left.dirty_bytes) == (0, 0)
+        for clip, frames in clips[4:]:
+            assert await store.frames(clip.record_id) == frames
+    with closing(sqlite3.connect(tmp_path / DATABASE_FILE_NAME)) as database:
+        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
+
+
+async def test_a_sweep_that_cannot_open_the_database_again_stops_nothing_but_itself(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_store: SqliteStore) -> sqlite3.Connection:
+        raise sqlite3.OperationalError("unable to open database file")
+
+    async with SqliteStore(tmp_path) as store:
+        clip, frames = _clip(1)
+        await store.stage(clip, frames)
+        with monkeypatch.context() as patches:
+            patches.setattr(PageFile, "clean", lambda _pages, _roots: 1)
+            patches.setattr(SqliteStore, "_connect", fail)
+            for action in (store.sweep, store.counts):
+                with pytest.raises(BlockRobotError) as refusal:
+                    await action()
+                assert refusal.value.code == "STORE_UNAVAILABLE"
+        assert await store.frames(clip.record_id) == frames
+        await store.erase_clip(clip.record_id)
+        await store.sweep()
+        assert await store.frames(clip.record_id) == []
+        with monkeypatch.context() as patches:
+            patches.setattr(PageFile, "clean", lambda _pages, _roots: 1)
+            patches.setattr(SqliteStore, "_connect", fail)
+            with pytest.raises(BlockRobotError):
+                await store.sweep()
+    async with SqliteStore(tmp_path) as store:
+        assert (await store.counts()).erased == 1
