@@ -169,6 +169,27 @@ class Rights:
             said.append(await self._say(Chosen(visit), "object_to_release", [purposes], "objected"))
         return said
 
+    async def say_each(
+        self, chosen: Sequence[Chosen], say: Callable[[Chosen], Awaitable[Said]], *, at_once: bool, tell: Tell
+    ) -> tuple[list[Said], BlockRobotError | None]:
+        """Say something of one visit, or of several as `object_to_release` does; the first refusal ends it.
+
+        Returns what is said, and that refusal: what is final already stays so.
+        """
+        order = list(chosen)
+        secrets.SystemRandom().shuffle(order)
+        said: list[Said] = []
+        for number, one in enumerate(order):
+            if len(order) > 1:
+                tell(number, len(order))
+                if not at_once:
+                    await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            try:
+                said.append(await say(one))
+            except BlockRobotError as error:
+                return said, error
+        return said, None
+
     async def _is_to_be_told(self, visit: KnownVisit, purposes: list[str]) -> bool:
         keys = [_OBJECTION + visit.owner, _QUARANTINE + visit.owner]
         found = await self._wallet.values(keys, self._wallet.owner_key(visit))

@@ -13,8 +13,12 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
 from consensus.records.rights import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
+
+_NO_OFFICER = "Where the robot's organisation has no officer, that is until it has enrolled one."
+Spoken = tuple[list[Said], BlockRobotError | None]
 
 
 def _what(command: Any) -> Any:
@@ -22,6 +26,12 @@ def _what(command: Any) -> Any:
         "--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name; may be repeated."
     )
     return click.argument("record_ids", nargs=-1)(visit(command))
+
+
+def _now(command: Any) -> Any:
+    return click.option(
+        "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
+    )(command)
 
 
 def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None:
@@ -49,14 +59,25 @@ def _name(said: Said) -> str:
     return f"{len(said.record_ids)} records of {visit}" if said.record_ids else f"all of {visit}"
 
 
+def _all_of(spoken: Spoken) -> list[Said]:
+    """Return what was said of all; raise the refusal that ended it, after telling of what it was said before."""
+    words, refusal = spoken
+    if refusal is None:
+        return words
+    for said in words:
+        click.echo(f"Done before the refusal, and final: {_name(said)}.", err=True)
+    raise refusal
+
+
 @click.command()
 @_what
 @click.option("--ground", type=click.Choice(sorted(GROUNDS)), required=True, help="Why: see below.")
+@_now
 @json_option
 @click.pass_context
 @plain_errors
 def restrict(
-    ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, as_json: bool
+    ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], ground: str, now: bool, as_json: bool
 ) -> None:
     """Keep records as they are, and let nobody but you see them, until you lift it.
 
@@ -68,11 +89,11 @@ def restrict(
     """
     _require_named(record_ids, visits)
 
-    async def action(opened: Wallet) -> list[Said]:
-        rights = Rights(opened)
-        return [await rights.restrict(one, ground) for one in await _choose(opened, record_ids, visits)]
+    async def action(opened: Wallet) -> Spoken:
+        rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
+        return await rights.say_each(chosen, lambda one: rights.restrict(one, ground), at_once=now, tell=_tell_progress)
 
-    words = run_opened(ctx, action)
+    words = _all_of(run_opened(ctx, action))
     if as_json:
         rows = [said_json(said) | {"kept_until_ms": said.data["until_ms"] or None} for said in words]
         print_json({"ok": True, "ground": ground, "restricted": rows})
@@ -85,21 +106,22 @@ def restrict(
 
 @click.command()
 @_what
+@_now
 @json_option
 @click.pass_context
 @plain_errors
-def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], as_json: bool) -> None:
+def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...], now: bool, as_json: bool) -> None:
     """Lift a restriction. What has outlived its time under it is erased at once.
 
     Example: blockrobot wallet lift --visit 02ab34cd
     """
     _require_named(record_ids, visits)
 
-    async def action(opened: Wallet) -> list[Said]:
-        rights = Rights(opened)
-        return [await rights.lift(one) for one in await _choose(opened, record_ids, visits)]
+    async def action(opened: Wallet) -> Spoken:
+        rights, chosen = Rights(opened), await _choose(opened, record_ids, visits)
+        return await rights.say_each(chosen, rights.lift, at_once=now, tell=_tell_progress)
 
-    words = run_opened(ctx, action)
+    words = _all_of(run_opened(ctx, action))
     if as_json:
         print_json({"ok": True, "lifted": [said_json(said) for said in words]})
     for said in () if as_json else words:
@@ -112,9 +134,7 @@ def _tell_progress(number: int, count: int) -> None:
 
 @click.command("object")
 @click.option("--purpose", "purposes", multiple=True, help="A purpose's code; may be repeated.")
-@click.option(
-    "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
-)
+@_now
 @click.option(
     "--recording-only", is_flag=True, help="Object to new recordings only, and leave past visits as they are."
 )
@@ -216,14 +236,18 @@ def correct(
 def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> None:
     """Say that a visit (the beginning of its name) shows somebody else. Nobody sees it from then on, you neither.
 
-    Data protection officers are told at once, and decide within days. You cannot take it back yourself.
+    Data protection officers find it among their breaches, and decide within days. You cannot take it back yourself: where
+    the robot's organisation has no officer, it stays so until one is enrolled. Ask at its desk before.
 
     Example: blockrobot wallet wrong-person 02ab34cd
     """
     if not yes:
         if not sys.stdin.isatty():
             raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm("Nobody will see this visit any more, you neither, until an officer decides. Go on?", abort=True)
+        click.confirm(
+            f"Nobody will see this visit any more, you neither, until an officer decides. {_NO_OFFICER} Go on?",
+            abort=True,
+        )
 
     async def action(opened: Wallet) -> Said:
         (chosen,) = choose(await opened.records(), (), (visit,))
@@ -236,9 +260,9 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
         print_json({"ok": True, **said_json(said), **told})
         return
     console.print(
-        f"The visit is in quarantine: nobody sees it any more. The officers of {said.data['org']} are told, "
-        f"and have until {show_moment(due_ms)} to tell the authority.\n"
-        f"  It is breach {breach_id[:12]}. To follow it: blockrobot wallet audit."
+        f"The visit is in quarantine: nobody sees it any more. The officers of {said.data['org']} "
+        f"find it among their breaches, and have until {show_moment(due_ms)} to tell the authority.\n"
+        f"  {_NO_OFFICER}\n  It is breach {breach_id[:12]}. To follow it: blockrobot wallet audit."
     )
 
 

@@ -191,7 +191,7 @@ def test_a_patient_restricts_lifts_objects_corrects_and_denies(world: World, run
         (("lift", record_id), f"Lifted: 1 records of visit {name}"),
         (("object", "--purpose", "demo", "--now"), "1 visits are released for it no more"),
         (("correct", "--visit", name, "--text-file", text, "--out", str(out)), "Nothing was changed"),
-        (("wrong-person", name, "--yes"), "The visit is in quarantine"),
+        (("wrong-person", name, "--yes"), "has no officer, that is until it has enrolled one"),
     ):
         spoken = run("wallet", *arguments)
         assert (spoken.exit_code, words in spoken.output) == (0, True), spoken.output

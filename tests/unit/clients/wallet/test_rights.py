@@ -13,6 +13,7 @@ from clients.wallet.keystore import Keystore
 from clients.wallet.rights import (
     Chosen,
     Rights,
+    Said,
     choose,
     describe_event,
     read_correction,
@@ -119,6 +120,45 @@ async def test_the_order_in_which_visits_are_told_is_drawn(world: World, saying:
         orders.add(tuple(key for key, _, _ in saying.said))
     assert len(orders) > 1
     assert all(set(order) == set(visits) for order in orders)
+
+
+async def test_restricting_several_visits_is_spread_too_and_one_alone_waits_for_nothing(
+    world: World, saying: Saying
+) -> None:
+    slept: list[float] = []
+
+    async def sleep(seconds: float) -> None:
+        slept.append(seconds)
+
+    for _ in range(12):
+        world.open_visit()
+    visits = [Chosen(report.visit) for report in await world.wallet.records()]
+    rights, orders = Rights(world.wallet, sleep=sleep), set()
+    for _ in range(4):
+        saying.said.clear()
+        said, refusal = await rights.say_each(visits, rights.lift, at_once=False, tell=quiet)
+        assert (len(said), refusal) == (12, None)
+        orders.add(tuple(key for key, _, _ in saying.said))
+    assert (len(slept), len(orders) > 1) == (48, True)
+    await rights.say_each(visits[:1], rights.lift, at_once=False, tell=quiet)
+    await rights.say_each(visits, rights.lift, at_once=True, tell=quiet)
+    assert len(slept) == 48
+
+
+async def test_what_was_said_before_a_refusal_is_returned_with_it(world: World, saying: Saying) -> None:
+    for _ in range(3):
+        world.open_visit()
+    visits = [Chosen(report.visit) for report in await world.wallet.records()]
+    rights = Rights(world.wallet, sleep=no_sleep)
+
+    async def lift_twice(chosen: Chosen) -> Said:
+        saying.refusal = "CALL_REFUSED" if len(saying.said) == 2 else ""
+        return await rights.lift(chosen)
+
+    said, refusal = await rights.say_each(visits, lift_twice, at_once=False, tell=quiet)
+    assert len(said) == 2
+    assert refusal is not None
+    assert refusal.code == "CALL_REFUSED"
 
 
 async def test_a_corrections_text_stays_in_the_wallet_and_proves_itself(world: World, saying: Saying) -> None:
