@@ -7,6 +7,7 @@ searched where they are named.
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -180,8 +181,8 @@ def hunt(
 ) -> HuntReport:
     """Search everything of a network, and folders or files beside it, for these records."""
     report, tally = HuntReport(list(traces)), _Tally(traces)
-    places = [(path, place_of(path.relative_to(cluster.folder))) for path in _files(cluster.folder)]
-    places += [(path, "other") for each in also for path in _files(each)]
+    places = [(path, place_of(path.relative_to(cluster.folder))) for path in files_below(cluster.folder, report.unread)]
+    places += [(path, "other") for each in also for path in files_below(each, report.unread)]
     for path, kind in places:
         tell(str(path))
         try:
@@ -216,8 +217,30 @@ def _hunt_documents(config: NodeConfig, tally: _Tally, report: HuntReport) -> No
         report.findings += tally.findings(f"database of {config.name}, {collection}", "store", counts)
 
 
-def _files(place: Path) -> Iterator[Path]:
+def files_below(place: Path, unread: list[str]) -> Iterator[Path]:
+    """Yield the files of a place by their order, through links too, each folder once; what fails goes to `unread`."""
     if place.is_file():
         yield place
         return
-    yield from sorted(path for path in place.rglob("*") if path.is_file() and not path.is_symlink())
+    seen: set[tuple[int, int]] = set()
+
+    def fail(error: OSError) -> None:
+        if not isinstance(error, FileNotFoundError) or error.filename == str(place):  # others went away meanwhile
+            unread.append(f"{error.filename}: {error.strerror}")
+
+    for folder, folders, names in os.walk(place, onerror=fail, followlinks=True):
+        try:
+            about = Path(folder).stat()
+        except OSError as error:
+            fail(error)
+            continue
+        if (about.st_dev, about.st_ino) in seen:
+            folders.clear()
+            continue
+        seen.add((about.st_dev, about.st_ino))
+        folders.sort()
+        for path in (Path(folder, name) for name in sorted(names)):
+            if path.is_symlink() and not path.exists():
+                unread.append(f"{path}: its link leads nowhere")
+            elif path.is_file():
+                yield path

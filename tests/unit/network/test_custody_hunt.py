@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import secrets
 import stat
 from pathlib import Path
@@ -15,7 +16,7 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.cli.main import main
 from network.custody import searching
-from network.custody.hunt import explain, place_of
+from network.custody.hunt import explain, files_below, place_of
 from network.custody.searching import PREFIX_BYTES, Search, spread
 from network.custody.traces import Trace, read_traces, trace_plaintext, write_traces
 from network.layout import create_network
@@ -153,3 +154,38 @@ def test_traces_of_other_records_are_refused(folder: Path, tmp_path: Path) -> No
     arguments = ["custody", "hunt", "ab" * 16, "--trace", str(tmp_path / "x.json"), "--dir", str(folder), "--json"]
     result = CliRunner().invoke(main, arguments)
     assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (1, "FILE_UNUSABLE")
+
+
+def test_a_folder_that_lies_elsewhere_by_a_link_is_searched_once_and_a_loop_ends(tmp_path: Path) -> None:
+    """Custody on another disk is custody."""
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "disk" / "custody.sqlite3").write_bytes(b"needle")
+    node = tmp_path / "net" / "nodes" / "node-1"
+    node.mkdir(parents=True)
+    (node / "custody").symlink_to(tmp_path / "disk")
+    (node / "custody" / "round").symlink_to(tmp_path / "net")
+    (node / "node.log").symlink_to(tmp_path / "disk" / "custody.sqlite3")
+    (node / "gone").symlink_to(tmp_path / "nowhere")
+    unread: list[str] = []
+    found = list(files_below(tmp_path / "net", unread))
+    assert {path.name for path in found} == {"custody.sqlite3", "node.log"}
+    assert [place_of(path.relative_to(tmp_path / "net")) for path in found if path.name == "custody.sqlite3"] == [
+        "store"
+    ]
+    assert len(unread) == 1
+    assert "gone" in unread[0]
+
+
+def test_a_folder_that_cannot_be_read_is_said_to_be_unread(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "closed").mkdir()
+    scandir = os.scandir
+
+    def refuse(place: str) -> object:
+        if str(place).endswith("closed"):
+            raise PermissionError(13, "Permission denied", str(place))
+        return scandir(place)
+
+    monkeypatch.setattr("os.scandir", refuse)
+    unread: list[str] = []
+    assert list(files_below(tmp_path, unread)) == []
+    assert unread == [f"{tmp_path / 'closed'}: Permission denied"]
