@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import click
 
@@ -179,12 +181,32 @@ def _read_text(text_file: Path | None) -> str:
     return text.strip()
 
 
+@contextmanager
+def _new_file(path: Path | None) -> Iterator[BinaryIO | None]:
+    """Make a file that only its owner reads, before anything is said; one that is there stays as it is.
+
+    If what is to be written does not come about it is taken away again.
+    """
+    if path is None:
+        yield None
+        return
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            yield file
+    except BaseException:
+        path.unlink(missing_ok=True)
+        raise
+
+
 @click.command()
 @_what
 @click.option("--of", "kind", type=click.Choice(sorted(CORRECTIONS)), default="attribution", show_default=True)
 @click.option("--text-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="What is right.")
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), help="Write it here, to hand it on (mode 0600)."
+    "--out",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Write it to this new file, to hand it on (mode 0600).",
 )
 @json_option
 @click.pass_context
@@ -214,17 +236,20 @@ def correct(
             raise click.UsageError("A correction is of one visit, or of records of one.")
         return await Rights(opened).correct(chosen[0], kind, text)
 
-    said, correction = run_opened(ctx, action)
-    if out is not None:
-        descriptor = os.open(out, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "wb") as file:
+    with _new_file(out) as file:
+        said, correction = run_opened(ctx, action)
+        if file is not None:
             file.write(write_correction(correction))
     if as_json:
         number = {"number": said.data["number"], "out": None if out is None else str(out)}
         print_json({"ok": True, "kind": kind, **said_json(said), **number})
         return
     console.print(f"Correction {said.data['number'] + 1} of {_name(said)} stands on the chain. Nothing was changed.")
-    console.print(f"  To have it acted on, hand over {out}." if out else "  To hand it on, say --out FILE next time.")
+    console.print(
+        f"  To have it acted on, hand over {out}."
+        if out
+        else "  It is in your wallet alone: only --out FILE, said with it, writes one to hand on."
+    )
 
 
 @click.command("wrong-person")

@@ -195,10 +195,28 @@ def test_a_patient_restricts_lifts_objects_corrects_and_denies(world: World, run
     ):
         spoken = run("wallet", *arguments)
         assert (spoken.exit_code, words in spoken.output) == (0, True), spoken.output
+        if arguments[0] == "correct":
+            out.unlink()
         answer = run("wallet", *arguments, "--json")
         assert json.loads(answer.stdout)["ok"] is True, answer.output
     assert json.loads(out.read_text(encoding="utf-8"))["text"] == "That is my sister."
     assert out.stat().st_mode & 0o777 == 0o600
+
+
+def test_a_correction_is_written_to_a_new_file_or_not_said(
+    world: World, run: Any, tmp_path: Path, saying: Saying
+) -> None:
+    text, out = tmp_path / "right.txt", tmp_path / "correction.json"
+    text.write_text("That is my sister.", encoding="utf-8")
+    out.write_text("another's", encoding="utf-8")
+    words = ("correct", "--visit", world.open_visit().owner.hex(), "--text-file", str(text), "--out", str(out))
+    refused = run("wallet", *words)
+    assert (refused.exit_code != 0, "FILE_UNUSABLE" in refused.stderr, saying.said) == (True, True, [])
+    assert out.read_text(encoding="utf-8") == "another's"
+    out.unlink()
+    saying.refusal = "CALL_REFUSED"
+    assert run("wallet", *words).exit_code != 0
+    assert not out.exists()
 
 
 @pytest.mark.parametrize(
