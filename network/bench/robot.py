@@ -252,7 +252,10 @@ def make_figures(
 
 
 def is_good(figures: dict[str, Any]) -> bool:
-    """Tell whether something was kept, and every kept frame was found exactly once by its owner, and no other."""
+    """Tell whether something was kept, and every kept frame was found exactly once, all of one tag by one owner.
+
+    Which owner that is, is not checked: two who were exchanged altogether look the same.
+    """
     wrong = (
         "frames_lost",
         "frames_never_arrived",
