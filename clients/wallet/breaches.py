@@ -96,6 +96,7 @@ class Breaches:
         """
         ids: list[bytes] = []
         if outcome == "erased":
+            breach = await self.find(breach.breach_id.hex())
             require_told(breach)
             ids = await self._records_to_erase(breach)
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):

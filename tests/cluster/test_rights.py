@@ -154,6 +154,7 @@ async def test_what_a_person_says_of_her_visit_is_what_every_custodian_does(
         assert (await ward.record())["kept"] == 0
         assert len(await ann.records()) == 1, "nothing new was recorded"
         await Consenting(ann).give(["demo"], ["depth"])
+        await ann.network.submit_and_wait(network.transaction())  # it counts from the next block on
         assert (await ward.record())["kept"] > 0, "her later word counts, and shows what her objection kept away"
         kinds = [one.kind for one in await audit_all(ann)]
         await _deny_and_erase(ann, officer, rights)
