@@ -9,7 +9,8 @@ import functools
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -58,6 +59,16 @@ def json_option(command: F) -> F:
 def print_json(value: Any) -> None:
     """Print one JSON object on standard output."""
     click.echo(json.dumps(value, indent=2, ensure_ascii=False))
+
+
+@contextmanager
+def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
+    """While inside, show on a terminal what is being done; yields what changes that line. Nobody else sees any of it."""
+    if as_json or not console.is_terminal:
+        yield lambda _text: None
+        return
+    with console.status(text) as status:
+        yield status.update
 
 
 def fail(error: BlockRobotError, *, as_json: bool = False) -> int:

@@ -14,7 +14,7 @@ import click
 from rich.markup import escape
 from rich.table import Table
 
-from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cli.lazy_group import LazyGroup
@@ -105,28 +105,15 @@ def _print_status(configs: list[NodeConfig], answers: list[dict[str, Any] | Bloc
 def _run(configs: list[NodeConfig], work: str, *, as_json: bool) -> list[dict[str, Any]]:
     """Let the custodians do one thing after another, saying on a terminal how far each is."""
     reports = []
-    with console.status("Asking ...") if not as_json and console.is_terminal else _Quiet() as line:
+    with status_line("Asking ...", as_json=as_json) as show:
 
         def tell(name: str, what: str, done: int, total: int) -> None:
-            line.update(f"{name}: {what} {done}{f' of {total}' if total else ''}")
+            show(f"{name}: {what} {done}{f' of {total}' if total else ''}")
 
         for config in configs:
             tell(config.name, work, 0, 0)
             reports.append(asyncio.run(run_work(config, work, tell)))
     return reports
-
-
-class _Quiet:
-    """A status line that nobody sees."""
-
-    def __enter__(self) -> _Quiet:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _text: str) -> None:
-        """Say nothing."""
 
 
 @click.command()

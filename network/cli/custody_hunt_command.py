@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from network.cli.cluster_commands import folder_option, network_folder
@@ -91,27 +91,14 @@ def hunt(
         trace_plaintext(traces[0], picture)
     if trace_file is not None and not is_known:
         write_traces(trace_file, traces)
-    with console.status("Searching ...") if not as_json and console.is_terminal else _Quiet() as line:
-        report = search(cluster, traces, also, lambda text: line.update(f"Searching {text[-_SHOWN_CHARS:]}"))
+    with status_line("Searching ...", as_json=as_json) as show:
+        report = search(cluster, traces, also, lambda text: show(f"Searching {text[-_SHOWN_CHARS:]}"))
     if as_json:
         print_json(report.as_json())
     else:
         _print(report)
     if not report.is_clean:
         sys.exit(EXIT_FAILED)
-
-
-class _Quiet:
-    """A status line that nobody sees."""
-
-    def __enter__(self) -> _Quiet:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _text: str) -> None:
-        """Say nothing."""
 
 
 def _print(report: HuntReport) -> None:

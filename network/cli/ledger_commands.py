@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json, status_line
 from consensus.errors import BlockRobotError
 from network.cli.cluster_commands import folder_option
 from network.cli.node_commands import find_node
@@ -100,10 +100,10 @@ def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | 
     configs = (find_node(first, folder), find_node(second, folder))
     if configs[0].data_dir == configs[1].data_dir:
         raise click.UsageError("A and B are the same node.")
-    with console.status("Comparing ...") if not as_json and console.is_terminal else _Quiet() as status:
+    with status_line("Comparing ...", as_json=as_json) as show:
 
         def progress(height: int) -> None:
-            status.update(f"Executing block {height} again ...")
+            show(f"Executing block {height} again ...")
 
         report = _compare(configs, base, full=full, progress=progress)
     if as_json:
@@ -112,19 +112,6 @@ def diff(first: str, second: str, base: Path | None, full: bool, folder: Path | 
         _print_report(report)
     if not report["same"]:
         sys.exit(EXIT_FAILED)
-
-
-class _Quiet:
-    """A status line that nobody sees."""
-
-    def __enter__(self) -> _Quiet:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        pass
-
-    def update(self, _text: str) -> None:
-        """Say nothing."""
 
 
 def _compare(configs: tuple[NodeConfig, NodeConfig], base: Path | None, *, full: bool, progress: Any) -> dict[str, Any]:
