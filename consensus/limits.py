@@ -28,6 +28,8 @@ CLIP_FRAMES_MAX_COUNT = 64
 CIPHERTEXT_MAX_BYTES = 1024 * 1024
 CLIP_SIZE_MAX_BYTES = 16 * 1024 * 1024
 SEALED_METADATA_BYTES = 560
+# Patients and operators are told by one measure that a custodian's receipt for an erasure is late.
+ERASURE_OVERDUE_AFTER_MS = 120_000
 
 # Consensus core
 TREE_BLOCKS_MAX_COUNT = 4096

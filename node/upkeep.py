@@ -12,6 +12,7 @@ from typing import Any
 
 import structlog
 
+from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from node.offchain.chain_facts import ChainFacts
 from node.offchain.custodian import Custodian, PeerCustodian
 from node.offchain.erase_keys import ErasableKeys
@@ -20,8 +21,6 @@ from node.offchain.scrub import ScrubReport, Tell, scrub, tell_nobody
 from node.offchain.store import Checkpoint, CustodyStore
 from node.storage.ledger_store import LedgerStore
 
-OVERDUE_AFTER_MS = 120_000
-"""How long after a request for erasure a custodian may take for its receipt, before it is called overdue."""
 FETCH_PAUSE_S = 1.0
 _LISTED_MAX_COUNT = 1_000
 
@@ -100,7 +99,7 @@ class Upkeep:
                 entry = waiting.setdefault(custodian.hex(), {"receipts": 0, "overdue": []})
                 entry["receipts"] += 1
                 age_ms = now_ms - erasure.asked_at_ms
-                if age_ms > OVERDUE_AFTER_MS:
+                if age_ms > ERASURE_OVERDUE_AFTER_MS:
                     told = {"erasure_id": erasure.erasure_id.hex(), "age_s": age_ms // 1000}
                     entry["overdue"].append(told | {"records": len(erasure.records)})
         return waiting

@@ -17,9 +17,7 @@ from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
-
-OVERDUE_AFTER_MS = 120_000
-"""How long a custodian may take for its receipt, before it is called overdue: operators are told by the same measure."""
+from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +58,7 @@ async def find_erasures(wallet: Wallet, now_ms: int) -> list[AskedErasure]:
 
 def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> AskedErasure:
     """Put a request and its receipts together. `names` are those of custodians, by key."""
-    is_late = now_ms - asked.time_ms > OVERDUE_AFTER_MS
+    is_late = now_ms - asked.time_ms > ERASURE_OVERDUE_AFTER_MS
     words = []
     for key in report.custodians:
         told: dict[str, Any] | None = report.receipts.get(key.hex())

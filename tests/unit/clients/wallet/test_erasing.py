@@ -10,7 +10,6 @@ import pytest
 from clients.wallet.auditing import AuditEntry
 from clients.wallet.erasing import Erasing
 from clients.wallet.erasure_status import (
-    OVERDUE_AFTER_MS,
     AskedErasure,
     describe_erasure,
     erasure_json,
@@ -18,6 +17,7 @@ from clients.wallet.erasure_status import (
 )
 from clients.wallet.keystore import Keystore, KnownVisit
 from consensus.errors import BlockRobotError
+from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
 
@@ -138,7 +138,7 @@ async def _described(world: World, receipts: dict[bytes, Any], *, age_ms: int, f
 
 async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World) -> None:
     told = {"time": ASKED_MS + 400, "destroyed_frames": 12, "remains": "nothing", "remains_until_ms": 0}
-    for age_ms, overdue in ((OVERDUE_AFTER_MS, False), (OVERDUE_AFTER_MS + 1, True)):
+    for age_ms, overdue in ((ERASURE_OVERDUE_AFTER_MS, False), (ERASURE_OVERDUE_AFTER_MS + 1, True)):
         erasure = await _described(world, {b"a" * 33: told}, age_ms=age_ms, frames=[])
         assert [word.overdue for word in erasure.custodians] == [False, overdue]
         lines = "\n".join(erasure_lines(erasure))
