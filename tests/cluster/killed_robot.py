@@ -43,38 +43,21 @@ from consensus.records.clips import check_clip_download
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.robot_to_kill import NO_STEP, STEPS
 from tests.unit.clients.wallet.conftest import CHEAP
+from tests.walking_alone import UID, walking_alone
 
 ROOT = Path(__file__).resolve().parents[2]
 LIFE_TIMEOUT_S = 120.0
 PURPOSE = "demo"
-UID = "E200000000000001"
 SECONDS = 1.6
-SCENE = f"""
-name = "steps"
-duration_s = {SECONDS}
-frame_rate = 10
-width = 320
-height = 240
-focal_px = 525.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.1
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.6, 4.9], [{SECONDS}, 0.4, 4.4]]
-readings_s = [0.1, {SECONDS - 0.1}]
-also_every_s = 0.2
-"""
+SCENE = walking_alone(
+    "steps",
+    SECONDS,
+    [(0.0, -0.6, 4.9), (SECONDS, 0.4, 4.4)],
+    [0.1, SECONDS - 0.1],
+    frame_rate=10,
+    size=(320, 240),
+    also_every_s=0.2,
+)
 SCENE_FILE = "scene.toml"
 _KNOWN_FILES = ("robot.keys", "roster.sealed", "client.pin", "events.jsonl", "open-visits", "robot.lock")
 _HEARTBEAT_S = 0.4

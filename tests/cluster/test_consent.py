@@ -19,36 +19,17 @@ from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import VisitReport, Wallet
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP
+from tests.walking_alone import UID, walking_alone
 
-UID = "E200000000000001"
 SECONDS = 12.0
 RATE = 4
-PACE = f"""
-name = "pace"
-duration_s = {SECONDS}
-frame_rate = {RATE}
-width = 640
-height = 480
-focal_px = 525.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.1
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.5, 2.5], [6.0, 0.5, 2.0], [{SECONDS}, -0.5, 2.5]]
-readings_s = [{", ".join(str(round(0.1 + 0.4 * number, 1)) for number in range(29))}]
-also_every_s = 0.4
-"""
+PACE = walking_alone(
+    "pace",
+    SECONDS,
+    [(0.0, -0.5, 2.5), (6.0, 0.5, 2.0), (SECONDS, -0.5, 2.5)],
+    [round(0.1 + 0.4 * number, 1) for number in range(29)],
+    frame_rate=RATE,
+)
 
 
 class _Progress:

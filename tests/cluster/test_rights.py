@@ -32,34 +32,9 @@ from consensus.genesis import Genesis
 from consensus.records.rights import commit_correction
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP
+from tests.walking_alone import UID, walking_alone
 
-UID = "E200000000000001"
-SCENE = """
-name = "pace"
-duration_s = 3.0
-frame_rate = 4
-width = 640
-height = 480
-focal_px = 525.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.1
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.5, 2.5], [3.0, 0.5, 2.0]]
-readings_s = [0.1, 0.5, 0.9, 1.3, 1.7, 2.1, 2.5]
-also_every_s = 0.4
-"""
+SCENE = walking_alone("pace", 3.0, [(0.0, -0.5, 2.5), (3.0, 0.5, 2.0)], [0.1, 0.5, 0.9, 1.3, 1.7, 2.1, 2.5])
 
 
 def quiet(_: int, __: int) -> None:

@@ -27,35 +27,15 @@ from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.unit.clients.wallet.conftest import CHEAP
+from tests.walking_alone import UID, walking_alone
 
-UID = "E200000000000001"
 SECONDS = 5.0
-SCENARIO = f"""
-name = "short"
-duration_s = {SECONDS}
-frame_rate = 4
-width = 640
-height = 480
-focal_px = 525.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.1
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.5, 2.5], [{SECONDS}, 0.5, 2.0]]
-readings_s = [{", ".join(str(round(0.1 + 0.4 * number, 1)) for number in range(12))}]
-also_every_s = 0.4
-"""
+SCENARIO = walking_alone(
+    "short",
+    SECONDS,
+    [(0.0, -0.5, 2.5), (SECONDS, 0.5, 2.0)],
+    [round(0.1 + 0.4 * number, 1) for number in range(12)],
+)
 
 
 async def run(*arguments: object, home: Path) -> tuple[int, dict[str, Any]]:

@@ -25,33 +25,16 @@ from consensus.records.metadata import RecordMetadata
 from tests.unit.clients.robot.test_pipeline import ANN, UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual, virtual_now_ms
+from tests.walking_alone import walking_alone
 
-WALK = """
-name = "walk"
-duration_s = 1.5
-frame_rate = 10
-width = 640
-height = 480
-focal_px = 525.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.1
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.4, 2.5], [1.5, 0.5, 2.0]]
-readings_s = [0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3]
-also_every_s = 0.2
-"""
+WALK = walking_alone(
+    "walk",
+    1.5,
+    [(0.0, -0.4, 2.5), (1.5, 0.5, 2.0)],
+    [0.1, 0.3, 0.5, 0.7, 0.9, 1.1, 1.3],
+    frame_rate=10,
+    also_every_s=0.2,
+)
 
 
 @pytest.fixture(scope="module")

@@ -30,33 +30,19 @@ from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, 
 from tests.unit.clients.robot.test_pipeline import ROBOT, UID, Robot, roster
 from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
+from tests.walking_alone import walking_alone
 
-SCENE = """
-name = "senses"
-duration_s = 3.0
-frame_rate = 10
-width = 320
-height = 240
-focal_px = 262.0
-camera_height_m = 1.2
-seed = 7
-empty_frames = 3
-
-[reader]
-distance_sigma_m = 0.2
-antenna_front = 1
-antenna_back = 2
-front_misread = 0.0
-
-[[people]]
-alias = "ann"
-height_m = 1.7
-girth = 1.0
-cadence = 1.0
-path = [[0.0, -0.5, 2.5], [3.0, -0.2, 2.0]]
-readings_s = [0.05, 2.95]
-also_every_s = 0.1
-"""
+SCENE = walking_alone(
+    "senses",
+    3.0,
+    [(0.0, -0.5, 2.5), (3.0, -0.2, 2.0)],
+    [0.05, 2.95],
+    frame_rate=10,
+    size=(320, 240),
+    focal_px=262.0,
+    also_every_s=0.1,
+    distance_sigma_m=0.2,
+)
 VISITOR = """
 [[people]]
 alias = "ben"
