@@ -85,13 +85,17 @@ class Track:
 
 @dataclass(slots=True, eq=False)
 class _Together:
-    """Where people were last seen together, how many of them are not seen apart, and the tracks of those who are."""
+    """Where people were last seen together, how many of them are not seen apart, and the tracks of those who are.
+
+    `counted` are the tracks that ended in this very step and are among the hidden already.
+    """
 
     x_m: float
     z_m: float
     seen_ms: int
     hidden_count: int
     apart: list[Track] = field(default_factory=list)
+    counted: tuple[Track, ...] = ()
 
     def note_ended(self) -> None:
         """Count whoever was seen apart and is followed no more among the hidden again, there where they were last."""
@@ -135,6 +139,7 @@ class Tracker:
         for track in lost:
             self._note_lost(track)
         for group in self._together:
+            group.counted = ()
             group.note_ended()
         self._together = [group for group in self._together if group.is_open(at_ms)]
         chosen: list[Track | None] = [None] * len(silhouettes)
@@ -187,7 +192,7 @@ class Tracker:
                 if rival not in found or possible[found[rival], column]:
                     self.live[column].ended = track.ended = True
                     if rival not in found:
-                        self._note_together(silhouettes[row], 2, at_ms)
+                        self._note_swallowed(silhouettes[row], (self.live[column], track), at_ms)
             if unseen[column] and any(possible[r, column] for r in range(len(possible)) if r not in found.values()):
                 self.live[column].ended = True
 
@@ -206,9 +211,16 @@ class Tracker:
             if matched is not None and inside:
                 for track in (*inside, matched):
                     track.ended = True
-                self._note_together(seen, len(inside) + 1, at_ms)
+                self._note_swallowed(seen, (*inside, matched), at_ms)
 
-    def _note_together(self, seen: Silhouette, ended_count: int, at_ms: int) -> None:
+    def _note_swallowed(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
+        """Take notice that tracks ended for one silhouette just now; who ended there twice in one step counts once."""
+        near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
+        counted = tuple(track for group in near for track in group.counted)
+        newly = tuple(track for track in ended if track not in counted)
+        self._note_together(seen, len(newly), at_ms).counted = (*counted, *newly)
+
+    def _note_together(self, seen: Silhouette, ended_count: int, at_ms: int) -> _Together:
         """Take notice that people are in one silhouette, or beside it unseen; so many tracks ended for it just now."""
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         self._together = [group for group in self._together if group not in near]
@@ -216,7 +228,9 @@ class Tracker:
         apart = [track for group in near for track in group.apart if not track.ended]
         hidden = ended_count + sum(group.hidden_count for group in near)
         least = max(1, TOGETHER_COUNT - len(apart))
-        self._together.append(_Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart))
+        together = _Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart)
+        self._together.append(together)
+        return together
 
     def _note_lost(self, lost: Track) -> None:
         """Take notice that somebody was lost from sight; beside another he counts as hidden there, or just outside."""

@@ -192,3 +192,20 @@ def test_of_two_who_may_have_been_exchanged_and_one_is_found_the_other_counts_as
     tracker.step((seen(-0.3, 2.5), seen(0.3, 2.5)), 0)
     assert hidden(tracker, (seen(0.0, 2.5),), 500)
     assert not hidden(tracker, (seen(0.0, 2.5), seen(0.9, 2.5)), 533)
+
+
+@pytest.mark.parametrize("gap_ms", [310, 390, 500])
+def test_who_was_exchanged_and_swallowed_in_one_step_counts_once(gap_ms: int) -> None:
+    tracker = Tracker()
+    tracker.step((seen(-0.2, 3.0), seen(0.2, 3.0)), 0)
+    assert hidden(tracker, (seen(0.0, 3.0),), gap_ms)
+    assert not hidden(tracker, (seen(-0.4, 3.0), seen(0.4, 3.0)), gap_ms + 33)
+
+
+@pytest.mark.parametrize("gap_ms", [310, 390])
+def test_who_was_swallowed_beside_two_who_were_exchanged_counts_too(gap_ms: int) -> None:
+    tracker = Tracker()
+    tracker.step((seen(-0.2, 3.0), seen(0.2, 3.0), seen(0.0, 3.4)), 0)
+    assert hidden(tracker, (seen(0.0, 3.1),), gap_ms)
+    assert hidden(tracker, (seen(-0.4, 3.0), seen(0.4, 3.0)), gap_ms + 33)
+    assert not hidden(tracker, (seen(-0.4, 3.0), seen(0.4, 3.0), seen(0.0, 3.6)), gap_ms + 66)
