@@ -21,6 +21,7 @@ from nacl.bindings import (
 )
 from nacl.exceptions import CryptoError
 
+from clients.wallet.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.rights import Correction
@@ -65,6 +66,9 @@ class WalletContent(msgspec.Struct):
     pin: bytes = b""
     asked_erasures: list[bytes] = msgspec.field(default_factory=list)
     corrections: list[Correction] = msgspec.field(default_factory=list)
+    given_grants: list[GivenGrant] = msgspec.field(default_factory=list)
+    received_grants: list[ReceivedGrant] = msgspec.field(default_factory=list)
+    scanned_grants_count: int = 0
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

@@ -7,7 +7,7 @@ others still open. If one custodian's copy is damaged, the next custodian is ask
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.wallet import RecordEntry, Wallet
@@ -33,13 +33,14 @@ _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
 class FrameView:
     """One frame of a record as it was found: `rendition` is there only if every check passed.
 
-    `salt` opens the frame's commitment, and nothing else.
+    `salt` opens the frame's commitment, and nothing else; `data_key` opens the frame, wherever it is kept.
     """
 
     index: int
     status: str
     rendition: Rendition | None
     salt: bytes = b""
+    data_key: bytes = field(default=b"", repr=False)
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +140,7 @@ class Viewing:
         except BlockRobotError:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
         status = STATUS_OK if rendition.pixels else STATUS_NOTICE
-        return FrameView(index=index, status=status, rendition=rendition, salt=salt)
+        return FrameView(index=index, status=status, rendition=rendition, salt=salt, data_key=data_key)
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""

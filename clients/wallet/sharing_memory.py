@@ -1,0 +1,38 @@
+"""What a wallet remembers of sharing, in its encrypted file alone. Must never be written anywhere else: it names people.
+
+The chain does not say with whom something was shared: an owner's wallet restored from its words still shows every grant,
+but no longer for whom it was.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class GivenGrant(msgspec.Struct):
+    """A grant that this wallet made: to whom (handle of 32 bytes, and what its owner calls her), of which visit.
+
+    The salt shows, to whom it is told, that the hash on the chain is of this handle.
+    """
+
+    grant_id: bytes
+    owner: bytes
+    handle: bytes
+    label: str
+    salt: bytes
+
+
+class SharedCopy(msgspec.Struct):
+    """Pictures of a shared record that were written into a folder of this machine."""
+
+    record_id: bytes
+    folder: str
+
+
+class ReceivedGrant(msgspec.Struct):
+    """A grant that this wallet found to be for it: what derives its key again, and where its pictures were written."""
+
+    grant_id: bytes
+    owner: bytes
+    ephemeral: bytes
+    copies: list[SharedCopy] = msgspec.field(default_factory=list)
