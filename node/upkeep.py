@@ -65,8 +65,7 @@ class Upkeep:
     async def status(self) -> dict[str, Any]:
         """Return how far the custodian is, what it holds, and who owes which receipts. Raises STORE_UNAVAILABLE."""
         point, counts = await self._custodian.checkpoint(), await self._store.counts()
-        with self.open_facts() as facts:
-            height, waiting = facts.point.height, self._waiting(facts)
+        height, waiting = await asyncio.to_thread(self._look_at_erasures)
         followed = -1 if point is None else point.height
         held = await asyncio.to_thread(lambda: len(self._keys.held))
         return {
@@ -90,11 +89,16 @@ class Upkeep:
             "waiting_for": waiting,
         }
 
+    def _look_at_erasures(self) -> tuple[int, dict[str, dict[str, Any]]]:
+        """Return the state's height and what the chain waits for; walks over all erasures there ever were: in a thread."""
+        with self.open_facts() as facts:
+            return facts.point.height, self._waiting(facts)
+
     def _waiting(self, facts: ChainFacts) -> dict[str, dict[str, Any]]:
         """Return, by custodian, how many receipts the chain waits for, and which of them are overdue."""
         waiting: dict[str, dict[str, Any]] = {}
         now_ms = self._clock()
-        for erasure in facts.erasures():
+        for erasure in facts.open_erasures():
             for custodian in set(erasure.custodians) - erasure.receipts:
                 entry = waiting.setdefault(custodian.hex(), {"receipts": 0, "overdue": []})
                 entry["receipts"] += 1

@@ -1,13 +1,15 @@
 """A custodian's upkeep on the operator's listener. Must never answer anybody without the operator's token.
 
 `GET /custody`, `POST /custody/scrub`, `POST /custody/rebuild`. What takes long answers as JSON lines: `{"progress": ...}`
-as it goes, then one line `{"report": ...}` or `{"error": ...}`.
+as it goes, the same again while there is nothing new, so that whoever waits knows that the work goes on; then one line
+`{"report": ...}` or `{"error": ...}`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+import time
 from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from typing import Any
@@ -20,6 +22,7 @@ from node.offchain.scrub import Tell
 from node.upkeep import Upkeep
 
 TELL_EVERY_S = 0.2
+HEARTBEAT_S = 10.0
 _ROUTE_WORK: dict[str, Callable[[Upkeep], Callable[[Tell], Awaitable[dict[str, Any]]]]] = {
     "/custody/scrub": lambda upkeep: upkeep.scrub,
     "/custody/rebuild": lambda upkeep: upkeep.rebuild,
@@ -65,6 +68,7 @@ def add_custody_routes(
 async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str, Any]]]) -> web.StreamResponse:
     """Run, saying now and then how far it is. Whoever hangs up ends the work; it can be done again."""
     newest: list[tuple[str, int, int]] = []
+    told, told_at_s = ("working", 0, 0), time.monotonic()
     response = web.StreamResponse(headers={"Content-Type": "application/x-ndjson"})
     await response.prepare(request)
 
@@ -75,9 +79,11 @@ async def _stream(request: web.Request, run: Callable[[Tell], Awaitable[dict[str
     try:
         while not task.done():
             await asyncio.wait([task], timeout=TELL_EVERY_S)
-            if newest and not task.done():
-                what, done, total = newest[-1]
+            is_due = bool(newest) or time.monotonic() - told_at_s >= HEARTBEAT_S
+            if is_due and not task.done():
+                told, told_at_s = newest[-1] if newest else told, time.monotonic()
                 newest.clear()
+                what, done, total = told
                 await say({"progress": {"what": what, "done": done, "total": total}})
         try:
             await say({"report": task.result()})

@@ -1,12 +1,13 @@
 """What the finalized state says of records, access and erasures, as a custodian needs it. Must never look at blocks.
 
-The state keeps all that blocks ever said of them but the heights of requests; those are in the visits' audit entries.
+The state keeps all that blocks ever said of them but the heights of requests, and of words that no longer stand; those
+are in the visits' audit entries.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -26,7 +27,10 @@ RESTRICTION_PREFIX = b"rights\x00restriction/"
 OBJECTION_PREFIX = b"rights\x00objection/"
 QUARANTINE_PREFIX = b"rights\x00quarantine/"
 OF_VISIT_PREFIX = b"records\x00of-visit/"
+OWNER_BYTES = 33
 ALL_ROWS_COUNT = 1 << 60
+NARROWING_KINDS = frozenset({"restricted", "objected", "denied", "transferred"})
+"""What the audit calls the words that make earlier requests void; the end of a quarantine is one too (`_narrows`)."""
 
 
 class StateReader(Protocol):
@@ -78,6 +82,14 @@ class ErasureFacts:
     asked_at_ms: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class _Audited:
+    """The height of each request by its id, and by owner that of the last word that made earlier ones void."""
+
+    requested: dict[bytes, int] = field(default_factory=dict)
+    narrowed: dict[bytes, int] = field(default_factory=dict)
+
+
 class ChainFacts:
     """The state at one finalized block. The reader has to stay open while it is used."""
 
@@ -114,15 +126,17 @@ class ChainFacts:
         return {owner: read_restriction(owner, row) for owner, row in self._rows(RESTRICTION_PREFIX)}
 
     def standings(self) -> Iterator[VisitStanding]:
-        """Yield what stands of every visit of which something was said.
+        """Yield what stands of every visit of which something was ever said, also where it was taken back since.
 
-        The state does not say when, so every request up to it is void: who wants to see a record asks again.
+        Requests are void up to the height of the last word that the audit has; where it has none, up to this state.
         """
         denied = {owner for owner, _ in self._values(QUARANTINE_PREFIX)}
         objected = {owner for owner, _ in self._values(OBJECTION_PREFIX)}
-        for owner in sorted(denied | objected | set(self._restrictions)):
+        narrowed = self._audited.narrowed
+        for owner in sorted(denied | objected | set(self._restrictions) | set(narrowed)):
             told = self._restrictions.get(owner, VisitStanding(owner))
-            standing = structs.replace(told, narrowed_height=self.point.height, quarantined=owner in denied)
+            height = narrowed.get(owner, self.point.height)
+            standing = structs.replace(told, narrowed_height=height, quarantined=owner in denied)
             yield with_natural(standing, self._natural(told))
 
     def _natural(self, standing: VisitStanding) -> dict[bytes, int]:
@@ -151,35 +165,56 @@ class ChainFacts:
     def accesses(self) -> Iterator[AccessFacts]:
         """Yield every request for access."""
         for access_id, entry in self._rows(ACCESS_PREFIX):
-            height = self._height_of(entry["owner"], "access_requested", "access_id", access_id)
+            height = self._audited.requested.get(access_id, self.point.height)
             yield AccessFacts(access_id, entry["owner"], tuple(entry["records"]), height, entry["refused"])
 
     def erasures(self) -> Iterator[ErasureFacts]:
         """Yield every request for erasure."""
         for erasure_id, entry in self._rows(ERASURE_PREFIX):
-            yield ErasureFacts(
-                erasure_id=erasure_id,
-                owner=entry["owner"],
-                records=tuple(entry["records"]),
-                frames=tuple(entry["frames"]),
-                height=self._height_of(entry["owner"], "erasure_requested", "erasure_id", erasure_id),
-                custodians=tuple(entry["custodians"]),
-                receipts=frozenset(entry["receipts"]),
-                asked_at_ms=entry.get("time", 0),
-            )
+            yield _erasure(erasure_id, entry, self._audited.requested.get(erasure_id, self.point.height))
+
+    def open_erasures(self) -> Iterator[ErasureFacts]:
+        """Yield the requests for erasure that a custodian has yet to confirm, all as of this state's height."""
+        for erasure_id, entry in self._rows(ERASURE_PREFIX):
+            if not set(entry["custodians"]) <= set(entry["receipts"]):
+                yield _erasure(erasure_id, entry, self.point.height)
 
     def has_released(self, access_id: bytes, custodian: bytes, record_ids: list[bytes]) -> bool:
         """Tell whether a custodian has told the chain that it released exactly these records under a request."""
         told = sha256(custodian + b"".join(record_ids))
         return self._state.get(RELEASE_PREFIX + access_id + told) is not None
 
-    def _height_of(self, owner: bytes, kind: str, field: str, identifier: bytes) -> int:
-        """Return the height of a request by its audit entry; that of this state if there is none."""
-        for _, entry in self._rows(AUDIT_PREFIX + owner):
-            if entry["kind"] == kind and entry["data"].get(field) == identifier:
-                height: int = entry["height"]
-                return height
-        return self.point.height
+    @cached_property
+    def _audited(self) -> _Audited:
+        """What the audit alone tells, of all visits: one walk over it, since each request would take one of its own."""
+        found = _Audited()
+        for key, entry in self._values(AUDIT_PREFIX):
+            height: int = entry["height"]
+            for name in ("access_id", "erasure_id"):
+                if name in entry["data"]:
+                    found.requested.setdefault(entry["data"][name], height)
+            if _narrows(entry):
+                owner = key[:OWNER_BYTES]
+                found.narrowed[owner] = max(height, found.narrowed.get(owner, 0))
+        return found
+
+
+def _narrows(entry: dict[str, Any]) -> bool:
+    ends_quarantine = entry["kind"] == "breach_closed" and entry["data"].get("outcome") == "released"
+    return entry["kind"] in NARROWING_KINDS or ends_quarantine
+
+
+def _erasure(erasure_id: bytes, entry: dict[str, Any], height: int) -> ErasureFacts:
+    return ErasureFacts(
+        erasure_id=erasure_id,
+        owner=entry["owner"],
+        records=tuple(entry["records"]),
+        frames=tuple(entry["frames"]),
+        height=height,
+        custodians=tuple(entry["custodians"]),
+        receipts=frozenset(entry["receipts"]),
+        asked_at_ms=entry.get("time", 0),
+    )
 
 
 def _record(record_id: bytes, entry: dict[str, Any]) -> RecordState:

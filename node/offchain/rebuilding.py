@@ -16,6 +16,7 @@ from node.offchain.custodian import Custodian, PeerCustodian
 from node.offchain.erase_keys import ErasableKeys
 from node.offchain.erasing import RECORDS_A_CALL_MAX_COUNT
 from node.offchain.scrub import (
+    GONE_CODES,
     Judge,
     OpenFacts,
     ScrubReport,
@@ -89,9 +90,9 @@ class Rebuild:
             await self._drop_unclaimed(in_flight)
             await self._custodian.reconciliation(facts).bring_about()
             await self._store.apply(BlockEffects(checkpoint=facts.point))
-            damaged = await self._find_damaged(facts)
+        suspects = await self._find_suspects()
         await self._fetch_missing()
-        await self._mend(damaged)
+        await self._mend(await self._find_damaged(suspects))
         self._report.still_missing_count = (await self._store.counts()).missing
         return self._report
 
@@ -153,16 +154,34 @@ class Rebuild:
         await self._custodian.eraser.destroy_unused(slots)
         self._report.keys_destroyed_count = len(slots)
 
-    async def _find_damaged(self, facts: ChainFacts) -> list[bytes]:
-        """Return the confirmed clips of which frames are damaged or gone though nobody erased them."""
-        judge, seen, damaged = Judge(self._custodian, self._store, facts), ScrubReport(), []
-        async for clip in self._store.all_clips():
-            record = facts.record(clip.record_id)
-            if record is not None and clip.status == "confirmed":
-                count = len(seen.corrupted)
-                await judge.compare(clip.record_id, record, clip, seen)
-                if len(seen.corrupted) > count:
-                    damaged.append(clip.record_id)
+    async def _find_suspects(self) -> list[bytes]:
+        """Read every confirmed clip while the custodian follows the chain; return those that do not seem whole."""
+        suspects, done, total = [], 0, (await self._store.counts()).confirmed
+        with self._open_facts() as facts:
+            judge = Judge(self._custodian, self._store, facts)
+            async for clip in self._store.all_clips():
+                record = facts.record(clip.record_id)
+                if record is None or clip.status != "confirmed":
+                    continue
+                if await _is_damaged(judge, record, clip):
+                    suspects.append(clip.record_id)
+                done += 1
+                if done % _TELL_EVERY_COUNT == 0:
+                    self._tell("compared", done, total)
+        return suspects
+
+    async def _find_damaged(self, suspects: Sequence[bytes]) -> list[bytes]:
+        """Return which of these clips have frames damaged or gone though nobody erased them, as of one moment."""
+        if not suspects:
+            return []
+        async with settled(self._custodian, self._open_facts) as (facts, _):
+            judge = Judge(self._custodian, self._store, facts)
+            clips, damaged = await self._store.clips(suspects), []
+            for record_id in suspects:
+                clip, record = clips.get(record_id), facts.record(record_id)
+                is_held = clip is not None and clip.status == "confirmed"
+                if clip and record and is_held and await _is_damaged(judge, record, clip):
+                    damaged.append(record_id)
         return damaged
 
     async def _fetch_missing(self) -> None:
@@ -205,3 +224,14 @@ class Rebuild:
                 return None
             asked = facts.erased_frames().get(record_id, frozenset())
             return replace(record.facts, erased_frames=tuple(sorted({*record.facts.erased_frames, *asked})))
+
+
+async def _is_damaged(judge: Judge, record: RecordState, clip: ClipRow) -> bool:
+    """Tell whether a confirmed clip lacks bytes that it should have; one that was erased meanwhile does not."""
+    seen = ScrubReport()
+    try:
+        await judge.compare(clip.record_id, record, clip, seen)
+    except BlockRobotError as error:
+        if error.code not in GONE_CODES:
+            raise
+    return bool(seen.corrupted)

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from msgspec import structs
+
 from consensus.primitives.encoding import decode_value
 from node.offchain.block_effects import RELEASED_KIND, EffectsOfBlock, matches_roots
 from node.offchain.chain_facts import AccessFacts, ChainFacts, ErasureFacts
@@ -67,7 +69,8 @@ class Reconciliation:
         """
         standing = {row.owner: row for row in self._facts.standings()}
         for owner, before in (await self._store.standings()).items():
-            now = standing.get(owner, VisitStanding(owner, before.narrowed_height))
+            now = standing.get(owner, VisitStanding(owner))
+            now = structs.replace(now, narrowed_height=max(before.narrowed_height, now.narrowed_height))
             standing[owner] = with_natural(now, {**dict(before.natural), **dict(now.natural)})
         for row in standing.values():
             await settle(self._store, row)

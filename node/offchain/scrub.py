@@ -29,7 +29,7 @@ RECORDS_AT_ONCE_COUNT = 256
 SETTLE_MAX_S = 20.0
 _SETTLE_POLL_S = 0.05
 _TELL_EVERY_COUNT = 100
-_GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
+GONE_CODES = frozenset({"CLIP_ERASED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
 def tell_nobody(_what: str, _done: int, _total: int) -> None:
@@ -195,7 +195,7 @@ async def _look_through(
             try:
                 is_well = await judge.compare(record_id, record, clips.get(record_id), seen)
             except BlockRobotError as error:
-                if error.code not in _GONE_CODES:
+                if error.code not in GONE_CODES:
                     raise
                 is_well = False  # erased or expired since the batch was read: to be looked at again
             if not is_well:

@@ -65,6 +65,10 @@ class State:
         self.rows[b"erasure\x00erasure/" + ERASURE_ID] = entry | changes
         self._audit(ALICE, "erasure_requested", {"erasure_id": ERASURE_ID}, 7)
 
+    def said(self, kind: str, height: int, *, owner: bytes = ALICE, **data: Any) -> None:
+        """What somebody said of a visit, and nothing that stands of it."""
+        self._audit(owner, kind, data, height)
+
     def _audit(self, owner: bytes, kind: str, data: dict[str, Any], height: int) -> None:
         number = self._audited[owner] = self._audited.get(owner, -1) + 1
         entry = {"record_id": b"", "kind": kind, "time": 0, "height": height, "data": data}

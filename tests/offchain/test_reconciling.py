@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import pytest
+
+from node.offchain.chain_facts import AUDIT_PREFIX
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House, read_all, refused
 from tests.offchain.small_chain import (
     ALICE,
@@ -17,6 +20,8 @@ from tests.offchain.small_chain import (
     recorded,
 )
 from tests.offchain.small_state import BOTH, State
+
+LATER_ID = b"\xa2" * 32
 
 
 async def reconcile(house: House, state: State, **options: Any) -> None:
@@ -185,3 +190,80 @@ async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> No
     await opened.custodian.reconcile(state.facts(height=1))
     assert await opened.custodian.checkpoint() == before
     assert await opened.owed() == []
+
+
+@pytest.mark.parametrize(
+    ("kind", "data"),
+    [
+        ("restricted", {"ground": "accuracy"}),
+        ("objected", {"purposes": ["research"]}),
+        ("denied", {}),
+        ("breach_closed", {"outcome": "released"}),
+    ],
+)
+async def test_a_request_from_before_a_word_that_was_taken_back_since_is_void_and_a_later_one_is_not(
+    opened: House, kind: str, data: dict[str, Any]
+) -> None:
+    clip = record_clip()
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip)
+    state.access(clip, height=6)
+    state.said(kind, 6, **data)
+    await reconcile(opened, state, height=50)
+    await refused("ACCESS_ENDED", opened.custodian.download(clip.record_id, ACCESS_ID, ALICE))
+    assert await opened.owed() == []
+    await opened.follow(access(LATER_ID, clip))
+    assert (await opened.custodian.download(clip.record_id, LATER_ID, ALICE)).record_id == clip.record_id
+
+
+@pytest.mark.parametrize(
+    ("kind", "owner", "height", "data"),
+    [
+        ("restricted", ALICE, 5, {}),
+        ("restricted", BOB, 9, {}),
+        ("restriction_lifted", ALICE, 9, {}),
+        ("breach_closed", ALICE, 9, {"outcome": "erased"}),
+    ],
+    ids=["before it", "of another visit", "of no matter", "without an end of it"],
+)
+async def test_a_request_after_all_that_was_said_is_heeded_by_a_custodian_that_only_has_the_state(
+    opened: House, kind: str, owner: bytes, height: int, data: dict[str, Any]
+) -> None:
+    clip = record_clip()
+    await opened.custodian.stage(clip.upload)
+    state = State()
+    state.record(clip)
+    state.access(clip, height=6)
+    state.said(kind, height, owner=owner, **data)
+    await reconcile(opened, state, height=50)
+    assert (await opened.custodian.download(clip.record_id, ACCESS_ID, ALICE)).record_id == clip.record_id
+
+
+async def test_a_word_that_blocks_told_is_not_forgotten_over_a_state_that_does_not_tell_it(house: House) -> None:
+    clip = record_clip()
+    async with house.open():
+        await house.keep(clip)
+        await house.follow(access(ACCESS_ID, clip))
+        told = {"owner": ALICE, "whole": True, "whole_since_ms": START_MS, "until_ms": 0, "records": []}
+        await house.follow(("rights", "restricted", told))
+    state = State()
+    state.record(clip, height=1)
+    state.access(clip, height=2)
+    async with house.open():
+        await reconcile(house, state, height=50)
+        await refused("ACCESS_ENDED", house.custodian.download(clip.record_id, ACCESS_ID, ALICE))
+
+
+async def test_the_audit_is_walked_once_however_many_requests_there_are(opened: House) -> None:
+    """A custodian of a large hospital starts from the state: a walk for each request would take it days."""
+    state, walks = State(), []
+    state.access(height=6)
+    state.erasure(receipts=[CUSTODIAN, OTHER_CUSTODIAN])
+    facts = state.facts()
+    scan = facts._state.scan
+    facts._state.scan = lambda prefix, limit: walks.append(prefix) or scan(prefix, limit)  # type: ignore[method-assign]
+    assert [access.height for access in facts.accesses()] == [6]
+    assert [erasure.height for erasure in facts.erasures()] == [7]
+    assert list(facts.open_erasures()) == []
+    assert walks.count(AUDIT_PREFIX) == 1

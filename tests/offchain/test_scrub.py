@@ -303,3 +303,32 @@ async def test_a_clip_that_is_erased_while_the_scrub_looks_at_it_ends_no_scrub(
     monkeypatch.setattr(custodian, "look_at", erased_meanwhile)
     assert (await desk.scrub()).is_clean
     assert erased
+
+
+async def test_blocks_are_followed_while_a_rebuild_reads_what_is_held(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reading every clip takes long in a large store; what is erased meanwhile is erased, and is not called damaged."""
+    clips = [record_clip() for _ in range(3)]
+    await desk.hold(*clips)
+    custodian, told = desk.house.custodian, []
+    look_at = custodian.look_at
+
+    async def erased_meanwhile(record_id: bytes) -> ClipDownload:
+        if not told:
+            whole, framed = [clip for clip in clips if clip.record_id == record_id] + [
+                clip for clip in clips if clip.record_id != record_id
+            ][:1]
+            told.append(record_id)
+            await desk.house.follow(erasure(ERASURE_ID, whole), erasure(b"\xe2" * 32, framed, frames=(0,)))
+            desk.record(whole, status="erasing", height=clips.index(whole) + 1)
+            desk.record(framed, erased_frames=[0], height=clips.index(framed) + 1)
+            desk.state.erasure(whole)
+        return await look_at(record_id)
+
+    monkeypatch.setattr(custodian, "look_at", erased_meanwhile)
+    report = await desk.rebuild(Peer(*clips))
+    assert told
+    assert (report.mended, report.still_damaged, report.is_whole) == ([], [], True)
+    monkeypatch.undo()
+    assert (await desk.scrub()).is_clean

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator, Mapping
 from pathlib import Path
@@ -13,10 +14,11 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer, make_mocked_request
 
 from consensus.errors import BlockRobotError
-from network.custody.asking import ask_status, run_work
+from network.custody.asking import LINE_TIMEOUT_S, ask_status, run_work
 from node.config import NodeConfig
 from node.faults import TOKEN_FILE_NAME
 from node.operator import create_operator_listener
+from node.upkeep_routes import HEARTBEAT_S
 
 TOKEN = "5e" * 32
 ROUTES = [("GET", "/custody"), ("POST", "/custody/scrub"), ("POST", "/custody/rebuild")]
@@ -42,6 +44,8 @@ class ScriptedUpkeep:
     def __init__(self) -> None:
         self.asked: list[str] = []
         self.failure: Exception | None = None
+        self.may_end = asyncio.Event()
+        self.may_end.set()
 
     async def status(self) -> dict[str, Any]:
         self._note("status")
@@ -53,6 +57,7 @@ class ScriptedUpkeep:
         return {"ok": True}
 
     async def rebuild(self, tell: Any) -> dict[str, Any]:
+        await self.may_end.wait()
         self._note("rebuild")
         return {"ok": True}
 
@@ -153,6 +158,28 @@ async def test_the_command_asks_with_the_token_of_the_data_directory(
         report = await run_work(config, work, lambda *told: progress.append(told))
         assert report == {"node": "node-1", "ok": True}
     assert upkeep.asked == ["status", "scrub", "rebuild"]
+
+
+async def test_work_that_has_nothing_to_say_for_long_is_still_heard_of(
+    config: NodeConfig, upkeep: ScriptedUpkeep, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever hears nothing hangs up, and work that nobody waits for is given up."""
+    monkeypatch.setattr("node.upkeep_routes.TELL_EVERY_S", 0.001)
+    monkeypatch.setattr("node.upkeep_routes.HEARTBEAT_S", 0.0)
+    upkeep.may_end.clear()
+    heard: list[str] = []
+
+    def hear(_name: str, what: str, _done: int, _total: int) -> None:
+        heard.append(what)
+        if len(heard) == 5:
+            upkeep.may_end.set()
+
+    assert await run_work(config, "rebuild", hear) == {"node": "node-1", "ok": True}
+    assert heard[:5] == ["working"] * 5
+
+
+def test_whoever_waits_is_told_often_enough_that_the_work_goes_on() -> None:
+    assert HEARTBEAT_S * 3 < LINE_TIMEOUT_S
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,69 @@
+"""What an operator is told of the receipts that the chain waits for, without holding up the node."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from node.offchain.store import Checkpoint
+from node.upkeep import Upkeep
+from tests.offchain.house import ERASURE_ID, House
+from tests.offchain.small_chain import CUSTODIAN, OTHER_CUSTODIAN, START_MS, record_clip
+from tests.offchain.small_state import State
+
+NOW_MS = START_MS + 1_000_000
+
+
+class Snapshot:
+    """One version of a ledger that the test put together."""
+
+    def __init__(self, state: State, note: Callable[[bytes], None]) -> None:
+        self.position = Checkpoint(100, bytes(32), START_MS)
+        self._state, self._note = state.facts()._state, note
+
+    def __enter__(self) -> Snapshot:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def scan(self, prefix: bytes, limit: int) -> Any:
+        self._note(prefix)
+        return self._state.scan(prefix, limit)
+
+
+def make_upkeep(house: House, state: State, note: Callable[[bytes], None] = lambda _prefix: None) -> Upkeep:
+    class Ledger:
+        def snapshot(self) -> Snapshot:
+            return Snapshot(state, note)
+
+    ledger: Any = Ledger()
+    parts = {"custodian": house.custodian, "store": house.store, "keys": house.keys, "ledger": ledger}
+    serving = {"find_peers": list, "is_serving": lambda: True}
+    return Upkeep(name="node-1", member=CUSTODIAN, clock=lambda: NOW_MS, **parts, **serving)
+
+
+async def test_who_owes_which_receipt_and_which_of_them_are_overdue(opened: House) -> None:
+    state = State()
+    state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 121_000)
+    status = await make_upkeep(opened, state).status()
+    overdue = [{"erasure_id": ERASURE_ID.hex(), "age_s": 121, "records": 1}]
+    assert status["waiting_for"] == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": overdue}}
+    state.erasure(record_clip(), receipts=[CUSTODIAN], time=NOW_MS - 119_000)
+    status = await make_upkeep(opened, state).status()
+    assert status["waiting_for"] == {OTHER_CUSTODIAN.hex(): {"receipts": 1, "overdue": []}}
+
+
+async def test_what_everybody_confirmed_costs_no_search_in_the_audit_and_nothing_waits_meanwhile(opened: House) -> None:
+    """There are ever more of them: the node's own work must not stand still while they are passed over."""
+    state, threads, prefixes = State(), set(), []
+
+    def note(prefix: bytes) -> None:
+        threads.add(threading.get_ident())
+        prefixes.append(prefix)
+
+    state.erasure(record_clip(), receipts=[CUSTODIAN, OTHER_CUSTODIAN])
+    assert (await make_upkeep(opened, state, note).status())["waiting_for"] == {}
+    assert prefixes == [b"erasure\x00erasure/"]
+    assert threading.get_ident() not in threads
