@@ -5,7 +5,9 @@ since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`
 `since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
 `until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
 that is still to come.
-said/handle -> the height of the block of her last word.
+said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
+tells people before anything is recorded, as it is in force; notice-text/u32 version + organisation -> the same with the
+`document`, for every version that there ever was.
 
 A no holds from the next block on. A giving holds from the height that it names, or GIVING_AFTER_BLOCKS after its block.
 It names the newest final block that she knew when she signed it, and counts only while she has said nothing since: a
@@ -21,6 +23,8 @@ GIVING_AFTER_BLOCKS = 1
 AHEAD_MAX_BLOCKS = 10000000
 PERIOD_STEP_MS = 300000
 TIME_MAX_MS = 9007199254740992
+NOTICE_MAX_BYTES = 14000
+NOTICE_TAG = "blockrobot/notice"
 GIVEN = "given"
 REFUSED = "refused"
 WITHDRAWN = "withdrawn"
@@ -225,6 +229,30 @@ def end(handle: bytes):
     state.delete(b"of/" + handle)
     state.delete(b"said/" + handle)
     note_change()
+
+
+@export
+def publish_notice(document: bytes):
+    """Publish the next version of what its people are told. Who may call: an admin of an active organisation.
+
+    What the document says is not looked at here: whoever reads it checks its form.
+    """
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    organisation = call("identity", "admin_of", ctx.caller)
+    require(organisation != "", "NOT_AN_ADMIN", "Only an admin of an organisation publishes what it tells people.")
+    sized = 0 < len(document) and len(document) <= NOTICE_MAX_BYTES
+    require(sized, "NOTICE_SIZE_WRONG", "A notice has between 1 and 14,000 bytes.")
+    digest = tagged_hash(NOTICE_TAG, document)
+    newest = state.get(b"notice/" + organisation.encode())
+    version = 1
+    if newest is not None:
+        require(newest["hash"] != digest, "NOTICE_UNCHANGED", "This is the version that is in force.")
+        version = newest["version"] + 1
+    row = {"version": version, "hash": digest, "height": ctx.height, "time": ctx.time}
+    state.put(b"notice/" + organisation.encode(), row)
+    row["document"] = document
+    state.put(b"notice-text/" + u32(version) + organisation.encode(), row)
+    emit("notice_published", {"organisation": organisation, "version": version, "hash": digest})
 
 
 @view

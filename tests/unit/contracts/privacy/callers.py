@@ -134,6 +134,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("identity", "remove_custodians", lambda _: [[]], set()),
     ("consent", "begin", lambda s: [s.anna.handle, ["care"]], set()),
     ("consent", "end", lambda s: [s.anna.handle], set()),
+    ("consent", "publish_notice", lambda _: [b"words"], {"admin"}),
     ("records", "open_visit", _open, {"robot", "other-robot"}),
     ("records", "record", _record, {"robot"}),
     ("records", "close_visit", lambda s: [s.visit.owner, 2], {"robot"}),

@@ -1,0 +1,284 @@
+"""What an organisation tells people before anything is recorded of them: a document with a fixed form, and its versions.
+
+Must never let a notice pass that leaves out what Art. 13 and 14 of the GDPR ask for. The document is JSON with sorted
+keys and no spaces, so that equal words have one hash; the contract `consent` keeps every version with its hash.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u32
+from consensus.primitives.hashing import tagged_hash
+from consensus.records.purposes import PURPOSES
+from consensus.records.sensors import SENSORS
+
+NOTICE_TAG = "blockrobot/notice"
+NOTICE_SCHEMA = "blockrobot-notice-1"
+NOTICE_MAX_BYTES = 14_000
+TEXT_MAX_CHARS = 1_200
+ITEMS_MAX_COUNT = 32
+SOURCES = ("robot", "registrar", "yourself", "network")
+LAWFUL_BASES = tuple(f"Art. 6(1)({letter})" for letter in "abcdef")
+SPECIAL_BASES = ("none", *(f"Art. 9(2)({letter})" for letter in "abcdefghij"))
+CONSENT_BASIS = "Art. 6(1)(a)"
+RIGHTS_NAMED = ("15", "16", "17", "18", "20", "21", "7(3)", "77")
+"""The rights that every notice names, by article: Art. 13(2)(b) to (d)."""
+
+
+class _Part(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of every part of a notice."""
+
+
+class Party(_Part, frozen=True):
+    """Who: controller, data protection officer or authority, and how to reach them."""
+
+    name: str
+    address: str
+    contact: str
+
+
+class NoticePurpose(_Part, frozen=True):
+    """What for: the purpose's code, its words, on what ground of Art. 6 and 9, by which sensors, how long it is kept."""
+
+    code: str
+    words: str
+    lawful_basis: str
+    special_basis: str
+    sensors: list[str]
+    storage_days: int
+
+
+class Category(_Part, frozen=True):
+    """A kind of personal data: what it is, where it comes from (one of `SOURCES`), and who that is in plain words."""
+
+    what: str
+    source: str
+    origin: str
+
+
+class Recipient(_Part, frozen=True):
+    """Who gets which data, and why."""
+
+    who: str
+    what: str
+    why: str
+
+
+class Retention(_Part, frozen=True):
+    """How long something is kept."""
+
+    what: str
+    how_long: str
+
+
+class Right(_Part, frozen=True):
+    """A right by its article (`15`), in plain words, and how to use it."""
+
+    article: str
+    words: str
+    how: str
+
+
+class Notice(_Part, frozen=True):
+    """What people are told. Every field is due; `joint_controllers` may be empty."""
+
+    schema: str
+    language: str
+    controller: Party
+    joint_controllers: list[Party]
+    officer: Party
+    purposes: list[NoticePurpose]
+    categories: list[Category]
+    recipients: list[Recipient]
+    retention: list[Retention]
+    third_countries: str
+    jurisdiction: str
+    rights: list[Right]
+    withdrawal: str
+    authority: Party
+    obligation: str
+    automated_decisions: str
+    measures: list[str]
+
+
+@dataclass(frozen=True, slots=True)
+class NoticeRow:
+    """What the chain says of one version: its number from 1, its hash, and the block that brought it."""
+
+    organisation: str
+    version: int
+    digest: bytes
+    height: int
+    time_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedNotice:
+    """A version with its words, whose hash was compared."""
+
+    row: NoticeRow
+    notice: Notice
+
+
+def newest_key(organisation: str) -> bytes:
+    """Return the flat key of the version in force."""
+    return b"consent\x00notice/" + organisation.encode()
+
+
+def version_key(organisation: str, version: int) -> bytes:
+    """Return the flat key of one version with its document."""
+    return b"consent\x00notice-text/" + u32(version) + organisation.encode()
+
+
+def notice_digest(document: bytes) -> bytes:
+    """Return the hash by which the chain names a document."""
+    return tagged_hash(NOTICE_TAG, document)
+
+
+def encode_notice(notice: Notice) -> bytes:
+    """Return the document's bytes. Raises NOTICE_INVALID if it says too little or is too long."""
+    check_notice(notice)
+    document = msgspec.json.encode(notice, order="sorted")
+    if len(document) > NOTICE_MAX_BYTES:
+        raise BlockRobotError("NOTICE_INVALID", f"It has {len(document)} bytes; {NOTICE_MAX_BYTES} are the most.")
+    return document
+
+
+def decode_notice(document: bytes) -> Notice:
+    """Read a document. Raises NOTICE_INVALID unless it is one, complete, in its one form."""
+    try:
+        notice = msgspec.json.decode(document, type=Notice)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BlockRobotError("NOTICE_INVALID", f"It has not the form of a notice: {error}.") from None
+    if encode_notice(notice) != document:
+        raise BlockRobotError("NOTICE_INVALID", "It is not written in its one form.")
+    return notice
+
+
+def notice_from(values: Mapping[str, Any]) -> Notice:
+    """Return a notice from plain values, as a TOML file holds them. Raises NOTICE_INVALID with what is missing."""
+    try:
+        notice = msgspec.convert({"schema": NOTICE_SCHEMA, "joint_controllers": [], **values}, Notice)
+    except msgspec.ValidationError as error:
+        raise BlockRobotError("NOTICE_INVALID", f"{error}.") from None
+    check_notice(notice)
+    return notice
+
+
+def check_notice(notice: Notice) -> None:
+    """Raise NOTICE_INVALID unless everything is said that Art. 13 and 14 ask for, in printable words."""
+    for place, text in _texts(msgspec.to_builtins(notice)):
+        if not text.strip() or len(text) > TEXT_MAX_CHARS or not text.replace("\n", " ").isprintable():
+            raise BlockRobotError("NOTICE_INVALID", f"{place} is empty, too long or holds what cannot be shown.")
+    lists = (notice.purposes, notice.categories, notice.recipients, notice.retention, notice.rights, notice.measures)
+    if any(not 1 <= len(each) <= ITEMS_MAX_COUNT for each in lists):
+        raise BlockRobotError("NOTICE_INVALID", f"Each list has between 1 and {ITEMS_MAX_COUNT} entries.")
+    if notice.schema != NOTICE_SCHEMA:
+        raise BlockRobotError("NOTICE_INVALID", f"Its schema is not {NOTICE_SCHEMA}.")
+    codes = [purpose.code for purpose in notice.purposes]
+    if len(set(codes)) != len(codes):
+        raise BlockRobotError("NOTICE_INVALID", "A purpose stands in it twice.")
+    for purpose in notice.purposes:
+        _check_purpose(purpose)
+    for category in notice.categories:
+        if category.source not in SOURCES:
+            raise BlockRobotError("NOTICE_INVALID", f"{category.source!r} is no source: {', '.join(SOURCES)}.")
+    missing = [article for article in RIGHTS_NAMED if article not in {right.article for right in notice.rights}]
+    if missing:
+        raise BlockRobotError("NOTICE_INVALID", f"It does not name the rights of Art. {', '.join(missing)}.")
+    if not any(category.source == "registrar" for category in notice.categories):
+        raise BlockRobotError("NOTICE_INVALID", "It does not say what comes from the registrar (Art. 14).")
+
+
+def _check_purpose(purpose: NoticePurpose) -> None:
+    faults = [
+        (purpose.code not in PURPOSES, f"{purpose.code!r} is no published purpose"),
+        (purpose.lawful_basis not in LAWFUL_BASES, f"{purpose.lawful_basis!r} is no basis of Art. 6"),
+        (purpose.special_basis not in SPECIAL_BASES, f"{purpose.special_basis!r} is no basis of Art. 9"),
+        (not set(purpose.sensors) <= set(SENSORS), f"{purpose.code} names a sensor that there is not"),
+        (not 0 <= purpose.storage_days <= 366, f"{purpose.code} is kept for no number of days up to 366"),
+    ]
+    for is_so, sentence in faults:
+        if is_so:
+            raise BlockRobotError("NOTICE_INVALID", f"{sentence}.")
+
+
+def _texts(value: Any, place: str = "") -> Iterator[tuple[str, str]]:
+    if isinstance(value, str):
+        yield place, value
+    elif isinstance(value, dict):
+        for name, part in value.items():
+            yield from _texts(part, f"{place}.{name}" if place else name)
+    elif isinstance(value, list):
+        for number, part in enumerate(value, 1):
+            yield from _texts(part, f"{place} {number}")
+
+
+def read_row(organisation: str, value: Any) -> NoticeRow | None:
+    """Read what the chain holds of a version; None where there is none. Raises NOTICE_INVALID for another form."""
+    if value is None:
+        return None
+    try:
+        row = NoticeRow(organisation, value["version"], value["hash"], value["height"], value["time"])
+    except (KeyError, TypeError, IndexError):
+        row = None
+    if row is None or [type(part) for part in (row.version, row.digest, row.height, row.time_ms)] != _ROW_TYPES:
+        raise BlockRobotError("NOTICE_INVALID", "The chain holds it in a form that this version does not know.")
+    return row
+
+
+_ROW_TYPES = [int, bytes, int, int]
+
+
+def read_published(organisation: str, value: Any) -> PublishedNotice | None:
+    """Read a version with its words from the state; None where there is none. Raises NOTICE_INVALID."""
+    row = read_row(organisation, value)
+    if row is None:
+        return None
+    document = value.get("document")
+    if not isinstance(document, bytes) or notice_digest(document) != row.digest:
+        raise BlockRobotError("NOTICE_INVALID", "Its words do not have the hash that the chain names.")
+    return PublishedNotice(row, decode_notice(document))
+
+
+def tell_notice(notice: Notice) -> list[str]:
+    """Return a notice as lines for people, in the order of Art. 13 and 14."""
+    lines = [f"Responsible: {_party(notice.controller)}"]
+    lines += [f"Responsible together with: {_party(party)}" for party in notice.joint_controllers]
+    lines += [f"Data protection officer: {_party(notice.officer)}"]
+    for purpose in notice.purposes:
+        special = "" if purpose.special_basis == "none" else f" and {purpose.special_basis}"
+        kept = f", kept {purpose.storage_days} days" if purpose.storage_days else ""
+        sensors = f", by {', '.join(purpose.sensors)}" if purpose.sensors else ""
+        lines.append(
+            f"Purpose {purpose.code}: {purpose.words} Ground: {purpose.lawful_basis}{special} GDPR{sensors}{kept}."
+        )
+    lines += [f"Data: {each.what} From: {each.origin}" for each in notice.categories]
+    lines += [f"Who gets it: {each.who}: {each.what} Why: {each.why}" for each in notice.recipients]
+    lines += [f"How long: {each.what}: {each.how_long}" for each in notice.retention]
+    lines += [f"Other countries: {notice.third_countries}", f"Law: {notice.jurisdiction}"]
+    lines += [f"Your right (Art. {each.article}): {each.words} How: {each.how}" for each in notice.rights]
+    lines += [
+        f"Taking consent back: {notice.withdrawal}",
+        f"Complaints: {_party(notice.authority)}",
+        f"Do you have to: {notice.obligation}",
+        f"Automated decisions: {notice.automated_decisions}",
+    ]
+    return lines + [f"Protection: {measure}" for measure in notice.measures]
+
+
+def _party(party: Party) -> str:
+    return f"{party.name}, {party.address}, {party.contact}"
+
+
+def tell_changes(before: Notice, after: Notice) -> list[str]:
+    """Return what changed from one version to another: lines that went with `- `, lines that came with `+ `."""
+    lines = difflib.ndiff(tell_notice(before), tell_notice(after))
+    return [line.rstrip() for line in lines if line[:2] in {"- ", "+ "}]
