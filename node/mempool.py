@@ -20,7 +20,18 @@ SENDER_MAX_COUNT = 1024
 SENDER_MAX_BYTES = 4 * 1024 * 1024
 RESERVED_DIVISOR = 10
 RESERVED_CONTRACTS = frozenset(
-    {"access", "consent", "erasure", "evidence", "identity", "membership", "producers", "rights", "settings"}
+    {
+        "access",
+        "consent",
+        "erasure",
+        "evidence",
+        "identity",
+        "membership",
+        "officers",
+        "producers",
+        "rights",
+        "settings",
+    }
 )
 
 

@@ -85,6 +85,9 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "a custodian, once for the same records": _always("custodian"),
     "a custodian of the request, once": _own("custodian"),
     "the organisation's officers": _own("officer"),
+    "an officer of the robot's organisation": _own("officer"),
+    "another officer of the robot's organisation": _own("officer"),
+    "either of the two officers": _own("officer"),
     "the person of the handle": _own(*RECORDED),
     "the member of the handle": _own(*MEMBERS),
     "the member of the handle, with the new key's agreement": _own(*MEMBERS),
@@ -99,11 +102,11 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "the contract `identity`": _contracts("identity"),
     "the contract `lifecycle`": _contracts("lifecycle"),
     "the contract `membership`": _contracts("membership"),
-    "the contract `rights`": _contracts("rights"),
+    "the contracts by which officers decide": _contracts("officers", "rights"),
     "the contract `rights`, for herself": _contracts("rights"),
     "the contract `settings`": _contracts("settings"),
     "the contract `settings`, which checks the value": _contracts("settings"),
-    "the contracts that decide of visits": _contracts("access", "erasure", "records", "rights"),
+    "the contracts that decide of visits": _contracts("access", "erasure", "officers", "records", "rights"),
 }
 _AT_GENESIS = CallerRule("nobody: it is called once, while the first state is made")
 

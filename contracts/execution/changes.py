@@ -17,7 +17,21 @@ TRIALS_KEY = b"machine\x00trials"
 TRIALS_SHOWN_KEY = b"lifecycle\x00trials"
 VERSION_PREFIX = b"lifecycle\x00version/"
 MACHINE = "machine"
-GOVERNING = ("consent", "forms", "identity", "lifecycle", "membership", "producers", "rights", "settings")
+GOVERNING = (
+    "access",
+    "audit",
+    "consent",
+    "erasure",
+    "forms",
+    "identity",
+    "lifecycle",
+    "membership",
+    "officers",
+    "producers",
+    "records",
+    "rights",
+    "settings",
+)
 TRIAL_MS = 24 * 3600 * 1000
 _NAME = re.compile(r"[a-z][a-z0-9_-]{0,31}", re.ASCII)
 _KINDS = ("activate", "disable", "keep")

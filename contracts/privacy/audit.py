@@ -3,7 +3,7 @@
 entry/O+n -> {record_id, kind, time, height, data}; count/O -> n. Counts are per visit, so visits never contend.
 """
 
-WRITERS = ("records", "access", "erasure", "rights")
+WRITERS = ("records", "access", "erasure", "officers", "rights")
 PAGE_MAX_COUNT = 128
 
 

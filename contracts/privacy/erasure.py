@@ -9,6 +9,7 @@ HASH_BYTES = 32
 FRAMES_MAX_COUNT = 64
 DESTROYED_MAX_COUNT = 4096
 REMAINS_MAX_CHARS = 256
+DECIDING = ("officers", "rights")
 
 
 @export
@@ -24,8 +25,8 @@ def request(records: list, frames: list):
 
 @export
 def order(owner: bytes, records: list):
-    """Ask for the erasure of 1 to 64 records of a denied visit. Who may call: the contract `rights`."""
-    require(ctx.calling_contract == "rights", "NOT_THE_RIGHTS_CONTRACT", "Only the contract rights may do that.")
+    """Ask for the erasure of 1 to 64 records that officers decided. Who may call: the contracts by which officers decide."""
+    require(ctx.calling_contract in DECIDING, "NOT_A_DECIDING_CONTRACT", "Only the contracts of the officers may do that.")
     begin(owner, records, [])
 
 

@@ -2,7 +2,8 @@
 
 visit/O -> {robot, ephemeral, view_tag, bucket_ms, purpose, status, record_count, height, sequence}; record/id -> {owner,
 robot, commitment_root, ciphertext_root, sealed_metadata, bucket_ms, expires_at_ms, height, txid, status, erased_frames,
-custodians}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True.
+custodians}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True
+while the record is active.
 
 A record's status goes active -> erasing -> erased (asked for), or active -> expired -> erased (by itself). From "expired"
 or "erased" on its roots and metadata are gone. `custodians` lists those that reported its expiry.
@@ -183,6 +184,7 @@ def begin_erasure(owner: bytes, record_ids: list, frames: list):
         if len(frames) == 0:
             entry["status"] = "erasing"
             state.put(b"record/" + record_id, entry)
+            state.delete(b"of-visit/" + owner + record_id)
 
 
 @export
@@ -229,6 +231,7 @@ def expire(record_ids: list, custodian: bytes, custodian_count: int) -> list:
             if len(reported) >= custodian_count:
                 status = "erased"
             state.put(b"record/" + record_id, reduce(entry, status))
+            state.delete(b"of-visit/" + entry["owner"] + record_id)
             if entry["owner"] not in owners:
                 owners.append(entry["owner"])
     return owners
@@ -258,7 +261,7 @@ def announcements(first: int, limit: int) -> list:
 
 @view
 def of_visit(owner: bytes) -> list:
-    """Return the ids of a visit's records, sorted. (Up to 256 for each first byte; ids are random.)"""
+    """Return the ids of a visit's active records, sorted. (Up to 256 for each first byte; ids are random.)"""
     prefix = b"of-visit/" + owner
     entries = state.scan(prefix, SCAN_MAX_COUNT)
     if len(entries) == SCAN_MAX_COUNT:
@@ -277,7 +280,6 @@ def of_visit(owner: bytes) -> list:
 @view
 def require_none_active(owner: bytes) -> bool:
     """Fail if a record of the visit is neither erased, nor being erased, nor reported as expired."""
-    for record_id in of_visit(owner):
-        entry = state.get(b"record/" + record_id)
-        require(entry["status"] != "active", "RECORDS_LEFT", "A record of the visit is still there: have it erased first.")
+    left = state.scan(b"of-visit/" + owner, 1)
+    require(len(left) == 0, "RECORDS_LEFT", "A record of the visit is still there: have it erased first.")
     return True

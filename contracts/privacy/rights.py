@@ -372,6 +372,20 @@ def require_release(owner: bytes, records: list, purpose: str) -> bool:
 
 
 @view
+def require_erasable(owner: bytes, records: list) -> bool:
+    """Fail if somebody else than the owner must not erase these: the visit is denied, or she restricted some of them."""
+    require_open(owner)
+    row = state.get(b"restriction/" + owner)
+    if row is not None:
+        restricted = row["whole"]
+        for record_id in records:
+            if record_id in row["records"]:
+                restricted = True
+        require(not restricted, "RECORD_RESTRICTED", "Its owner restricted it: nobody else has it erased.")
+    return True
+
+
+@view
 def require_not_held(rows: list) -> bool:
     """Fail if a restriction keeps any of these records beyond its expiry: [[owner, record id, expires_at_ms]]."""
     restrictions = {}

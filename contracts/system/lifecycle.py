@@ -30,7 +30,21 @@ AHEAD_MAX_BLOCKS = 10000000
 NAME_MAX_CHARS = 32
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-_"
 RESERVED_NAMES = ("blockrobot", "chain", "contract", "ctx", "genesis", "machine", "state", "system")
-GOVERNING = ("consent", "forms", "identity", "lifecycle", "membership", "producers", "rights", "settings")
+GOVERNING = (
+    "access",
+    "audit",
+    "consent",
+    "erasure",
+    "forms",
+    "identity",
+    "lifecycle",
+    "membership",
+    "officers",
+    "producers",
+    "records",
+    "rights",
+    "settings",
+)
 FIELDS = {
     "deploy": {"name": "str", "source_hash": "bytes", "height": "int", "delay": "int", "note": "str"},
     "activate": {"name": "str", "version": "int", "height": "int", "delay": "int", "note": "str"},

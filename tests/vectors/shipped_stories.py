@@ -109,6 +109,32 @@ def rights_story() -> None:
     hospital.view("audit", "events", visit.owner, 0, 50)
 
 
+def officers_story() -> None:
+    hospital = Hospital()
+    visit, other = hospital.open_visit(hospital.enrol("anna")), hospital.open_visit(hospital.enrol("ben"))
+    for recorded in (visit, visit, other):
+        hospital.record(recorded)
+    first, second = (hospital.enrol(name, "officer").identity for name in ("first", "second"))
+    span = [visit.robot.identity.public_key, visit.bucket_ms, visit.bucket_ms + 300_000]
+    hospital.send(first, "officers", "propose", *span, "key-lost", 1)
+    hospital.time_ms = span[2]
+    hospital.send(hospital.robot.identity, "officers", "propose", *span, "key-lost", 1)
+    hospital.send(first, "officers", "propose", *span, "so-it-seems", 1)
+    agreed = hospital.must(first, "officers", "propose", *span, "key-lost", 1).txid
+    hospital.send(first, "officers", "approve", agreed)
+    hospital.send(first, "officers", "erase", agreed, visit.owner, visit.records)
+    hospital.must(second, "officers", "approve", agreed)
+    hospital.must(visit.key, "rights", "restrict", visit.records[:1], "legal-claim")
+    hospital.send(second, "officers", "erase", agreed, visit.owner, visit.records)
+    hospital.must(second, "officers", "erase", agreed, visit.owner, visit.records[1:])
+    hospital.send(second, "officers", "erase", agreed, other.owner, other.records)
+    hospital.must(first, "officers", "stop", agreed)
+    hospital.view("officers", "proposals", 0, 10)
+    hospital.view("officers", "proposal", agreed)
+    hospital.view("records", "of_visit", visit.owner)
+    hospital.view("audit", "events", visit.owner, 0, 50)
+
+
 def hospital_story() -> None:
     hospital = Hospital()
     anna, ben = hospital.enrol("anna"), hospital.enrol("ben", "staff")
@@ -187,5 +213,10 @@ def record(story: Callable[[], None]) -> dict[str, Any]:
 
 def documents() -> dict[str, dict[str, Any]]:
     """Return the documents of the shipped contracts by file name."""
-    stories = {"hospital.json": hospital_story, "rights.json": rights_story, "consortium.json": consortium_story}
+    stories = {
+        "hospital.json": hospital_story,
+        "rights.json": rights_story,
+        "officers.json": officers_story,
+        "consortium.json": consortium_story,
+    }
     return {name: record(story) for name, story in stories.items()}

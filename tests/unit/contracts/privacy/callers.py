@@ -23,11 +23,14 @@ ROLE_OF = {
     "robot": "robot",
     "other-robot": "robot",
     "revoked": "former",
+    "officer-2": "officer",
 } | {
     name: name
     for name in ("staff", "officer", "auditor", "registrar", "admin", "custodian", "producer", "candidate", "stranger")
 }
 DAY_MS = 24 * 3600 * 1000
+BUCKET_MS = 300_000
+OFFICERS = {"officer", "officer-2"}
 LATER_MS = {("erasure", "expired"): 400 * DAY_MS}
 """How much later an entry is called than the rest."""
 
@@ -54,6 +57,7 @@ class Scene:
             "robot": hospital.robot,
             "staff": hospital.enrol("staff", "staff"),
             "officer": hospital.enrol("officer", "officer"),
+            "officer-2": hospital.enrol("officer-2", "officer"),
             "auditor": hospital.enrol("auditor", "auditor"),
         }
         officer = self.people["officer"].identity
@@ -63,6 +67,7 @@ class Scene:
         hospital.must(hospital.admin, "producers", "propose", producer_of("node-09").public_key)
         hospital.must(officer, "rights", "assess", self.breach_id, "none", "matched-wrongly")
         hospital.must(self.visit.key, "rights", "restrict", [self.record_id], "accuracy")
+        self._propose(officer)
         self.everyone: dict[str, PrivateKey] = {
             "anna": self.anna.identity,
             "ben": self.ben.identity,
@@ -72,6 +77,7 @@ class Scene:
             "other-robot": self.other_robot.identity,
             "staff": self.people["staff"].identity,
             "officer": officer,
+            "officer-2": self.people["officer-2"].identity,
             "denied-owner": self.denied.key,
             "auditor": self.people["auditor"].identity,
             "revoked": revoked.identity,
@@ -82,6 +88,18 @@ class Scene:
             "custodian": hospital.custodians[0],
             "stranger": key_of("stranger"),
         }
+
+    def _propose(self, officer: PrivateKey) -> None:
+        """One officer proposes twice what two of them erase together; another approves one of the proposals."""
+        hospital = self.hospital
+        self.others_id = hospital.record(self.others_visit)
+        bucket_ms = self.others_visit.bucket_ms
+        self.span = [self.others_visit.robot.identity.public_key, bucket_ms, bucket_ms + BUCKET_MS]
+        hospital.time_ms = bucket_ms + BUCKET_MS
+        arguments = [*self.span, "key-lost", 1]
+        self.proposal_id = hospital.must(officer, "officers", "propose", *arguments).txid
+        self.approved_id = hospital.must(officer, "officers", "propose", *arguments).txid
+        hospital.must(self.people["officer-2"].identity, "officers", "approve", self.approved_id)
 
 
 class _Newcomer(Person):
@@ -156,10 +174,14 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("rights", "object_to_release", lambda _: [["care"]], {"owner", "other-owner"}),
     ("rights", "rectify", lambda s: [[s.record_id], "attribution", bytes(32)], {"owner"}),
     ("rights", "wrong_person", lambda _: [], {"owner", "other-owner"}),
-    ("rights", "assess", lambda s: [s.breach_id, "high", "released-before"], {"officer"}),
-    ("rights", "notify", lambda s: [s.breach_id, "authority", ""], {"officer"}),
-    ("rights", "order_erasure", lambda s: [s.breach_id, [s.denied_id]], {"officer"}),
-    ("rights", "close", lambda s: [s.breach_id, "released", "owner-confirmed"], {"officer"}),
+    ("rights", "assess", lambda s: [s.breach_id, "high", "released-before"], OFFICERS),
+    ("rights", "notify", lambda s: [s.breach_id, "authority", ""], OFFICERS),
+    ("rights", "order_erasure", lambda s: [s.breach_id, [s.denied_id]], OFFICERS),
+    ("rights", "close", lambda s: [s.breach_id, "released", "owner-confirmed"], OFFICERS),
+    ("officers", "propose", lambda s: [*s.span, "key-lost", 1], OFFICERS),
+    ("officers", "approve", lambda s: [s.proposal_id], {"officer-2"}),
+    ("officers", "erase", lambda s: [s.approved_id, s.others_visit.owner, [s.others_id]], OFFICERS),
+    ("officers", "stop", lambda s: [s.approved_id], OFFICERS),
     ("audit", "append", lambda s: [s.visit.owner, b"", "recorded", {}], set()),
 ]
 

@@ -21,7 +21,7 @@ from tests.unit.contracts.system.consortium import (
     organisation_fields,
     producer_of,
 )
-from tests.unit.contracts.system.deploying import VISITORS, deployment, disabling, keeping, upload
+from tests.unit.contracts.system.deploying import VISITORS, deploy, deployment, disabling, keeping, upload
 
 ADMINS = {"admin-1", "admin-2", "admin-3"}
 ROLE_OF = {
@@ -75,8 +75,10 @@ class Scene:
         chain.must(producer_of("node-01"), "producers", "accuse", *chain.evidence(self.accused, round_number=1))
         self.proposal = chain.must(first, "membership", "propose", "add_org", organisation_fields("org-05")).txid
         self.setting = chain.must(first, "settings", "propose", "heartbeat_ms", 5000).txid
+        deploy(chain, "doors", VISITORS)
+        chain.block([])
         upload(chain, admin_of("org-01"), VISITORS)
-        self.disabling = chain.must(first, "lifecycle", "propose", "disable", disabling("audit")).txid
+        self.disabling = chain.must(first, "lifecycle", "propose", "disable", disabling("doors")).txid
         revoked = chain.enrol("revoked", "staff")
         chain.must(first, "identity", "revoke", revoked.handle)
         owner = chain.open_visit(chain.enrol("subject"))
@@ -161,7 +163,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("lifecycle", "genesis", lambda _: [[]], set()),
     ("lifecycle", "upload", lambda _: [bytes(32), 2, 0, b"data"], ADMINS),
     ("lifecycle", "check_upload", lambda _: [compute_source_hash(VISITORS)], {"admin-1"}),
-    ("lifecycle", "propose", lambda _: ["disable", disabling("audit")], ADMINS),
+    ("lifecycle", "propose", lambda _: ["disable", disabling("doors")], ADMINS),
     ("lifecycle", "propose", _deploy, {"admin-1"}),
     ("lifecycle", "approve", lambda s: [s.disabling], ADMINS - {"admin-1"}),
     ("producers", "genesis", lambda _: [[], [], {}], set()),

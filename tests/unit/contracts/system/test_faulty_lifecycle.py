@@ -6,9 +6,10 @@ from typing import Any
 
 import pytest
 
+from contracts.execution.chain_refusals import read_limit
 from contracts.execution.changes import GOVERNING, TRIAL_MS
 from contracts.execution.describing import list_contracts, list_due
-from contracts.execution.registry import compute_source_hash, read_source
+from contracts.execution.registry import SHIPPED_CONTRACTS, compute_source_hash, read_source
 from tests.unit.contracts.system.consortium import Consortium, key_of
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2, activation, agree, deploy, upgrade, upload
 
@@ -232,7 +233,12 @@ def test_a_decision_to_keep_a_version_that_is_no_more_keeps_nothing(chain: Conso
 
 
 def test_the_machine_and_the_contract_name_the_same_governing_contracts() -> None:
-    assert f"GOVERNING = {GOVERNING!r}".replace("'", '"') in read_source("lifecycle")
+    assert read_limit("GOVERNING") == GOVERNING
+
+
+def test_no_contract_that_ships_can_be_switched_off() -> None:
+    """Rights of people call each other's contracts, and what the network is run by: one without the others is nothing."""
+    assert set(SHIPPED_CONTRACTS) == set(GOVERNING)
 
 
 def test_a_version_that_means_harm_can_have_itself_kept(chain: Consortium) -> None:

@@ -63,7 +63,7 @@ def test_settings_are_upgraded_on_a_running_chain(chain: Consortium) -> None:
 
 def test_a_migration_cannot_begin_an_epoch(chain: Consortium) -> None:
     """The block in which it runs may be one that closes an epoch. The machine itself sees to that."""
-    upgrade(chain, "lifecycle", changed("lifecycle", '"rights", "settings")', '"rights")'))
+    upgrade(chain, "lifecycle", changed("lifecycle", '    "settings",\n)', ")"))
     migrating = read_source("settings") + (
         '\n\n@migrate\ndef carry_over():\n    call("producers", "change_setting", "heartbeat_ms", 4000)\n'
     )
