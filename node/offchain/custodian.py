@@ -304,6 +304,7 @@ class Custodian:
         while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
             await self._eraser.drop_staged(lapsed)
         await self._eraser.erase_expired(point.timestamp_ms, point.height)
+        await self._eraser.finish()
         await self._store.apply(BlockEffects(checkpoint=point))
 
     async def _is_next(self, block: FinalizedEvents) -> bool:

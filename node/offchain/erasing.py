@@ -2,7 +2,8 @@
 
 An erasure is fixed as a plan in the outbox before the first key is destroyed. After a crash the plan is carried out
 again from its start, each step being idempotent, so that the receipt says what was destroyed and not what was left.
-A slot is free again only after its plan is closed: a repeated plan never hits another frame's key.
+A slot is free again only after its plan is closed: a repeated plan never hits another frame's key. Keys and rows go at
+once; the store's files are swept, and plans closed, by `finish`, since a sweep looks through the whole store.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ EXPIRED_KIND = "erasure.expired"
 REMAINS_NOTHING = "nothing"
 REMAINS_LEAVES = "commitment-leaves"
 RECORDS_A_CALL_MAX_COUNT = 32
-_PLANS_AT_ONCE_COUNT = 16
+_PLANS_AT_ONCE_COUNT = 128
 
 _DIGEST = "blockrobot/erasure-digest"
 _EXPIRY = "blockrobot/expiry-subject"
@@ -53,11 +54,16 @@ def _parts(record_ids: Sequence[bytes], places: Sequence[FramePlace], frames: Se
 
 
 class Eraser:
-    """Plans erasures and carries them out, over a store and the erase keys that belong to it."""
+    """Plans erasures and carries them out, over a store and the erase keys that belong to it.
+
+    Whoever calls anything here ends with `finish`, before a checkpoint says that it is done.
+    """
 
     def __init__(self, store: CustodyStore, erase_keys: ErasableKeys) -> None:
         self._store = store
         self._keys = erase_keys
+        self._is_swept = True
+        self._carried_out: set[tuple[str, bytes, int]] = set()
 
     async def erase_requested(
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
@@ -84,9 +90,9 @@ class Eraser:
         parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
+        self._is_swept = False
         for record_id in record_ids:
             await self._store.erase_clip(record_id)
-        await self._store.sweep()
         await self._read_back(parts)
         await asyncio.to_thread(self._keys.release, slots)
 
@@ -96,10 +102,10 @@ class Eraser:
         Rows go before keys, as in `drop_staged`; frames that no clip claims go too.
         """
         places = await self._store.frame_places([record_id])
+        self._is_swept = False
         await self._store.stage(ClipRow(record_id, b"", 0, "staged", (), ()), [])
         await self._store.drop_staged(record_id)
         await self.destroy_unused([place.slot for place in places])
-        await self._store.sweep()
 
     async def drop_staged(self, record_ids: Sequence[bytes]) -> None:
         """Drop staged clips that no record will ever name.
@@ -108,10 +114,10 @@ class Eraser:
         destroyed at the next start.
         """
         slots = [place.slot for place in await self._store.frame_places(record_ids)]
+        self._is_swept = False
         for record_id in record_ids:
             await self._store.drop_staged(record_id)
         await self.destroy_unused(slots)
-        await self._store.sweep()
 
     async def destroy_unused(self, slots: Sequence[int]) -> None:
         """Destroy and free keys to which no row refers."""
@@ -119,10 +125,20 @@ class Eraser:
         await asyncio.to_thread(self._keys.release, slots)
 
     async def finish(self) -> None:
-        """Carry out every plan that is not closed: those of a crash, and those just made."""
+        """Carry out every plan that a crash cut off, sweep the store once if anything went, and close the plans."""
         while rows := await self._store.outbox("erasing", _PLANS_AT_ONCE_COUNT):
             for row in rows:
-                await self._carry_out(row)
+                if row.key not in self._carried_out:
+                    await self._carry_out(row)
+            await self._sweep()
+            for row in rows:
+                await self._close(row)
+        await self._sweep()
+
+    async def _sweep(self) -> None:
+        if not self._is_swept:
+            await self._store.sweep()
+            self._is_swept = True
 
     async def _plan(
         self,
@@ -136,21 +152,28 @@ class Eraser:
         plan = encode(ErasurePlan(parts))
         row = OutboxRow(kind, subject, 0, "erasure", entry, encode_value(list(arguments)), height, "erasing", plan)
         await self._store.add_outbox(row)
-        await self.finish()
+        for known in await self._store.outbox_of(kind, subject):  # an earlier plan of the same stays as it was
+            if known.status == "erasing" and known.key not in self._carried_out:
+                await self._carry_out(known)
 
     async def _carry_out(self, row: OutboxRow) -> None:
         parts = decode(row.plan, ErasurePlan).parts
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
+        self._is_swept = False
         for part in parts:
             if part.whole:
                 await self._store.erase_clip(part.record_id)
             else:
                 await self._store.erase_frames(part.record_id, part.indexes)
-        await self._store.sweep()
+        self._carried_out.add(row.key)
+
+    async def _close(self, row: OutboxRow) -> None:
+        parts = decode(row.plan, ErasurePlan).parts
         await self._read_back(parts)
         await self._store.mark_outbox_ready(row.key)
-        await asyncio.to_thread(self._keys.release, slots)
+        self._carried_out.discard(row.key)
+        await asyncio.to_thread(self._keys.release, [slot for part in parts for slot in part.slots])
 
     async def _read_back(self, parts: Sequence[ErasurePart]) -> None:
         places = await self._store.frame_places([part.record_id for part in parts])

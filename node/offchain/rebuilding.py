@@ -89,6 +89,7 @@ class Rebuild:
             await self._set_right(facts)
             await self._drop_unclaimed(in_flight)
             await self._custodian.reconciliation(facts).bring_about()
+            await self._custodian.eraser.finish()
             await self._store.apply(BlockEffects(checkpoint=facts.point))
         suspects = await self._find_suspects()
         await self._fetch_missing()

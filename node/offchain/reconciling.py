@@ -46,6 +46,9 @@ class Reconciliation:
             await self._take_access(access)
         for erasure in self._facts.erasures():
             await self._take_erasure(erasure)
+        await self._eraser.finish()
+        for erasure in self._facts.erasures():
+            await self._settle_erasure(erasure)
 
     async def _take_records(self, batch: list[RecordFacts]) -> None:
         clips = await self._store.clips([facts.record_id for facts in batch])
@@ -97,6 +100,9 @@ class Reconciliation:
             "frames": list(erasure.frames),
         }
         await self._replay(erasure.height, erasure.erasure_id, "erasure", "requested", data)
+
+    async def _settle_erasure(self, erasure: ErasureFacts) -> None:
+        """Owe nothing for an erasure that this custodian has confirmed before, or that was not asked of it."""
         if self._member in erasure.receipts or self._member not in erasure.custodians:
             told = {"erasure_id": erasure.erasure_id, "custodian": self._member}
             await self._replay(erasure.height, erasure.erasure_id, "erasure", "receipted", told)

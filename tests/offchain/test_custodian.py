@@ -273,3 +273,30 @@ async def test_an_empty_frame_is_kept_under_its_hash_and_no_other(opened: House)
     content = secrets.token_bytes(1000)
     await refused("UPLOAD_HASH_MISMATCH", opened.custodian.put_background(bytes(32), content))
     assert await opened.custodian.get_background(bytes(32)) is None
+
+
+async def test_the_whole_store_is_looked_through_once_a_block_however_much_it_erases(
+    opened: House, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clips = [record_clip() for _ in range(40)]
+    lapsing = record_clip(valid_until_ms=START_MS + 45_000)
+    await opened.custodian.stage(lapsing.upload)
+    for clip in clips:
+        await opened.keep(clip)
+    sweep, swept = opened.store.sweep, []
+
+    async def counted() -> None:
+        swept.append(len(await opened.owed()))
+        await sweep()
+
+    monkeypatch.setattr(opened.store, "sweep", counted)
+    requests = [erasure(b"\xe0" * 31 + bytes([number]), clip) for number, clip in enumerate(clips[:35])]
+    await opened.follow(*requests, at_ms=START_MS + 50_000)
+    assert swept == [0], "no receipt is owed before"
+    assert len(await opened.owed()) == 35
+    assert opened.keys.held_count == 5 * 3
+    await opened.follow()
+    assert len(swept) == 1, "a block that erases nothing looks through nothing"
+    await opened.follow(at_ms=EXPIRES_MS)
+    assert len(swept) == 2
+    assert (opened.keys.held_count, opened.keys.check_destroyed()) == (0, 0)
