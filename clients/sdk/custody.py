@@ -11,6 +11,7 @@ from consensus.primitives.encoding import decode, encode
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 
 TRANSFER_TIMEOUT_MS = 60_000
 
@@ -82,6 +83,42 @@ class CustodyClient:
         if clip.record_id != record_id:
             raise BlockRobotError("UPLOAD_INVALID", f"Custodian {node.name} sent another record's clip.")
         return clip
+
+    async def upload_grant(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
+        """Stage one custodian's parts of a shared record, in the session of its owner key. Repeating is harmless.
+
+        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, STORE_UNAVAILABLE, NODE_UNREACHABLE.
+        """
+        await self._ask(
+            node,
+            "PUT",
+            f"/v1/grants/{upload.grant_txid.hex()}/{upload.record_id.hex()}",
+            key=key,
+            body=encode(upload),
+            media_type="application/msgpack",
+            timeout_ms=TRANSFER_TIMEOUT_MS,
+        )
+
+    async def download_shared(
+        self, node: NodeAddress, grant_id: bytes, request: SharedRequest, key: PrivateKey
+    ) -> SharedDownload:
+        """Fetch from one custodian what it has of a shared record, in the session of the grant's key.
+
+        Raises ACCESS_NOT_GRANTED, GRANT_ENDED, GRANTEE_NOT_A_MEMBER, CLIP_NOT_CONFIRMED, CLIP_ERASED, UPLOAD_INVALID.
+        """
+        content = await self._ask(
+            node,
+            "POST",
+            f"/v1/grants/{grant_id.hex()}/{request.record_id.hex()}",
+            key=key,
+            body=encode(request),
+            media_type="application/msgpack",
+            timeout_ms=TRANSFER_TIMEOUT_MS,
+        )
+        shared = decode(content, SharedDownload)
+        if shared.record_id != request.record_id:
+            raise BlockRobotError("UPLOAD_INVALID", f"Custodian {node.name} sent another record's pictures.")
+        return shared
 
     async def put_background(self, node: NodeAddress, content: bytes, key: PrivateKey) -> bytes:
         """Store a recorded empty frame at one custodian and return its SHA-256."""

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
 from clients.sdk.picture import colourise, compose
 from clients.sdk.rendition_files import own_pixels, sense_file
-from clients.wallet.viewing import RecordView, Viewing
-from consensus.records.renditions import ENCODING_PNG16
+from clients.wallet.viewing import FrameView, RecordView, Viewing
+from consensus.records.renditions import ENCODING_PNG16, Rendition
+
+FindBackground = Callable[[Rendition], Awaitable[bytes]]
 
 
 async def write_pictures(viewing: Viewing, view: RecordView, out: Path) -> list[Path]:
@@ -16,11 +19,20 @@ async def write_pictures(viewing: Viewing, view: RecordView, out: Path) -> list[
     Beside each stands `<sequence>.depth.png`, the owner's own pixels as measured. Other senses become
     `<sequence>.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of what is there to look at or hear.
     """
-    folder = out / view.entry.record_id.hex()
+    return await write_frames(
+        lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out
+    )
+
+
+async def write_frames(
+    background: FindBackground, record_id: bytes, frames: Sequence[FrameView], out: Path
+) -> list[Path]:
+    """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame."""
+    folder = out / record_id.hex()
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     backgrounds: dict[bytes, bytes] = {}
-    for frame in view.frames:
+    for frame in frames:
         rendition = frame.rendition
         if rendition is None or not rendition.pixels:
             continue
@@ -31,7 +43,7 @@ async def write_pictures(viewing: Viewing, view: RecordView, out: Path) -> list[
             written.append(other)
             continue
         if rendition.background_id not in backgrounds:
-            backgrounds[rendition.background_id] = await viewing.background(rendition, view.entry)
+            backgrounds[rendition.background_id] = await background(rendition)
         depth = compose(
             backgrounds[rendition.background_id],
             rendition.x,

@@ -1,0 +1,142 @@
+"""Grants as the chain has them: read, proved complete, and found by the grantee. Must never trust a node with the list.
+
+Every grantee reads every grant in her member session, so that a node learns nothing of which are hers; what concerns
+one grant is asked in the session of that grant's key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.keys import WalletKeys
+from clients.wallet.sharing_memory import ReceivedGrant
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u64
+from consensus.primitives.keys import PrivateKey
+from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.sharing import derive_grantee_key, scan_grant
+
+GRANT = b"access\x00grant/"
+_COUNT = b"access\x00grant-count"
+_NUMBER = b"access\x00grant-number/"
+PAGE_COUNT = 100
+GRANT_PREFIX_MIN_CHARS = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """One grant, proven: of which visit (its owner key), which records, for whom (one-time key), why, until when (ms)."""
+
+    grant_id: bytes
+    owner: bytes
+    records: tuple[bytes, ...]
+    grantee: bytes
+    ephemeral: bytes
+    view_tag: int
+    member_hash: bytes
+    purpose: str
+    until_ms: int
+    time_ms: int
+    status: str
+    noticed: frozenset[bytes]
+
+    def is_open(self, now_ms: int) -> bool:
+        """Whether it was not revoked, and its time is not over."""
+        return self.status == "active" and now_ms < self.until_ms
+
+
+def read_grant(grant_id: bytes, state: Any) -> Grant:
+    """Return a grant from its proved state. Raises PROOF_INVALID for what is none."""
+    try:
+        return Grant(
+            grant_id=grant_id,
+            owner=state["owner"],
+            records=tuple(state["records"]),
+            grantee=state["grantee"],
+            ephemeral=state["ephemeral"],
+            view_tag=state["view_tag"],
+            member_hash=state["member_hash"],
+            purpose=state["purpose"],
+            until_ms=state["until_ms"],
+            time_ms=state["time"],
+            status=state["status"],
+            noticed=frozenset(state["noticed"]),
+        )
+    except (KeyError, TypeError):
+        raise BlockRobotError(
+            "PROOF_INVALID", f"What the chain has of grant {grant_id.hex()[:12]} is no grant."
+        ) from None
+
+
+async def read_grants(wallet: Wallet, ids: Sequence[bytes], session: PrivateKey) -> list[Grant]:
+    """Return grants by their ids, proven, in one session; an id that the chain does not know is left out."""
+    values = await wallet.values([GRANT + grant_id for grant_id in ids], session)
+    return [read_grant(grant_id, values[GRANT + grant_id]) for grant_id in ids if values[GRANT + grant_id] is not None]
+
+
+async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
+    """Return how many grants there are in all, and those from number `first` on, at most a page, none left out."""
+    session = wallet.keys.identity
+    numbers = {number: _NUMBER + u64(number) for number in range(first, first + PAGE_COUNT)}
+    values = await wallet.values([_COUNT, *numbers.values()], session)
+    count = values[_COUNT] or 0
+    ids = [values[key] for number, key in numbers.items() if number < count]
+    grants = [] if None in ids else await read_grants(wallet, ids, session)
+    if len(grants) != len(ids):
+        raise BlockRobotError("PROOF_INVALID", "The page leaves grants out.")
+    return count, grants
+
+
+async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
+    """Read the grants that are new since last time and return all that are for this wallet, remembered.
+
+    Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
+    """
+    await wallet.require_registered()
+    content = wallet.store.content
+    while True:
+        count, grants = await _read_page(wallet, content.scanned_grants_count)
+        for grant in grants:
+            if is_for(grant, wallet.keys, wallet.genesis.chain_id):
+                content.received_grants.append(ReceivedGrant(grant.grant_id, grant.owner, grant.ephemeral))
+        content.scanned_grants_count += len(grants)
+        if content.scanned_grants_count >= count:
+            break
+    wallet.store.save()
+    return list(content.received_grants)
+
+
+def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
+    """Tell whether a grant is for these keys. The view tag spares most of the work."""
+    found = scan_grant(
+        keys.view, keys.spend.public_key, grant.ephemeral, grant.view_tag, chain_id=chain_id, owner=grant.owner
+    )
+    return found == grant.grantee
+
+
+def grantee_key(received: ReceivedGrant, wallet: Wallet) -> PrivateKey:
+    """Derive the private key of a grant. It is never stored and never leaves this process."""
+    keys = wallet.keys
+    return derive_grantee_key(
+        keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
+    )
+
+
+def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
+    """Derive the salt that shows custodians for whose handle a grant is."""
+    chain_id = wallet.genesis.chain_id
+    return derive_grant_salt(wallet.keys.view, received.ephemeral, chain_id=chain_id, owner=received.owner)
+
+
+def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
+    """Return the one grant id that begins so (hexadecimal). Raises NOT_FOUND, REQUEST_INVALID."""
+    if len(start) < GRANT_PREFIX_MIN_CHARS:
+        raise BlockRobotError("REQUEST_INVALID", f"Name a grant by at least {GRANT_PREFIX_MIN_CHARS} characters.")
+    found = [grant_id for grant_id in ids if grant_id.hex().startswith(start.lower())]
+    if len(found) != 1:
+        code = "REQUEST_INVALID" if found else "NOT_FOUND"
+        raise BlockRobotError(code, f"There are {len(found) or 'no'} grants that begin with {start}.")
+    return found[0]

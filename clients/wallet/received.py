@@ -1,0 +1,355 @@
+"""What was shared with this wallet's person: looking at it, and what became of it since. Must never show what is unproven.
+
+Pictures come under an access of the grant's own key: ciphertext and package from any custodian, parts of the key from at
+least two. Every frame is checked against what the robot committed to on the chain, as the owner's own wallet does it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.connections import NodeAddress
+from clients.wallet.auditing import audit_visit
+from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_grants
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
+from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, FrameView
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import u32
+from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.records.commitments import commitment_leaf, derive_salt
+from consensus.records.envelopes import open_frame
+from consensus.records.renditions import Rendition, decode_rendition
+from consensus.records.sharing import (
+    SharedDownload,
+    SharedRequest,
+    check_shared_download,
+    join_parts,
+    open_package,
+)
+
+FOLLOW_MAX_MS = 15_000
+_FOLLOW_PAUSE_S = 0.25
+_NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
+_RECORD = b"records\x00record/"
+_RESTRICTION = b"rights\x00restriction/"
+_QUARANTINE = b"rights\x00quarantine/"
+_CORRECTION_COUNT = b"rights\x00correction-count/"
+_CORRECTION = b"rights\x00correction/"
+KIND_ERASED = "erased"
+KIND_FRAMES_ERASED = "pictures-erased"
+KIND_CORRECTED = "corrected"
+KIND_RESTRICTED = "restricted"
+KIND_DENIED = "denied"
+KIND_REVOKED = "revoked"
+KIND_ENDED = "ended"
+TO_DELETE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED, KIND_DENIED, KIND_REVOKED, KIND_ENDED})
+"""After these a copy has to go."""
+Sleep = Callable[[float], Awaitable[None]]
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """What happened to a record after it was shared (Art. 19), and whether the grantee has confirmed that she acted."""
+
+    record_id: bytes
+    kind: str
+    confirmed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Receipt:
+    """A grant for this wallet, proven, with what its records became. `is_open`: it can be looked at by its terms."""
+
+    grant: Grant
+    received: ReceivedGrant
+    is_open: bool
+    notices: tuple[Notice, ...]
+
+    @property
+    def to_confirm(self) -> list[bytes]:
+        """The records about which the owner is to be told that copies were deleted."""
+        due = [notice.record_id for notice in self.notices if notice.kind in TO_DELETE and not notice.confirmed]
+        return list(dict.fromkeys(due))
+
+
+@dataclass(frozen=True, slots=True)
+class SharedView:
+    """A shared record with its frames as they were found, and the custodians that released it."""
+
+    record_id: bytes
+    frames: tuple[FrameView, ...]
+    custodians: tuple[str, ...]
+
+    @property
+    def corrupted(self) -> list[int]:
+        """The indexes of frames that no custodian has whole."""
+        return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
+
+
+class Receiving:
+    """What was shared with one wallet's person."""
+
+    def __init__(self, wallet: Wallet, *, follow_max_ms: int = FOLLOW_MAX_MS, sleep: Sleep = asyncio.sleep) -> None:
+        """`follow_max_ms` is how long a custodian may lag behind what the wallet has proven final."""
+        self._wallet = wallet
+        self._follow_max_ms = follow_max_ms
+        self._sleep = sleep
+
+    async def inbox(self) -> list[Receipt]:
+        """Return all that was shared with this person, the oldest first, each asked for in its own session."""
+        found = [await self.read(received) for received in await find_received(self._wallet)]
+        return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
+
+    async def read(self, received: ReceivedGrant) -> Receipt:
+        """Return one grant as the chain has it now, with its notices. Raises PROOF_INVALID if it is gone."""
+        key = grantee_key(received, self._wallet)
+        grants = await read_grants(self._wallet, [received.grant_id], key)
+        if not grants:
+            raise BlockRobotError("PROOF_INVALID", "A grant that was there is proven not to be.")
+        (grant,) = grants
+        now_ms = (await self._wallet.network.newest_header(key)).timestamp_ms
+        is_open = grant.is_open(now_ms)
+        return Receipt(grant, received, is_open, tuple(await self._find_notices(grant, key, is_open=is_open)))
+
+    async def _find_notices(self, grant: Grant, key: PrivateKey, *, is_open: bool) -> list[Notice]:
+        """Tell of each record what happened to it since it was shared, from the proven state."""
+        owner = grant.owner
+        places = [_RESTRICTION + owner, _QUARANTINE + owner, _CORRECTION_COUNT + owner]
+        states = [_RECORD + record_id for record_id in grant.records]
+        values = await self._wallet.values([*places, *states], key)
+        corrected = await self._corrected(grant, values[places[2]] or 0, key)
+        row, denied = values[places[0]], values[places[1]] is not None
+        touched = any(values[place] is None or values[place]["erased_frames"] for place in states)
+        cut = await self._cut_since(grant, key) if touched else set()
+        end = [] if is_open else [KIND_REVOKED if grant.status == "revoked" else KIND_ENDED]
+        notices = []
+        for record_id, place in zip(grant.records, states, strict=True):
+            state = values[place]
+            kinds = []
+            if state is None or state["status"] != "active":
+                kinds.append(KIND_ERASED)
+            elif record_id in cut:
+                kinds.append(KIND_FRAMES_ERASED)
+            if denied:
+                kinds.append(KIND_DENIED)
+            kinds += end
+            if record_id in corrected:
+                kinds.append(KIND_CORRECTED)
+            if row is not None and (row["whole"] or record_id in row["records"]):
+                kinds.append(KIND_RESTRICTED)
+            notices += [Notice(record_id, kind, record_id in grant.noticed) for kind in kinds]
+        return notices
+
+    async def _cut_since(self, grant: Grant, key: PrivateKey) -> set[bytes]:
+        """Return the records of which single pictures were erased after the grant, by the visit's proven trail."""
+        reader = _TrailReader(self._wallet, key)
+        trail = await audit_visit(reader, KnownVisit(grant.owner, b"", b"", 0, 0))
+        return {
+            entry.record_id
+            for entry in trail
+            if entry.kind == "erasure_requested" and entry.data.get("frames") and entry.time_ms >= grant.time_ms
+        }
+
+    async def _corrected(self, grant: Grant, count: int, key: PrivateKey) -> set[bytes]:
+        """Return the records of a grant that were corrected after it was made; a correction may be of the whole visit."""
+        keys = [_CORRECTION + grant.owner + u32(number) for number in range(count)]
+        rows: dict[bytes, Any] = await self._wallet.values(keys, key) if keys else {}
+        found: set[bytes] = set()
+        for row in rows.values():
+            if row is not None and row["time"] >= grant.time_ms:
+                found.update(record_id for record_id in grant.records if record_id in (row["records"] or grant.records))
+        return found
+
+    async def request_access(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
+        """Put a request of the grant's key on the chain and wait until it is final. Raises CALL_REFUSED."""
+        grant, key = receipt.grant, grantee_key(receipt.received, self._wallet)
+        arguments = [grant.grant_id, list(records), grant.purpose]
+        return (await self._wallet.network.call(key, "access", "request_granted", arguments)).txid
+
+    async def look(self, receipt: Receipt, record_id: bytes, access_id: bytes) -> SharedView:
+        """Fetch a shared record, open and check it, from as few custodians as it takes.
+
+        Raises GRANT_PARTS_MISSING if too few of them gave their parts, or what all refused with.
+        """
+        key, place = grantee_key(receipt.received, self._wallet), _RECORD + record_id
+        state = (await self._wallet.values([place], key))[place]
+        if state is None or state["owner"] != receipt.grant.owner:
+            raise BlockRobotError("NOT_FOUND", "The chain has no such record of this visit.")
+        if state["status"] != "active":
+            raise BlockRobotError("CLIP_ERASED")
+        gathered = _Gathered(state, record_id, receipt.grant.grantee, self._wallet.keys.sealing)
+        refusal: BlockRobotError | None = None
+        for node in self._wallet.network.custody.custodians:
+            ask = SharedRequest(
+                record_id,
+                access_id,
+                self._wallet.store.content.handle,
+                grantee_salt(receipt.received, self._wallet),
+                not gathered.is_whole,
+            )
+            try:
+                gathered.add(node.name, await self._download(node, receipt.grant.grant_id, ask, key))
+            except BlockRobotError as error:
+                if refusal is None or refusal.code == "NODE_UNREACHABLE":
+                    refusal = error
+                continue
+            if gathered.is_whole and gathered.data_keys:
+                break
+        return gathered.view(refusal)
+
+    async def _download(
+        self, node: NodeAddress, grant_id: bytes, ask: SharedRequest, key: PrivateKey
+    ) -> SharedDownload:
+        """Ask one custodian, giving one that follows the chain late some time to see the final request."""
+        waited_ms = 0.0
+        while True:
+            try:
+                return await self._wallet.network.custody.download_shared(node, grant_id, ask, key)
+            except BlockRobotError as error:
+                if error.code not in _NOT_YET or waited_ms >= self._follow_max_ms:
+                    raise
+            await self._sleep(_FOLLOW_PAUSE_S)
+            waited_ms += _FOLLOW_PAUSE_S * 1000
+
+    async def background(self, receipt: Receipt, rendition: Rendition) -> bytes:
+        """Return the PNG of the recorded empty frame that a rendition stands on, checked against its hash."""
+        key = grantee_key(receipt.received, self._wallet)
+        return await self._wallet.network.custody.get_background(rendition.background_id, key)
+
+    def remember_copy(self, receipt: Receipt, record_id: bytes, folder: str) -> None:
+        """Remember where pictures were written, so that they are not forgotten when they have to go."""
+        copy = SharedCopy(record_id, folder)
+        if copy not in receipt.received.copies:
+            receipt.received.copies.append(copy)
+            self._wallet.store.save()
+
+    def forget_copies(self, receipt: Receipt, records: Sequence[bytes]) -> None:
+        """Forget where pictures of records were: they are deleted."""
+        receipt.received.copies = [copy for copy in receipt.received.copies if copy.record_id not in records]
+        self._wallet.store.save()
+
+    async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
+        """Tell the owner, on the chain, that copies of these records are deleted. Returns the txid. Raises CALL_REFUSED."""
+        key = grantee_key(receipt.received, self._wallet)
+        arguments = [receipt.grant.grant_id, list(records)]
+        return (await self._wallet.network.call(key, "access", "noticed", arguments)).txid
+
+
+@dataclass(frozen=True, slots=True)
+class _TrailReader:
+    """Reads another's visit in the session of the grant's key."""
+
+    wallet: Wallet
+    key: PrivateKey
+
+    def owner_key(self, visit: KnownVisit) -> PrivateKey:  # noqa: ARG002
+        """Return the key in whose session the trail is read."""
+        return self.key
+
+    async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
+        """Return proved values of flat keys."""
+        return await self.wallet.values(keys, session)
+
+    async def scan(self) -> list[KnownVisit]:
+        """None of the visits is one's own."""
+        return []
+
+
+class _Gathered:
+    """What custodians gave of one record so far. A custodian that lies spoils only what it gave itself."""
+
+    def __init__(self, state: dict[str, Any], record_id: bytes, grantee: bytes, sealing: bytes) -> None:
+        self._state = state
+        self._record_id = record_id
+        self._grantee = grantee
+        self._sealing = sealing
+        self._answers: dict[str, SharedDownload] = {}
+        self._failure = BlockRobotError("GRANT_PARTS_MISSING")
+        self.data_keys: dict[int, bytes] = {}
+        self.is_whole = False
+
+    def add(self, name: str, answer: SharedDownload) -> None:
+        """Take one custodian's answer, and try what opens with all that is there."""
+        self._answers[name] = answer
+        if answer.frames:
+            self.is_whole = self.is_whole or self._damaged(answer) == set()
+        if self.data_keys:
+            return
+        candidates = join_parts({each.custodian: each.parts for each in self._answers.values()})
+        for each in self._answers.values():
+            try:
+                self.data_keys = open_package(
+                    candidates, self._sealing, each.package, grantee=self._grantee, record_id=self._record_id
+                )
+            except BlockRobotError as error:
+                self._failure = error
+            else:
+                return
+
+    def _damaged(self, answer: SharedDownload) -> set[int] | None:
+        """Return the frames that are damaged in an answer; None if its leaves lead to other roots than the chain's."""
+        try:
+            damaged = set(check_shared_download(answer, self._state["commitment_root"], self._state["ciphertext_root"]))
+        except BlockRobotError:
+            return None
+        return damaged | {frame.index for frame in answer.frames if frame.erased and not self._is_erased(frame.index)}
+
+    def _is_erased(self, index: int) -> bool:
+        """A custodian's word is not enough: it would be an easy way to keep a picture back."""
+        return index in self._state["erased_frames"]
+
+    def view(self, refusal: BlockRobotError | None) -> SharedView:
+        """Return what there is to see. Raises why there is nothing."""
+        if not self._answers:
+            raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
+        if not self.data_keys:
+            if self._failure.code == "GRANT_PARTS_MISSING" and refusal is not None:
+                text = f"One custodian gave its part of the key, and another has to: {refusal.detail}"
+                raise BlockRobotError("GRANT_PARTS_MISSING", text)
+            raise self._failure
+        frames: dict[int, FrameView] = {}
+        for answer in self._answers.values():
+            for frame in self._open(answer):
+                if frame.index not in frames or frames[frame.index].status == STATUS_CORRUPTED:
+                    frames[frame.index] = frame
+        if not frames:
+            raise BlockRobotError("RENDITION_CORRUPTED", "What custodians sent leads to other roots than the chain's.")
+        return SharedView(self._record_id, tuple(frames[index] for index in sorted(frames)), tuple(self._answers))
+
+    def _open(self, answer: SharedDownload) -> list[FrameView]:
+        damaged = self._damaged(answer) if answer.frames else None
+        if damaged is None:
+            return []
+        return [
+            FrameView(frame.index, STATUS_ERASED, None)
+            if frame.erased and frame.index not in damaged
+            else FrameView(frame.index, STATUS_CORRUPTED, None)
+            if frame.index in damaged or frame.index not in self.data_keys
+            else _open_frame(
+                self.data_keys[frame.index],
+                self._record_id,
+                frame.index,
+                frame.ciphertext,
+                answer.commitment_leaves[frame.index],
+            )
+            for frame in answer.frames
+        ]
+
+
+def _open_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
+    try:
+        plaintext = open_frame(data_key, record_id, index, ciphertext)
+        salt = derive_salt(data_key)
+        if commitment_leaf(salt, index, sha256(plaintext)) != leaf:
+            raise BlockRobotError("RENDITION_CORRUPTED")
+        rendition = decode_rendition(plaintext)
+    except BlockRobotError:
+        return FrameView(index, STATUS_CORRUPTED, None)
+    status = STATUS_OK if rendition.pixels else STATUS_NOTICE
+    return FrameView(index, status, rendition, salt, data_key)

@@ -1,0 +1,374 @@
+"""Shares records with one member of the staff or an officer, and ends that. Must never hand a key to one custodian alone.
+
+The owner's wallet opens the data keys, seals them to the grantee, closes that package under a key of its own and gives
+every custodian its part of that key, each by itself. Then it signs the grant with the visit's owner key; the chain learns
+neither who the owner is nor with whom she shares.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.connections import NodeAddress
+from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.grants import Grant, read_grants
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.rights import Chosen
+from clients.wallet.sharing_memory import GivenGrant
+from clients.wallet.viewing import Viewing
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.grant_keys import derive_grant_salt
+from consensus.records.sharing import (
+    GRANT_MAX_MS,
+    GRANT_RECORDS_MAX_COUNT,
+    GRANT_STEP_MS,
+    GRANTEE_ROLES,
+    SHARE_KEY_BYTES,
+    GrantUpload,
+    count_masks,
+    hash_grant_member,
+    open_grant_keys,
+    seal_package,
+    split_share_key,
+)
+
+HANDLE_BYTES = 32
+OWN_ACCESS = "own-access"
+GRANT_LIFETIME_MS = 5 * 60_000
+"""How long the grant's transaction may take, with the uploads before it."""
+UPLOADED_MIN_COUNT = 2
+_NONCE_BYTES = 24
+_MEMBER = b"identity\x00member/"
+_HANDLE = b"identity\x00handle/"
+_REMOVED = b"identity\x00removed/"
+_CUSTODIANS = b"identity\x00custodians"
+_CUSTODIAN = b"identity\x00custodian/"
+_SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
+"""After these the grant is not on the chain, and will not be."""
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Grantee:
+    """With whom something is to be shared: what the chain proves of her, and what this wallet's owner calls her."""
+
+    handle: bytes
+    label: str
+    role: str
+    organisation: str
+    spend: bytes
+    view: bytes
+    sealing: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Shared:
+    """A grant that is final. `pictures_count` is how many can be opened; `custodians` are those that hold parts."""
+
+    grant_id: bytes
+    visit: KnownVisit
+    records: tuple[bytes, ...]
+    until_ms: int
+    pictures_count: int
+    left_out: tuple[bytes, ...]
+    custodians: tuple[str, ...]
+    absent: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """One time that the grantee asked for shared records: when, how many, and how many custodians handed some out."""
+
+    time_ms: int
+    records_count: int
+    released_count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything."""
+
+    grant: Grant
+    visit: KnownVisit
+    given: GivenGrant | None
+    looks: tuple[Look, ...]
+
+    @property
+    def name(self) -> str:
+        """For whom it is, in words."""
+        if self.given is None:
+            return "somebody (this wallet was restored, and the chain does not say who)"
+        return self.given.label or f"member {self.given.handle.hex()[:12]}"
+
+
+def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
+    """Raise VALUE_INVALID unless records can be shared for this purpose."""
+    if purpose not in known or purpose == OWN_ACCESS:
+        free = ", ".join(code for code in known if code != OWN_ACCESS)
+        raise BlockRobotError("VALUE_INVALID", f"{purpose!r} is nothing to share for: {free}.")
+
+
+def place_end(until_ms: int, now_ms: int) -> int:
+    """Return the full five minutes at or after a moment. Raises VALUE_INVALID for the past, or beyond 366 days."""
+    end_ms = -(-until_ms // GRANT_STEP_MS) * GRANT_STEP_MS
+    if not now_ms < end_ms <= now_ms + GRANT_MAX_MS:
+        raise BlockRobotError("VALUE_INVALID", "Something is shared until a moment to come, within 366 days.")
+    return end_ms
+
+
+def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], purpose: str) -> list[RecordEntry]:
+    """Return the records that are meant, of one visit, as the chain would let them be shared.
+
+    Raises VALUE_INVALID for records of several visits (side by side, two grants would tell that they are one person's),
+    NOT_FOUND if none is left, CALL_REFUSED with the code by which the chain would refuse.
+    """
+    if len(chosen) != 1:
+        raise BlockRobotError(
+            "VALUE_INVALID",
+            "Share records of one visit at a time, and others hours later: side by side on the ledger, two grants tell"
+            " that they are one person's.",
+        )
+    (report,) = [each for each in reports if each.visit.owner == chosen[0].visit.owner]
+    standing = report.standing
+    entries = [entry for entry in chosen[0].records or report.records if entry.state["status"] == "active"]
+    if standing.breach_id:
+        raise BlockRobotError("CALL_REFUSED", "VISIT_QUARANTINED: You denied this visit: nobody sees it.")
+    if purpose in standing.objections:
+        raise BlockRobotError("CALL_REFUSED", f"PURPOSE_OBJECTED: You objected to any release of it for {purpose}.")
+    if any(standing.restricts(entry.record_id) for entry in entries):
+        raise BlockRobotError(
+            "CALL_REFUSED", "RECORD_RESTRICTED: You restricted it: only you see it, until you lift that."
+        )
+    if not entries:
+        raise BlockRobotError("NOT_FOUND", "Nothing is left of these records to share.")
+    return entries
+
+
+class Sharing:
+    """What one wallet's person shares."""
+
+    def __init__(
+        self, wallet: Wallet, *, viewing: Viewing | None = None, draw: Callable[[int], bytes] = secrets.token_bytes
+    ) -> None:
+        """`draw` makes random bytes."""
+        self._wallet = wallet
+        self._viewing = viewing or Viewing(wallet)
+        self._draw = draw
+
+    async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
+        """Return the member with this handle (64 hexadecimal digits), or of a name under which one was shared before.
+
+        Asked in the member session: anybody may look up a member. Raises SHARE_WITH_NON_MEMBER unless she is an active
+        member of the staff or an officer, of an organisation that is still there; VALUE_INVALID for what is no handle.
+        """
+        handle, known = self._read_handle(wanted)
+        wallet, session = self._wallet, self._wallet.keys.identity
+        await wallet.require_registered()
+        if handle == wallet.store.content.handle:
+            raise BlockRobotError("VALUE_INVALID", "That is you: you see your records yourself.")
+        member = (await wallet.values([_HANDLE + handle], session))[_HANDLE + handle]
+        entry = None if member is None else (await wallet.values([_MEMBER + member], session))[_MEMBER + member]
+        if entry is None or entry["status"] != "active" or entry["handle"] != handle:
+            raise BlockRobotError("SHARE_WITH_NON_MEMBER", "Nobody is registered under this handle, or not any more.")
+        if entry["role"] not in GRANTEE_ROLES:
+            raise BlockRobotError("SHARE_WITH_NON_MEMBER", f"This member's role is {entry['role']}.")
+        gone = _REMOVED + entry["org"].encode()
+        removed_ms = (await wallet.values([gone], session))[gone]
+        if removed_ms is not None and entry["since"] <= removed_ms:
+            raise BlockRobotError("SHARE_WITH_NON_MEMBER", f"{entry['org']} has left this network, and its staff too.")
+        return Grantee(
+            handle, label or known, entry["role"], entry["org"], entry["spend"], entry["view"], entry["sealing"]
+        )
+
+    def _read_handle(self, wanted: str) -> tuple[bytes, str]:
+        for given in reversed(self._wallet.store.content.given_grants):
+            if given.label and given.label.casefold() == wanted.strip().casefold():
+                return given.handle, given.label
+        try:
+            handle = bytes.fromhex("".join(wanted.replace("-", "").split()))
+        except ValueError:
+            handle = b""
+        if len(handle) != HANDLE_BYTES:
+            raise BlockRobotError(
+                "VALUE_INVALID",
+                f"{wanted!r} is neither a handle (64 digits, by `blockrobot wallet handle`) nor a name that you gave.",
+            )
+        known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
+        return handle, known[-1] if known else ""
+
+    async def share(
+        self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
+    ) -> Shared:
+        """Share records of one visit, up to 64, and wait until that is final. `until_ms` is a full five minutes.
+
+        Records without a picture that can be opened are left out. Raises SHARE_CUSTODIANS_MISSING if too few
+        custodians take their parts, NOT_FOUND if nothing can be shared, CALL_REFUSED with the contract's code.
+        """
+        if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
+            raise BlockRobotError("VALUE_INVALID", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
+        visit = entries[0].visit
+        tell("fetching the keys")
+        data_keys = await self._open_keys(entries)
+        records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
+        if not records:
+            raise BlockRobotError("NOT_FOUND", "No picture of these records can be opened: there is nothing to share.")
+        custodians = await self._find_custodians()
+        chain_id = self._wallet.genesis.chain_id
+        ephemeral = PrivateKey(self._draw(32))
+        made = open_grant_keys(ephemeral.secret, grantee.view, grantee.spend, chain_id=chain_id, owner=visit.owner)
+        salt = derive_grant_salt(ephemeral, grantee.view, chain_id=chain_id, owner=visit.owner)
+        hidden = hash_grant_member(salt, grantee.handle)
+        key, network = self._wallet.owner_key(visit), self._wallet.network
+        arguments = [records, made.owner, made.ephemeral, made.view_tag, hidden, purpose, until_ms]
+        transaction = network.transactions.build(key, "access", "grant", arguments, lifetime_ms=GRANT_LIFETIME_MS)
+        uploads = [
+            upload
+            for record_id in records
+            for upload in self._make_uploads(
+                (transaction.txid, transaction.body.valid_until_ms, record_id),
+                grantee.sealing,
+                made.owner,
+                data_keys[record_id],
+                list(custodians),
+            )
+        ]
+        held, absent = await self._upload_all(uploads, custodians, key, tell)
+        tell("signing")
+        self._remember(GivenGrant(transaction.txid, visit.owner, grantee.handle, grantee.label, salt))
+        try:
+            (await network.submit_and_wait(transaction)).require_ok()
+        except BlockRobotError as error:
+            if error.code in _SURE_REFUSALS:
+                self._forget(transaction.txid)
+            raise
+        left_out = tuple(entry.record_id for entry in entries if entry.record_id not in records)
+        pictures = sum(len(data_keys[record_id]) for record_id in records)
+        return Shared(transaction.txid, visit, tuple(records), until_ms, pictures, left_out, held, absent)
+
+    async def _open_keys(self, entries: Sequence[RecordEntry]) -> dict[bytes, dict[int, bytes]]:
+        """Return the data keys of every record by frame, after an access of one's own; of damaged frames there is none."""
+        access_id = await self._viewing.request_access(list(entries), OWN_ACCESS)
+        found = {}
+        for entry in entries:
+            view = await self._viewing.view(entry, access_id)
+            found[entry.record_id] = {frame.index: frame.data_key for frame in view.frames if frame.data_key}
+        return found
+
+    async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
+        """Return the custodians by key, as the chain proves them; None for one whose address this wallet lacks."""
+        wallet, session = self._wallet, self._wallet.keys.identity
+        keys: list[bytes] = (await wallet.values([_CUSTODIANS], session))[_CUSTODIANS] or []
+        if not keys:
+            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", "The chain names no custodian.")
+        names = await wallet.values([_CUSTODIAN + key for key in keys], session)
+        addresses = {node.name: node for node in wallet.network.custody.custodians}
+        return {key: addresses.get(names[_CUSTODIAN + key]["name"]) for key in keys}
+
+    def _make_uploads(
+        self,
+        place: tuple[bytes, int, bytes],
+        sealing: bytes,
+        grantee: bytes,
+        data_keys: dict[int, bytes],
+        custodians: list[bytes],
+    ) -> list[tuple[bytes, GrantUpload]]:
+        """Close the package of one record under a fresh key; return what each custodian gets of it."""
+        txid, valid_until_ms, record_id = place
+        share_key = self._draw(SHARE_KEY_BYTES)
+        masks = [self._draw(SHARE_KEY_BYTES) for _ in range(count_masks(len(custodians)))]
+        package = seal_package(
+            share_key, self._draw(_NONCE_BYTES), sealing, grantee=grantee, record_id=record_id, keys=data_keys
+        )
+        parts = split_share_key(share_key, custodians, masks)
+        return [(key, GrantUpload(txid, valid_until_ms, record_id, package, parts[key])) for key in custodians]
+
+    async def _upload_all(
+        self,
+        uploads: Sequence[tuple[bytes, GrantUpload]],
+        custodians: dict[bytes, NodeAddress | None],
+        key: PrivateKey,
+        tell: Tell,
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Give every custodian its parts, one custodian after the other; return who has them, and who was away.
+
+        Raises SHARE_CUSTODIANS_MISSING unless two have them all, or the only one has.
+        """
+        held, absent, failure = [], [], ""
+        for custodian, node in custodians.items():
+            name = f"custodian {custodian.hex()[:12]}" if node is None else node.name
+            tell(f"handing its parts to {name}")
+            try:
+                if node is None:
+                    raise BlockRobotError("NODE_UNREACHABLE", f"The address of {name} is not known here.")
+                for upload in (upload for to, upload in uploads if to == custodian):
+                    await self._wallet.network.custody.upload_grant(node, upload, key)
+            except BlockRobotError as error:
+                absent.append(name)
+                failure = f"{name}: {error.detail}"
+            else:
+                held.append(name)
+        needed = min(UPLOADED_MIN_COUNT, len(custodians))
+        if len(held) < needed:
+            text = f"{len(held)} of {len(custodians)} custodians took their parts of the key, and {needed} have to."
+            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", f"{text} {failure}")
+        return tuple(held), tuple(absent)
+
+    def _remember(self, given: GivenGrant) -> None:
+        self._wallet.store.content.given_grants.append(given)
+        self._wallet.store.save()
+
+    def _forget(self, grant_id: bytes) -> None:
+        content = self._wallet.store.content
+        content.given_grants = [given for given in content.given_grants if given.grant_id != grant_id]
+        self._wallet.store.save()
+
+    async def shares(self) -> list[Share]:
+        """Return every grant of this person's visits, the oldest first: found and proved by each visit's audit trail."""
+        known = {given.grant_id: given for given in self._wallet.store.content.given_grants}
+        found: list[Share] = []
+        for visit in await self._wallet.scan():
+            found += await self._shares_of(visit, known)
+        return sorted(found, key=lambda share: (share.grant.time_ms, share.grant.grant_id))
+
+    async def shares_of(self, visit: KnownVisit) -> list[Share]:
+        """Return every grant of one visit."""
+        return await self._shares_of(
+            visit, {given.grant_id: given for given in self._wallet.store.content.given_grants}
+        )
+
+    async def _shares_of(self, visit: KnownVisit, known: dict[bytes, GivenGrant]) -> list[Share]:
+        trail = await audit_visit(self._wallet, visit)
+        ids = [entry.data["grant_id"] for entry in trail if entry.kind == "granted"]
+        if not ids:
+            return []
+        grants = await read_grants(self._wallet, ids, self._wallet.owner_key(visit))
+        return [Share(grant, visit, known.get(grant.grant_id), find_looks(trail, grant.grant_id)) for grant in grants]
+
+    async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
+        """Return the grants by which any of these records was shared, and looked at (Art. 19, last sentence)."""
+        visits = {entry.visit.owner: entry.visit for entry in entries}
+        ids = {entry.record_id for entry in entries}
+        found = [share for visit in visits.values() for share in await self.shares_of(visit)]
+        return [share for share in found if ids.intersection(share.grant.records)]
+
+    async def revoke(self, share: Share) -> bytes:
+        """End a grant; custodians destroy their parts at once. Returns the txid. Raises CALL_REFUSED (GRANT_ENDED)."""
+        return await self._wallet.sign_and_wait(share.visit, "access", "revoke", [share.grant.grant_id])
+
+
+def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]:
+    """Return what the trail of a visit says of a grantee's looking, in order."""
+    released: dict[bytes, set[Any]] = {}
+    for entry in trail:
+        if entry.kind == "access_released":
+            released.setdefault(entry.data["access_id"], set()).add(entry.data["custodian"])
+    return tuple(
+        Look(entry.time_ms, entry.data["records"], len(released.get(entry.data["access_id"], ())))
+        for entry in trail
+        if entry.data.get("grant") == grant_id and isinstance(entry.data.get("access_id"), bytes)
+    )
