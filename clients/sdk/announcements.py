@@ -17,7 +17,8 @@ _COUNT_KEY = b"records\x00announcement-count"
 class Announcement:
     """One opened visit: owner key O, ephemeral key R, the robot's key (33 bytes each), the one-byte view tag.
 
-    `number` counts from 0 in the order of the chain; `bucket_ms` begins the visit's five minutes.
+    `number` counts from 0 in the order of the chain; `bucket_ms` begins the visit's five minutes. With `root` (the first
+    owner key of a visit; otherwise empty) it is no new visit: `owner` decides of that one from now on.
     """
 
     number: int
@@ -26,6 +27,7 @@ class Announcement:
     view_tag: int
     bucket_ms: int
     robot: bytes
+    root: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,4 +62,13 @@ def _read_item(number: int, value: object) -> Announcement:
     match value:
         case [bytes() as owner, bytes() as ephemeral, int() as view_tag, int() as bucket_ms, bytes() as robot]:
             return Announcement(number, owner, ephemeral, view_tag, bucket_ms, robot)
-    raise BlockRobotError("PROOF_INVALID", f"Announcement {number} does not have its five parts.")
+        case [
+            bytes() as owner,
+            bytes() as ephemeral,
+            int() as view_tag,
+            int() as bucket_ms,
+            bytes() as robot,
+            bytes() as root,
+        ]:
+            return Announcement(number, owner, ephemeral, view_tag, bucket_ms, robot, root)
+    raise BlockRobotError("PROOF_INVALID", f"Announcement {number} does not have its five or six parts.")

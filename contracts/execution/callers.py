@@ -23,7 +23,7 @@ MEMBERS = frozenset({"subject", "staff", "robot", "officer", "auditor"})
 RECORDED = frozenset({"subject", "staff"})
 ROLES: Mapping[str, str] = MappingProxyType(
     {
-        STRANGER: "a key that the chain does not know",
+        STRANGER: "a key that the chain does not know, or a visit's owner key that was replaced",
         "subject": "a subject",
         "staff": "a member of the staff",
         "robot": "a robot",

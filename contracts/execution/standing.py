@@ -1,9 +1,10 @@
 """Who may have a transaction wait: a pure function of the finalized state. Must never decide what a contract decides.
 
 Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
-also when his organisation was removed), as the owner of a finalized visit (for its access, erasure and other rights
-only), as a custodian, as a registrar or admin of an active organisation, as a producer or candidate (to say that it is
-ready, and to accuse), or by a registration whose voucher and card signature are good and whose handle is free.
+also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
+access, erasure, transfer and other rights only), as a custodian, as a registrar or admin of an active organisation, as a
+producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
+good and whose handle is free.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from consensus.records.vouchers import CARD_TAG, VOUCHER_TAG
 from consensus.transaction import Transaction
 from contracts.state.view import StateReader
 
+OWNER_ENTRIES_OF_RECORDS = frozenset({"transfer"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
@@ -51,17 +53,43 @@ def _is_registered(state: Reader, member: bytes) -> bool:
     return data is not None and bool(decode_value(data)["status"] == "active")
 
 
+def find_root(state: Reader, key: bytes) -> bytes | None:
+    """Return the first key of the visit that this key decides of now: what the view `records.root_of` says.
+
+    None for a key of no visit, and for one that was replaced when its visit was transferred.
+    """
+    data = state.get(b"records\x00root/" + key)
+    root = key if data is None else bytes(decode_value(data))
+    if state.get(b"records\x00visit/" + root) is None:
+        return None
+    data = state.get(b"records\x00current/" + root)
+    current = root if data is None else decode_value(data)["owner"]
+    return root if current == key else None
+
+
 def _owns_visit(state: Reader, owner: bytes) -> bool:
-    return state.get(b"records\x00visit/" + owner) is not None
+    return find_root(state, owner) is not None
+
+
+def has_grant(state: Reader, key: bytes) -> bool:
+    """Tell whether something was ever shared with this one-time key; after its end she still says what she deleted."""
+    return state.get(b"access\x00grant-of/" + key) is not None
 
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
-    "access": _owns_visit,
+    "access": lambda state, sender: _owns_visit(state, sender) or has_grant(state, sender),
     "consent": _is_registered,
     "erasure": _owns_visit,
+    "records": _owns_visit,
     "rights": lambda state, sender: _owns_visit(state, sender) or _is_registered(state, sender),
 }
 """Calls about oneself, and who may have them wait whatever his role."""
+
+
+def _is_own_matter(state: Reader, sender: bytes, contract: str, entry: str) -> bool:
+    if contract == "records" and entry not in OWNER_ENTRIES_OF_RECORDS:
+        return False
+    return contract in _OWN_MATTERS and _OWN_MATTERS[contract](state, sender)
 
 
 def _is_producer(state: StateReader, sender: bytes) -> bool:
@@ -109,7 +137,7 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
         return ""
-    if body.contract in _OWN_MATTERS and _OWN_MATTERS[body.contract](state, sender):
+    if _is_own_matter(state, sender, body.contract, body.entry):
         return ""
     if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
         return ""

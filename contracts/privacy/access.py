@@ -15,10 +15,11 @@ VERDICTS = ("verified", "corrupted")
 def request(records: list, purpose: str):
     """Ask for records of one's own visit (none named: all of it). Who may call: the visit's owner key."""
     require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
-    call("records", "require_records", ctx.caller, records, False)
-    call("rights", "require_release", ctx.caller, records, purpose)
+    owner = call("records", "root_of", ctx.caller)
+    call("records", "require_records", owner, records, False)
+    call("rights", "require_release", owner, records, purpose)
     entry = {
-        "owner": ctx.caller,
+        "owner": owner,
         "records": records,
         "purpose": purpose,
         "time": ctx.time,
@@ -30,8 +31,8 @@ def request(records: list, purpose: str):
     if len(records) == 1:
         subject = records[0]
     data = {"access_id": ctx.txid, "records": len(records), "purpose": purpose}
-    call("audit", "append", ctx.caller, subject, "access_requested", data)
-    emit("requested", {"access_id": ctx.txid, "owner": ctx.caller, "records": records, "purpose": purpose})
+    call("audit", "append", owner, subject, "access_requested", data)
+    emit("requested", {"access_id": ctx.txid, "owner": owner, "records": records, "purpose": purpose})
 
 
 def require_access(access_id: bytes) -> dict:
@@ -90,10 +91,11 @@ def verdict(record_id: bytes, judgement: str, frames: list):
     require(len(frames) <= FRAMES_MAX_COUNT, "FRAMES_WRONG", "A clip has at most 64 frames.")
     for frame in frames:
         require(isinstance(frame, int) and frame >= 0 and frame < FRAMES_MAX_COUNT, "FRAMES_WRONG", "No such frame.")
-    call("records", "require_records", ctx.caller, [record_id], True)
+    owner = call("records", "root_of", ctx.caller)
+    call("records", "require_records", owner, [record_id], True)
     state.put(b"verdict/" + record_id, {"verdict": judgement, "frames": frames, "time": ctx.time})
-    call("audit", "append", ctx.caller, record_id, "verdict", {"verdict": judgement, "frames": frames})
-    emit("verdict", {"record_id": record_id, "owner": ctx.caller, "verdict": judgement, "frames": frames})
+    call("audit", "append", owner, record_id, "verdict", {"verdict": judgement, "frames": frames})
+    emit("verdict", {"record_id": record_id, "owner": owner, "verdict": judgement, "frames": frames})
 
 
 @view

@@ -19,8 +19,9 @@ def request(records: list, frames: list):
         require(isinstance(frame, int) and frame >= 0 and frame < FRAMES_MAX_COUNT, "FRAMES_WRONG", "No such frame.")
     require(len(frames) <= FRAMES_MAX_COUNT, "FRAMES_WRONG", "A clip has at most 64 frames.")
     require(len(frames) == 0 or len(records) == 1, "FRAMES_WRONG", "Frames are erased of one record at a time.")
-    call("rights", "require_open", ctx.caller)
-    begin(ctx.caller, records, frames)
+    owner = call("records", "root_of", ctx.caller)
+    call("rights", "require_open", owner)
+    begin(owner, records, frames)
 
 
 @export

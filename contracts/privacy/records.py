@@ -5,6 +5,10 @@ robot, commitment_root, ciphertext_root, sealed_metadata, bucket_ms, expires_at_
 custodians}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True
 while the record is active.
 
+A visit can be transferred to a new owner key, after a theft. Whatever is kept of it stays under its first key O, its
+root: current/O -> {owner, transfers} names the key that decides now, root/K -> O leads there from each later key K, and
+K is announced with the root as a sixth part.
+
 A record's status goes active -> erasing -> erased (asked for), or active -> expired -> erased (by itself). From "expired"
 or "erased" on its roots and metadata are gone. `custodians` lists those that reported its expiry.
 """
@@ -22,6 +26,7 @@ RECORDS_A_CALL_MAX_COUNT = 64
 RECORD_COUNT_MAX = 100000
 SCAN_MAX_COUNT = 256
 SCAN_PART_COUNT = 32
+TRANSFERS_MAX_COUNT = 64
 
 
 def require_robot():
@@ -35,18 +40,33 @@ def check_bucket(bucket_ms: int):
     require(bucket_ms >= ctx.time - BUCKET_AGE_MAX_MS, "BUCKET_WRONG", "The bucket is more than a day old.")
 
 
+def check_new_keys(owner: bytes, ephemeral: bytes, view_tag: int):
+    require(len(owner) == KEY_BYTES and len(ephemeral) == KEY_BYTES, "KEY_SIZE_WRONG", "O and R have 33 bytes each.")
+    require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
+
+
+def require_unused(owner: bytes):
+    used = state.has(b"visit/" + owner) or state.has(b"root/" + owner)
+    require(not used, "VISIT_EXISTS", "There is, or was, a visit under this owner key.")
+
+
+def announce(parts: list) -> int:
+    """Write the next announcement and return its number."""
+    sequence = state.get(b"announcement-count", 0)
+    state.put(b"announcement-count", sequence + 1)
+    state.put(b"announcement/" + u64(sequence), parts)
+    return sequence
+
+
 @export
 def open_visit(owner: bytes, ephemeral: bytes, view_tag: int, bucket_ms: int, purpose: str):
     """Open a visit under a one-time owner key. Who may call: a robot."""
     require_robot()
-    require(len(owner) == KEY_BYTES and len(ephemeral) == KEY_BYTES, "KEY_SIZE_WRONG", "O and R have 33 bytes each.")
-    require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
+    check_new_keys(owner, ephemeral, view_tag)
     check_bucket(bucket_ms)
     require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
-    require(not state.has(b"visit/" + owner), "VISIT_EXISTS", "There is a visit under this owner key.")
-    sequence = state.get(b"announcement-count", 0)
-    state.put(b"announcement-count", sequence + 1)
-    state.put(b"announcement/" + u64(sequence), [owner, ephemeral, view_tag, bucket_ms, ctx.caller])
+    require_unused(owner)
+    sequence = announce([owner, ephemeral, view_tag, bucket_ms, ctx.caller])
     opened = {
         "robot": ctx.caller,
         "ephemeral": ephemeral,
@@ -134,6 +154,49 @@ def close_visit(owner: bytes, record_count: int):
     state.put(b"visit/" + owner, opened)
     call("audit", "append", owner, b"", "visit_closed", {"record_count": record_count})
     emit("visit_closed", {"owner": owner, "record_count": record_count})
+
+
+@export
+def transfer(owner: bytes, ephemeral: bytes, view_tag: int):
+    """Put a new owner key in place of a visit's own, which decides nothing any more. Who may call: the visit's owner key.
+
+    The new key is announced as a visit is, so that its holder finds it. A denied visit can be transferred too: nothing is
+    released by that, and whoever stole its key would have it once the quarantine ends.
+    """
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    check_new_keys(owner, ephemeral, view_tag)
+    root = root_of(ctx.caller)
+    require_unused(owner)
+    before = state.get(b"current/" + root)
+    transfers = 1
+    if before is not None:
+        transfers = before["transfers"] + 1
+    require(transfers <= TRANSFERS_MAX_COUNT, "TRANSFERS_TOO_MANY", "A visit is transferred 64 times at most.")
+    opened = state.get(b"visit/" + root)
+    sequence = announce([owner, ephemeral, view_tag, opened["bucket_ms"], opened["robot"], root])
+    state.put(b"root/" + owner, root)
+    state.put(b"current/" + root, {"owner": owner, "transfers": transfers})
+    call("audit", "append", root, b"", "transferred", {"transfers": transfers})
+    emit("transferred", {"owner": root, "new_owner": owner, "ephemeral": ephemeral, "view_tag": view_tag, "sequence": sequence})
+
+
+@view
+def root_of(key: bytes) -> bytes:
+    """Return the first key of the visit that this key decides of now. Fails for a key that was replaced by another."""
+    require(len(key) == KEY_BYTES, "KEY_SIZE_WRONG", "O has 33 bytes.")
+    root = state.get(b"root/" + key, key)
+    require(state.has(b"visit/" + root), "VISIT_UNKNOWN", "There is no visit under this owner key.")
+    require(current_of(root) == key, "VISIT_TRANSFERRED", "The visit was transferred: another key decides of it now.")
+    return root
+
+
+@view
+def current_of(root: bytes) -> bytes:
+    """Return the key that decides of the visit with this first key (the first key itself until it is transferred)."""
+    current = state.get(b"current/" + root)
+    if current is None:
+        return root
+    return current["owner"]
 
 
 def check_ids(record_ids: list):
@@ -251,7 +314,7 @@ def get(record_id: bytes) -> dict | None:
 
 @view
 def announcements(first: int, limit: int) -> list:
-    """Return at most 256 announcements from number `first` on: [O, R, view tag, bucket, robot]."""
+    """Return at most 256 announcements from number `first` on: [O, R, view tag, bucket, robot], or with the root."""
     count = state.get(b"announcement-count", 0)
     found = []
     for number in range(max(0, first), min(count, first + min(limit, SCAN_MAX_COUNT))):

@@ -41,12 +41,14 @@ def require_direct():
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
 
 
-def require_owner(records: list):
-    """The caller is the owner key of a visit that is not quarantined, and these records are its own."""
+def require_owner(records: list) -> bytes:
+    """Return the root of the visit that the caller decides of; it is not quarantined, and these records are its own."""
     require_direct()
     require(len(records) <= RECORDS_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
-    call("records", "require_records", ctx.caller, records, True)
-    require_open(ctx.caller)
+    owner = call("records", "root_of", ctx.caller)
+    call("records", "require_records", owner, records, True)
+    require_open(owner)
+    return owner
 
 
 def note(owner: bytes, records: list, kind: str, data: dict):
@@ -80,9 +82,9 @@ def restrict(records: list, ground: str):
     Only she sees them from then on. On the grounds `legal-claim` and `unlawful` they are also kept beyond their expiry,
     for 366 days at a time. Who may call: the visit's owner key.
     """
-    require_owner(records)
+    owner = require_owner(records)
     require(ground in GROUNDS, "GROUND_UNKNOWN", "There is no such ground.")
-    before = state.get(b"restriction/" + ctx.caller)
+    before = state.get(b"restriction/" + owner)
     kept = before is not None and before["until_ms"] > ctx.time
     keeps = ground in KEEPING_GROUNDS
     require(keeps or not kept, "RESTRICTION_STANDS", "A restriction that keeps records stands: lift it first.")
@@ -106,15 +108,15 @@ def restrict(records: list, ground: str):
         "records": named,
         "time": ctx.time,
     }
-    state.put(b"restriction/" + ctx.caller, row)
-    note(ctx.caller, records, "restricted", {"ground": ground, "records": len(records), "until_ms": row["until_ms"]})
-    tell_restriction("restricted", row)
+    state.put(b"restriction/" + owner, row)
+    note(owner, records, "restricted", {"ground": ground, "records": len(records), "until_ms": row["until_ms"]})
+    tell_restriction("restricted", owner, row)
 
 
-def tell_restriction(name: str, row: dict):
+def tell_restriction(name: str, owner: bytes, row: dict):
     """Custodians hear all that is restricted of the visit now, not what changed."""
     told = {
-        "owner": ctx.caller,
+        "owner": owner,
         "whole": row["whole"],
         "whole_since_ms": row["whole_since_ms"],
         "until_ms": row["until_ms"],
@@ -126,8 +128,8 @@ def tell_restriction(name: str, row: dict):
 @export
 def lift(records: list):
     """Lift the restriction of named records, or (none named) everything. Who may call: the visit's owner key."""
-    require_owner(records)
-    row = state.get(b"restriction/" + ctx.caller)
+    owner = require_owner(records)
+    row = state.get(b"restriction/" + owner)
     require(row is not None, "NOT_RESTRICTED", "Nothing of this visit is restricted.")
     if len(records) > 0:
         require(not row["whole"], "RESTRICTED_WHOLE", "The whole visit is restricted: lift that, naming no record.")
@@ -136,12 +138,12 @@ def lift(records: list):
     row["records"] = [known for known in row["records"] if len(records) > 0 and known not in records]
     row["whole"] = False
     if len(row["records"]) > 0:
-        state.put(b"restriction/" + ctx.caller, row)
+        state.put(b"restriction/" + owner, row)
     else:
         row["until_ms"] = 0
-        state.delete(b"restriction/" + ctx.caller)
-    note(ctx.caller, records, "restriction_lifted", {"records": len(records)})
-    tell_restriction("lifted", row)
+        state.delete(b"restriction/" + owner)
+    note(owner, records, "restriction_lifted", {"records": len(records)})
+    tell_restriction("lifted", owner, row)
 
 
 def check_purposes(purposes: list):
@@ -167,16 +169,16 @@ def object_to(handle: bytes, purposes: list):
 @export
 def object_to_release(purposes: list):
     """Object to any release of a visit for purposes (Art. 21). Who may call: the visit's owner key."""
-    require_owner([])
+    owner = require_owner([])
     check_purposes(purposes)
-    row = state.get(b"objection/" + ctx.caller, {})
+    row = state.get(b"objection/" + owner, {})
     for code in purposes:
         if code not in row:
             row[code] = ctx.time
     require(len(row) <= PURPOSES_MAX_COUNT, "PURPOSES_TOO_MANY", "At most 16 purposes may be named.")
-    state.put(b"objection/" + ctx.caller, row)
-    note(ctx.caller, [], "objected", {"purposes": purposes})
-    emit("objected", {"owner": ctx.caller, "purposes": purposes})
+    state.put(b"objection/" + owner, row)
+    note(owner, [], "objected", {"purposes": purposes})
+    emit("objected", {"owner": owner, "purposes": purposes})
 
 
 @export
@@ -185,14 +187,14 @@ def rectify(records: list, kind: str, commitment: bytes):
 
     Each names the one before. Who may call: the visit's owner key.
     """
-    require_owner(records)
+    owner = require_owner(records)
     require(kind in CORRECTIONS, "CORRECTION_UNKNOWN", "A correction is of the attribution or of metadata.")
     require(len(commitment) == HASH_BYTES, "COMMITMENT_WRONG", "A commitment has 32 bytes.")
-    number = state.get(b"correction-count/" + ctx.caller, 0)
+    number = state.get(b"correction-count/" + owner, 0)
     require(number < CORRECTIONS_MAX_COUNT, "CORRECTIONS_TOO_MANY", "A visit takes 256 corrections.")
     previous = b""
     if number > 0:
-        previous = state.get(b"correction/" + ctx.caller + u32(number - 1))["txid"]
+        previous = state.get(b"correction/" + owner + u32(number - 1))["txid"]
     entry = {
         "records": records,
         "kind": kind,
@@ -202,10 +204,10 @@ def rectify(records: list, kind: str, commitment: bytes):
         "time": ctx.time,
         "height": ctx.height,
     }
-    state.put(b"correction/" + ctx.caller + u32(number), entry)
-    state.put(b"correction-count/" + ctx.caller, number + 1)
-    note(ctx.caller, records, "corrected", {"number": number, "kind": kind, "commitment": commitment})
-    emit("corrected", {"owner": ctx.caller, "number": number, "kind": kind})
+    state.put(b"correction/" + owner + u32(number), entry)
+    state.put(b"correction-count/" + owner, number + 1)
+    note(owner, records, "corrected", {"number": number, "kind": kind, "commitment": commitment})
+    emit("corrected", {"owner": owner, "number": number, "kind": kind})
 
 
 @export
@@ -214,13 +216,13 @@ def wrong_person():
 
     The clock of 72 hours begins with this block. Who denies a visit gives up its restriction with it.
     """
-    require_owner([])
-    robot = call("records", "visit", ctx.caller)["robot"]
+    owner = require_owner([])
+    robot = call("records", "visit", owner)["robot"]
     org = call("identity", "member", robot)["org"]
     number = state.get(b"breach-count", 0)
     entry = {
         "number": number,
-        "owner": ctx.caller,
+        "owner": owner,
         "robot": robot,
         "org": org,
         "kind": "wrong-person",
@@ -235,10 +237,10 @@ def wrong_person():
     state.put(b"breach-count", number + 1)
     state.put(b"breach-number/" + u64(number), ctx.txid)
     state.put(b"breach/" + ctx.txid, entry)
-    state.put(b"quarantine/" + ctx.caller, ctx.txid)
-    state.delete(b"restriction/" + ctx.caller)
-    note(ctx.caller, [], "denied", {"breach_id": ctx.txid, "due_ms": entry["due_ms"]})
-    told = {"breach_id": ctx.txid, "owner": ctx.caller, "org": org, "due_ms": entry["due_ms"], "number": number}
+    state.put(b"quarantine/" + owner, ctx.txid)
+    state.delete(b"restriction/" + owner)
+    note(owner, [], "denied", {"breach_id": ctx.txid, "due_ms": entry["due_ms"]})
+    told = {"breach_id": ctx.txid, "owner": owner, "org": org, "due_ms": entry["due_ms"], "number": number}
     emit("quarantined", told)
 
 

@@ -189,7 +189,7 @@ class QueryAnswer(Document, frozen=True):
 
 
 class AnnouncementItem(Document, frozen=True):
-    """One opened visit: what a wallet scans."""
+    """One opened visit, or (with `root`, the visit's first owner key) its new owner key: what a wallet scans."""
 
     number: int
     owner: PublicKey
@@ -197,6 +197,7 @@ class AnnouncementItem(Document, frozen=True):
     view_tag: int
     bucket_ms: int
     robot: PublicKey
+    root: PublicKey | None = None
 
 
 class AnnouncementsAnswer(Document, frozen=True):
@@ -279,3 +280,18 @@ def finality_document(proof: FinalityProof | None) -> Finality | None:
         child_qc=encode(proof.child_qc).hex(),
         through=[header.hex() for header in proof.through],
     )
+
+
+class ConsentReceiptRequest(Document, frozen=True):
+    """The transaction in which the caller said something about consent."""
+
+    txid: Hex32
+
+
+class ConsentReceiptAnswer(Document, frozen=True):
+    """The receipt, JSON as a text; who signed its bytes for the organisation; the transaction's wire bytes."""
+
+    document: str
+    key: PublicKey
+    signature: HexBytes
+    transaction: HexBytes

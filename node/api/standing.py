@@ -1,4 +1,4 @@
-"""Who a key is on the finalized state: an active member with a role, a custodian, or the owner of a visit.
+"""Who a key is on the finalized state: an active member with a role, a custodian, or who decides of a visit now.
 
 Must never look at anything but finalized state: what could still be undone gives nobody a right.
 """
@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_role
+from contracts.execution.standing import find_role, find_root
 from node.api.services import LedgerSnapshot
 
 SessionKind = Literal["member", "owner"]
@@ -60,6 +60,6 @@ def find_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
         roles.add(ROLE_ADMIN)
     if roles:
         return Standing(kind="member", roles=frozenset(roles))
-    if read_value(snapshot, "records", b"visit/" + key) is not None:
+    if find_root(snapshot, key) is not None:
         return Standing(kind="owner", roles=frozenset())
     return None

@@ -1,7 +1,8 @@
 """What people said of their visits, as a custodian heeds it: restricted, objected to, denied. Must never doubt for a yes.
 
 All that a visit's owner said last is one row. A word that narrows what may be released makes void every request from
-before it: what she asks for afterwards the contracts have judged already.
+before it: what she asks for afterwards the contracts have judged already. So does a transfer to another owner key: who
+has the former key had asked for it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,15 @@ from consensus.errors import BlockRobotError
 from node.offchain.finalized import FinalizedEvent
 from node.offchain.store import BlockEffects, CustodyStore, Grant, RecordFacts, VisitStanding
 
-NARROWING = frozenset({"rights.restricted", "rights.objected", "rights.quarantined", "rights.quarantine_ended"})
+NARROWING = frozenset(
+    {
+        "records.transferred",
+        "rights.restricted",
+        "rights.objected",
+        "rights.quarantined",
+        "rights.quarantine_ended",
+    }
+)
 STANDING_EVENTS = NARROWING | {"rights.lifted"}
 
 
@@ -65,7 +74,7 @@ async def find_standing(store: CustodyStore, owner: bytes) -> VisitStanding | No
 
 
 def follow_event(before: VisitStanding, event: FinalizedEvent, height: int) -> VisitStanding:
-    """Return what stands after one event of the contract `rights`; what is kept beyond its expiry is settled apart."""
+    """Return what stands after one event that is about a whole visit; what is kept beyond its expiry is settled apart."""
     after = before
     if event.kind in {"rights.restricted", "rights.lifted"}:
         told = read_restriction(before.owner, event.data)

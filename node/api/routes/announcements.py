@@ -1,4 +1,4 @@
-"""Announcements of visits, for wallets to scan. Must never leave one out: the count and each item are proved."""
+"""Announcements of visits and of their new owner keys, for wallets to scan. Must never leave one out: all is proved."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _CONTRACT = "records"
 
 
 def _item(number: int, value: Any) -> AnnouncementItem:
-    if not isinstance(value, list) or len(value) != 5:
-        raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} does not have its five parts.")
-    owner, ephemeral, view_tag, bucket_ms, robot = value
+    if not isinstance(value, list) or len(value) not in {5, 6}:
+        raise BlockRobotError("STORAGE_DAMAGED", f"Announcement {number} does not have its five or six parts.")
+    owner, ephemeral, view_tag, bucket_ms, robot, *root = value
     return AnnouncementItem(
         number=number,
         owner=owner.hex(),
@@ -29,6 +29,7 @@ def _item(number: int, value: Any) -> AnnouncementItem:
         view_tag=view_tag,
         bucket_ms=bucket_ms,
         robot=robot.hex(),
+        root=root[0].hex() if root else None,
     )
 
 

@@ -20,6 +20,8 @@ ROLE_OF = {
     "owner": "owner",
     "other-owner": "owner",
     "denied-owner": "owner",
+    "new-owner": "owner",
+    "replaced-owner": "stranger",
     "robot": "robot",
     "other-robot": "robot",
     "revoked": "former",
@@ -50,6 +52,8 @@ class Scene:
         self.erasure_id = hospital.must(self.visit.key, "erasure", "request", [self.erased_id], []).txid
         self.denied = hospital.open_visit(self.ben, 1)
         self.denied_id = hospital.record(self.denied)
+        self.transferred = hospital.open_visit(self.ben, 2)
+        self.new_owner = hospital.transfer(self.transferred, self.ben)
         self.breach_id = hospital.must(self.denied.key, "rights", "wrong_person").txid
         self.people = {
             "anna": self.anna,
@@ -79,6 +83,8 @@ class Scene:
             "officer": officer,
             "officer-2": self.people["officer-2"].identity,
             "denied-owner": self.denied.key,
+            "new-owner": self.new_owner,
+            "replaced-owner": self.transferred.key,
             "auditor": self.people["auditor"].identity,
             "revoked": revoked.identity,
             "producer": key_of("custodian-1/producer"),
@@ -138,6 +144,10 @@ def _open(scene: Scene) -> list[Any]:
     return scene.hospital.visit_of(scene.ben, 9)[1]
 
 
+def _transfer(scene: Scene) -> list[Any]:
+    return scene.hospital.transfer_arguments(scene.ben, 98)[1]
+
+
 def _record(scene: Scene) -> list[Any]:
     return scene.hospital.record_arguments(scene.visit, 9)
 
@@ -156,6 +166,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("records", "open_visit", _open, {"robot", "other-robot"}),
     ("records", "record", _record, {"robot"}),
     ("records", "close_visit", lambda s: [s.visit.owner, 2], {"robot"}),
+    ("records", "transfer", _transfer, {"owner", "other-owner", "denied-owner", "new-owner"}),
     ("records", "begin_erasure", lambda s: [s.visit.owner, [s.record_id], []], set()),
     ("records", "complete_erasure", lambda s: [[s.record_id], []], set()),
     ("records", "expire", lambda s: [[s.record_id], bytes(33), 1], set()),
@@ -171,9 +182,9 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("consent", "objected", lambda s: [s.anna.handle, ["care"]], set()),
     ("rights", "restrict", lambda s: [[s.record_id], "accuracy"], {"owner"}),
     ("rights", "lift", lambda s: [[s.record_id]], {"owner"}),
-    ("rights", "object_to_release", lambda _: [["care"]], {"owner", "other-owner"}),
+    ("rights", "object_to_release", lambda _: [["care"]], {"owner", "other-owner", "new-owner"}),
     ("rights", "rectify", lambda s: [[s.record_id], "attribution", bytes(32)], {"owner"}),
-    ("rights", "wrong_person", lambda _: [], {"owner", "other-owner"}),
+    ("rights", "wrong_person", lambda _: [], {"owner", "other-owner", "new-owner"}),
     ("rights", "assess", lambda s: [s.breach_id, "high", "released-before"], OFFICERS),
     ("rights", "notify", lambda s: [s.breach_id, "authority", ""], OFFICERS),
     ("rights", "order_erasure", lambda s: [s.breach_id, [s.denied_id]], OFFICERS),

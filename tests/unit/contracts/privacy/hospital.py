@@ -222,6 +222,17 @@ class Hospital:
         self.must(visit.robot.identity, "records", "open_visit", *arguments)
         return visit
 
+    def transfer_arguments(self, person: Person, number: int = 99) -> tuple[PrivateKey, list[Any]]:
+        """Make a person's new owner key for a visit of the robot; return it and the arguments that put it in place."""
+        visit, (owner, ephemeral, view_tag, *_) = self.visit_of(person, number)
+        return visit.key, [owner, ephemeral, view_tag]
+
+    def transfer(self, visit: Visit, person: Person, number: int = 99, key: PrivateKey | None = None) -> PrivateKey:
+        """Transfer a visit to a new key of a person's, signed by its first key unless another is named."""
+        new, arguments = self.transfer_arguments(person, number)
+        self.must(key or visit.key, "records", "transfer", *arguments)
+        return new
+
     def record_arguments(self, visit: Visit, number: int = 0, **changes: Any) -> list[Any]:
         seed = visit.owner + number.to_bytes(4, "big")
         values = {
