@@ -15,6 +15,7 @@ from clients.robot.background_cli import background
 from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
+from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
 from clients.robot.replay import ReplayOptions, replay_recording
 from clients.robot.scenario import load_scenario, published_run_1
 from clients.robot.source_options import open_recording, source_options
@@ -123,6 +124,13 @@ def _common(command: Any) -> Any:
         click.option(
             "--now", "at_once", is_flag=True, help="Submit without random delay. This links owners of a scene."
         ),
+        click.option(
+            "--copies",
+            default=COPIES_DEFAULT_COUNT,
+            show_default=True,
+            type=click.IntRange(1, COPIES_MAX_COUNT),
+            help="Record a clip once so many custodians have it, or all where there are fewer.",
+        ),
         click.option("--viewpoint", default="", metavar="NAME", help="Use this viewpoint's approved empty frames."),
     ):
         command = option(command)
@@ -163,6 +171,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         real_time=not options.get("fast"),
         viewpoint=options["viewpoint"],
         lasts_s=options.get("seconds"),
+        copies=options["copies"],
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)

@@ -18,16 +18,21 @@ from consensus.errors import BlockRobotError
 from consensus.records.clips import ClipUpload
 from consensus.transaction import Transaction
 
-ACKNOWLEDGEMENTS_COUNT = 2
+COPIES_DEFAULT_COUNT = 2
+COPIES_MAX_COUNT = 16
 
 _log = structlog.get_logger("robot")
 
 
 class RobotNetwork:
-    """What delivery needs, over the client library."""
+    """What delivery needs, over the client library.
 
-    def __init__(self, client: NetworkClient, identity: RobotIdentity) -> None:
+    A clip counts as uploaded once `copies` custodians have acknowledged it, or all where there are fewer.
+    """
+
+    def __init__(self, client: NetworkClient, identity: RobotIdentity, copies: int = COPIES_DEFAULT_COUNT) -> None:
         self._client = client
+        self._copies = copies
         self._identity = identity
 
     def now_ms(self) -> int:
@@ -47,7 +52,7 @@ class RobotNetwork:
         return await self._client.state_value("records", b"visit/" + owner, self._identity.identity) is not None
 
     async def upload(self, upload: ClipUpload) -> None:
-        """Bring a clip to all custodians. Raises the last refusal if fewer than two (or all there are) took it."""
+        """Bring a clip to all custodians. Raises the last refusal if fewer took it than are to have it."""
         await self._to_custodians(lambda node: self._client.custody.upload_clip(node, upload, self._identity.identity))
 
     async def publish_empty_frames(self, frames: tuple[EmptyFrame, ...]) -> None:
@@ -61,7 +66,7 @@ class RobotNetwork:
     async def _to_custodians(self, send: Callable[[NodeAddress], Awaitable[object]]) -> None:
         await self._client.find_nodes(self._identity.identity)
         custodians = self._client.custody.custodians
-        required = min(ACKNOWLEDGEMENTS_COUNT, len(custodians))
+        required = min(self._copies, len(custodians))
         results = await asyncio.gather(*(send(node) for node in custodians), return_exceptions=True)
         refusals = [result for result in results if isinstance(result, BaseException)]
         for refusal in refusals:

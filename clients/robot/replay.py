@@ -23,7 +23,7 @@ from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
 from clients.robot.identity import load_identity
 from clients.robot.inputs import Inputs
 from clients.robot.keeping import note_dropped
-from clients.robot.network import RobotNetwork
+from clients.robot.network import COPIES_DEFAULT_COUNT, RobotNetwork
 from clients.robot.one_run import only_run
 from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
@@ -50,7 +50,8 @@ class ReplayOptions:
     """How to replay: where the roster is, for what purpose, how long a clip is, where events go.
 
     With a `viewpoint` the empty frames are those of the robot's approved bank instead of the source's, which are only
-    checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given.
+    checked for what moves in them. In real time it ends after `lasts_s` seconds of the source, if that is given. A clip
+    is recorded once `copies` custodians have it, or all where there are fewer.
     """
 
     roster: Path
@@ -61,6 +62,7 @@ class ReplayOptions:
     real_time: bool
     viewpoint: str = ""
     lasts_s: float | None = None
+    copies: int = COPIES_DEFAULT_COUNT
 
 
 class ProgressListener(Protocol):
@@ -107,7 +109,7 @@ class _Run:
         self._identity = load_identity(folder)
         self._client = client
         self._chain_id = client.genesis.chain_id
-        self._network = RobotNetwork(client, self._identity)
+        self._network = RobotNetwork(client, self._identity, options.copies)
         self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
         self._spool = Spool(folder / "spool", self._identity.spool)
         self._consents = Consents(

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from clients.robot.network import ACKNOWLEDGEMENTS_COUNT, RobotNetwork
+from clients.robot.network import COPIES_DEFAULT_COUNT, RobotNetwork
 from consensus.errors import BlockRobotError
 
 UPLOAD: Any = SimpleNamespace(record_id=bytes(16))
@@ -29,13 +30,13 @@ class Custodians:
         self.taken.append(node)
 
 
-def _robot(custodians: Custodians) -> RobotNetwork:
+def _robot(custodians: Custodians, copies: int = COPIES_DEFAULT_COUNT) -> RobotNetwork:
     async def find_nodes(_key: object) -> None:
         """Nobody new."""
 
     client: Any = SimpleNamespace(custody=custodians, find_nodes=find_nodes)
     identity: Any = SimpleNamespace(identity="key")
-    return RobotNetwork(client, identity)
+    return RobotNetwork(client, identity, copies=copies)
 
 
 @pytest.mark.parametrize(
@@ -45,7 +46,7 @@ def _robot(custodians: Custodians) -> RobotNetwork:
 async def test_two_custodians_are_enough_or_the_one_that_there_is(answers: tuple[Exception | None, ...]) -> None:
     custodians = Custodians(*answers)
     await _robot(custodians).upload(UPLOAD)
-    assert len(custodians.taken) == answers.count(None) >= min(ACKNOWLEDGEMENTS_COUNT, len(answers))
+    assert len(custodians.taken) == answers.count(None) >= min(COPIES_DEFAULT_COUNT, len(answers))
 
 
 @pytest.mark.parametrize("answers", [(STORE_DOWN,), (None, STORE_DOWN), (UNREACHABLE, None, UNREACHABLE)])
@@ -54,6 +55,29 @@ async def test_fewer_are_not_and_what_was_refused_can_be_tried_again(answers: tu
     with pytest.raises(BlockRobotError) as refusal:
         await _robot(Custodians(*answers)).upload(UPLOAD)
     assert refusal.value.entry.retryable
+
+
+@pytest.mark.parametrize(
+    ("copies", "answers", "is_enough"),
+    [
+        (1, (None, STORE_DOWN), True),
+        (1, (STORE_DOWN, UNREACHABLE, None), True),
+        (1, (STORE_DOWN, UNREACHABLE), False),
+        (2, (None, UNREACHABLE, None), True),
+        (3, (None, UNREACHABLE, None), False),
+        (3, (None, None, None), True),
+        (3, (None, None), True),
+        (5, (None, None, None, None, None, STORE_DOWN), True),
+    ],
+)
+async def test_how_many_custodians_must_have_a_clip_is_a_setting(
+    copies: int, answers: tuple[Exception | None, ...], is_enough: bool
+) -> None:
+    custodians = Custodians(*answers)
+    expected = contextlib.nullcontext() if is_enough else pytest.raises(BlockRobotError)
+    with expected:
+        await _robot(custodians, copies).upload(UPLOAD)
+    assert len(custodians.taken) == answers.count(None), "all that take it are given it"
 
 
 async def test_a_fault_of_the_robots_own_is_not_taken_for_a_refusal() -> None:
