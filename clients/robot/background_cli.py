@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -98,6 +99,11 @@ def approve_command(ctx: click.Context, viewpoint: str, by: str, days: int, yes:
     folder, _ = ctx.obj
     scene = find_scene(folder, viewpoint)
     if not yes:
+        if not sys.stdin.isatty():
+            told = (
+                f"There is no terminal to ask whether you have looked at {scene.preview}: look at it, and give --yes."
+            )
+            raise click.UsageError(told)
         click.confirm(f"Have you looked at {scene.preview}, and is nobody in it?", abort=True, err=True)
     approved = approve_scene(folder, viewpoint, by=by, days=days, now_ms=_now_ms())
     if as_json:

@@ -16,11 +16,13 @@ from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
 from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
-from clients.robot.replay import ReplayOptions, replay_recording
+from clients.robot.replay import SPOOL_FOLDER, ReplayOptions, replay_recording
+from clients.robot.run_words import broken_line, broken_off, ended_line, ending_line, summary_lines
 from clients.robot.scenario import load_scenario, published_run_1
 from clients.robot.source_options import open_recording, source_options
 from clients.robot.sources.source import Source
 from clients.robot.sources.synthetic import SyntheticSource
+from clients.robot.spool import count_waiting
 from clients.robot.stopping import stopped_by_signals
 from clients.robot.synthetic_recording import load_or_draw_tags
 from clients.robot.topics_cli import topics
@@ -33,11 +35,9 @@ from clients.sdk.terminal import (
     plain_errors,
     print_json,
 )
-from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 
 _PROGRESS_EVERY_S = 0.25
-_STOPPING = "\nEnding: what is in memory is sealed and recorded, and visits are closed. Once more ends it at once."
 _RATE_DEFAULT = 10
 
 
@@ -95,13 +95,15 @@ def register(ctx: click.Context, code: str, as_json: bool) -> None:
 
 
 class _Progress:
-    """Lines of JSON on standard error for a program, one moving line for a person."""
+    """Lines of JSON on standard error for a program, one moving line for a person. `figures` are the newest."""
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
         self._last = 0.0
+        self.figures: dict[str, Any] = {}
 
     def __call__(self, figures: dict[str, Any], *, last: bool = False) -> None:
+        self.figures = figures
         now = time.monotonic()
         if now - self._last < _PROGRESS_EVERY_S and not last:
             return
@@ -137,27 +139,19 @@ def _common(command: Any) -> Any:
     return command
 
 
-def _tell_consents(figures: dict[str, Any]) -> None:
-    """Say where consent stood in the way of recording, if it did."""
-    if figures["stale_times"]:
-        seconds = round(figures["stale_ms"] / 1000)
-        console.print(
-            f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
-        )
-    refused = figures["sightings_refused"].get("no-consent", 0)
-    if refused:
-        console.print(f"{refused} readings were of tags whose bearers do not consent to this purpose and sensor.")
-    if figures["clips_dropped"]:
-        console.print(f"{figures['clips_dropped']} sealed clips were destroyed: consent to them had ended.")
-
-
 async def _record(
     folder: Path, source: Source, genesis: Genesis, options: ReplayOptions, progress: _Progress
-) -> dict[str, Any]:
-    """Record until the source ends, or the user ends it."""
-    stop = asyncio.Event()
-    with stopped_by_signals(stop, lambda: click.echo(_STOPPING, err=True)):
-        return await replay_recording(folder, source, genesis, options, progress, stop)
+) -> tuple[dict[str, Any], bool]:
+    """Record until the source ends, or the user ends it; return the summary, and whether it was the user."""
+    stop, was_told = asyncio.Event(), False
+
+    def tell() -> None:
+        nonlocal was_told
+        was_told = True
+        click.echo(ending_line(progress.figures), err=True)
+
+    with stopped_by_signals(stop, tell):
+        return await replay_recording(folder, source, genesis, options, progress, stop), was_told
 
 
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
@@ -177,45 +171,37 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
     progress = _Progress(as_json=as_json)
     try:
-        summary = asyncio.run(_record(folder, source, load_genesis(genesis_path), chosen, progress))
+        summary, was_ended = asyncio.run(_record(folder, source, load_genesis(genesis_path), chosen, progress))
     except asyncio.CancelledError:
-        click.echo("Ended at once. What is sealed is in the spool; the next run records it.", err=True)
-        raise click.Abort from None
-    fault = summary["intake"]["fault"]
-    if as_json:
-        print_json({"ok": _lost(summary) == 0 and fault is None, **summary, **_error_json(fault)})
-    else:
-        frames = summary["frames"]
-        console.print(
-            f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
-            f"{frames['withheld']} withheld, {frames['lost']} lost."
-        )
-        for sensor, counts in summary["senses"].items():
-            console.print(
-                f"{counts['published']} of {sensor}: {counts['kept']} kept, "
-                f"{counts['withheld']} withheld, {counts['lost']} lost."
-            )
-        _tell_consents(summary["consents"])
-        for kind, reasons in summary["intake"]["messages_refused"].items():
-            told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
-            console.print(f"Not usable: {sum(reasons.values())} of kind {kind} ({told}).")
-        if fault is not None:
-            raise BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
-    if fault is not None:
+        _tell_broken(folder / SPOOL_FOLDER, progress.figures, as_json=as_json)
         sys.exit(EXIT_FAILED)
+    fault = summary["intake"]["fault"]
+    error = None if fault is None else broken_off(fault)
+    if as_json:
+        told = {}
+        if error is not None:
+            told["error"] = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+        print_json({"ok": _lost(summary) == 0 and error is None, **summary, **told})
+        sys.exit(EXIT_FAILED if error is not None else 0)
+    for line in summary_lines(summary):
+        console.print(line)
+    if was_ended:
+        console.print(ended_line())
+    if error is not None:
+        raise error
+
+
+def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool) -> None:
+    """Say what a run leaves that its user ended at once."""
+    waiting = count_waiting(spool)
+    if as_json:
+        print_json({"ok": False, "ended": "at-once", "progress": figures, "spooled_clips": waiting})
+    click.echo(broken_line(figures, waiting, str(spool)), err=True)
 
 
 def _lost(summary: dict[str, Any]) -> int:
     """Return how much of what was covered was neither recorded nor withheld, all senses together."""
     return int(summary["frames"]["lost"]) + sum(int(counts["lost"]) for counts in summary["senses"].values())
-
-
-def _error_json(fault: dict[str, str] | None) -> dict[str, Any]:
-    """Return the error of a run that broke off as every command tells it."""
-    if fault is None:
-        return {}
-    error = BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
-    return {"error": {"code": error.code, "detail": error.detail, "next_step": error.next_step}}
 
 
 robot.add_command(topics)

@@ -258,6 +258,10 @@ class Consents:
         ended = consent.until_ms and taken_at_ms >= consent.until_ms
         return Refusal.OUTSIDE if taken_at_ms < began_ms or ended else None
 
+    def is_coming(self, handle: bytes, purpose: str, sensor: str) -> bool:
+        """Tell whether a consent is on the chain whose height no block that was seen has reached."""
+        return any(place[:3] == (handle, purpose, sensor) for place in self._coming)
+
     def find_beginning(self, handle: bytes, purpose: str, sensor: str) -> int | None:
         """Return since when the consent that holds by the last view holds without a break, None if none does."""
         consent = None if self._view is None else self._consent(self._view, handle, purpose, sensor)

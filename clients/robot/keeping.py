@@ -20,6 +20,9 @@ from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
 from consensus.records.roster import RosterRow
 
+CONSENT_COMING = "consent-coming"
+"""Counted for a reading whose bearer's consent is on the chain, but has not begun."""
+
 
 class Keeper:
     """One sensor's pictures of one run, recorded for one purpose."""
@@ -51,8 +54,10 @@ class Keeper:
         """Tell whether a tag that was read then (by the camera's clock) counts as known; count it if not."""
         refusal = self._find_refusal(row, read_at_ms + self.offset_ms)
         if refusal is not None:
+            coming = refusal is Refusal.NO_CONSENT and self._consents.is_coming(row.handle, self._purpose, self.sensor)
+            why = CONSENT_COMING if coming else str(refusal)
             refused = self._consents.figures.sightings_refused
-            refused[str(refusal)] = refused.get(str(refusal), 0) + 1
+            refused[why] = refused.get(why, 0) + 1
         return refusal is None
 
     @property

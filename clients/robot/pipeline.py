@@ -39,6 +39,7 @@ from clients.robot.sealing import ClipContent, seal_clip
 from clients.robot.senses import SenseDesk
 from clients.robot.spool import Spool, SpooledClip
 from clients.robot.statistics import RunStatistics
+from clients.robot.unknown_tags import UnknownTags
 from clients.robot.visits import VisitBook
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
@@ -116,6 +117,7 @@ class Pipeline:
         )
         consents.on_change = self._drop_refused
         self.admission = Admission()
+        self._unknown_tags = UnknownTags()
         self._busy = asyncio.Lock()
         self._taken_count = 0
         self._came_at_ms = 0  # when what is being worked on came, however busy the robot was then
@@ -163,8 +165,8 @@ class Pipeline:
         await self._delivery.close_visits(self._open_visits)
 
     def intake_json(self) -> dict[str, Any]:
-        """Return what was found of the clocks, and how much was turned away, late or thinned."""
-        return self.admission.as_json(self._hider.pairing)
+        """Return what was found of the clocks, how much was turned away, late or thinned, and tags nobody knows."""
+        return {**self.admission.as_json(self._hider.pairing), "unknown_tags": self._unknown_tags.as_json()}
 
     def _find_arrival(self, arrived: Event | Sense) -> int:
         """Return when an event came: by the host's stamp in a live stream, else when it is taken up."""
@@ -241,6 +243,8 @@ class Pipeline:
     def _identify(self, sighting: Sighting) -> list[Output]:
         """Find the tag's bearer in the roster. Without her consent, as far as it is known now, a tag counts as unknown."""
         row = self._roster.find(sighting.uid)
+        if row is None:
+            self._unknown_tags.note(sighting.uid)
         consents = row is not None and self._keeper.admits(row, sighting.last_seen_ms)
         weighed = self.admission.weighs(sighting, known=consents)
         if not consents:

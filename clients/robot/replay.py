@@ -38,6 +38,7 @@ from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from consensus.genesis import Genesis
 
 SENSOR_NAME = "depth"
+SPOOL_FOLDER = "spool"
 FRESH_WITHIN_MS = 30_000
 """How long a run waits for a recent block at most, beyond the chain's heartbeat."""
 
@@ -111,7 +112,7 @@ class _Run:
         self._chain_id = client.genesis.chain_id
         self._network = RobotNetwork(client, self._identity, options.copies)
         self._roster = load_roster(options.roster, self._identity, client.genesis, self._network.now_ms())
-        self._spool = Spool(folder / "spool", self._identity.spool)
+        self._spool = Spool(folder / SPOOL_FOLDER, self._identity.spool)
         self._consents = Consents(
             RegistryReader(client, self._identity.identity, self._roster.rows),
             self._roster,

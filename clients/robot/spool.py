@@ -48,6 +48,11 @@ class SpooledClip(Wire, frozen=True):
     captured_until_ms: int
 
 
+def count_waiting(folder: Path) -> int:
+    """Return how many clips a spool's folder holds, without its key; 0 if there is no such folder."""
+    return sum(path.stem.isdecimal() for path in folder.glob(f"*{_SUFFIX}"))
+
+
 class Spool:
     """A folder of sealed clips, oldest first."""
 

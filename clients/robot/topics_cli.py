@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from clients.robot.sources.listing import Listed, draft_topics, list_topics
+from clients.robot.sources.listing import Listed, draft_topics, list_topics, next_steps
 from clients.robot.sources.recording import Recording
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
@@ -28,12 +28,19 @@ def topics(recording: Path, draft: Path | None, as_json: bool) -> None:
     """
     opened = Recording(recording)
     listed = list_topics(opened)
+    steps = next_steps(opened, listed)
     if draft is not None:
         _write(draft, draft_topics(opened, listed))
     if as_json:
         rows = [_row(item) for item in listed]
         print_json(
-            {"ok": True, "topics": rows, "broken": opened.broken or None, "draft": str(draft) if draft else None}
+            {
+                "ok": True,
+                "topics": rows,
+                "broken": opened.broken or None,
+                "draft": str(draft) if draft else None,
+                "next_steps": steps,
+            }
         )
         return
     for item in listed:
@@ -42,6 +49,8 @@ def topics(recording: Path, draft: Path | None, as_json: bool) -> None:
         console.print(f"{item.figures.name}  {kind}  {item.figures.count} messages, {item.figures.rate_hz}/s{guess}")
     if opened.broken:
         console.print(f"The recording breaks off: {opened.broken} What stands before the break can be used.")
+    for step in steps:
+        console.print(step, markup=False)
     if draft is not None:
         console.print(
             f"A draft is in {draft}. Next: check it, then blockrobot robot replay {recording} --topics {draft}."

@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 from clients.robot.messages import SIGHTING_TYPE
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, could_be_colour, could_be_depth, encoding_of
-from clients.robot.sources.recording import Recording, TopicFigures
+from clients.robot.sources.recording import Recording, TopicFigures, own_types
 from clients.robot.sources.topics import STRING_TYPE
 
 LISTED_MAX_COUNT = 12
+FIELDS_SHOWN_MAX_COUNT = 24
 TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "tid", "transponder")
 TAG_NAMES = ("rfid", "tag", "epc", "uhf", "nfc")
 LABEL_NAMES = ("emotion", "label", "mood", "affect", "state", "expression", "sentiment")
@@ -27,6 +28,11 @@ class Listed:
     figures: TopicFigures
     could_be: tuple[str, ...]
     encoding: str
+
+    @property
+    def is_unexplained(self) -> bool:
+        """Tell whether its messages are of a type that is neither ROS's nor ours, and nothing says what they hold."""
+        return not self.could_be and self.figures.type not in own_types().types
 
 
 def list_topics(recording: Recording) -> list[Listed]:
@@ -61,7 +67,7 @@ def _listed(recording: Recording, figures: TopicFigures) -> Listed:
     if kind == SIGHTING_TYPE:
         return Listed(figures, ("tags",), "")
     guesses = []
-    fields = {field.lower() for field in recording.field_names(kind)}
+    fields = {field.lower() for field in recording.field_names(kind)} | {_last(path) for path in recording.paths(kind)}
     words = kind.lower()
     if ((kind == STRING_TYPE or fields & set(TAG_FIELDS)) and _speaks(name + words, TAG_NAMES)) or fields & {
         "epc",
@@ -95,24 +101,99 @@ def draft_topics(recording: Recording, listed: list[Listed]) -> str:
     for item in [item for item in listed if "tags" in item.could_be]:
         lines += ["[[tags]]", f'topic = "{item.figures.name}"', f'type = "{item.figures.type}"']
         lines += [*_drafted_fields(recording, item.figures.type), ""]
+    for item in [item for item in listed if item.is_unexplained]:
+        lines += [f"# {line}" for line in _drafted_guess(recording, item.figures)] + [""]
     for sense in ("rgb", "labels", "audio"):
         for item in [item for item in listed if sense in item.could_be][:1]:
             lines += [f"# [{sense}]", f'# topic = "{item.figures.name}"', ""]
     return "\n".join(lines)
 
 
-def _drafted_fields(recording: Recording, type_name: str) -> list[str]:
-    paths = [path for path in recording.paths(type_name) if not path.startswith("header.")]
-    found = []
+def next_steps(recording: Recording, listed: list[Listed]) -> list[str]:
+    """Return what the user must say that no draft can: in which field the tag's UID stands, or of which topic.
+
+    Topics of unknown meaning are named as long as none is of tags for certain.
+    """
+    told, is_found = [], False
+    for item in [item for item in listed if "tags" in item.could_be and item.figures.type != STRING_TYPE]:
+        if _guess_epc(recording, item.figures.type, sure=True):
+            is_found = True
+        else:
+            told.append(
+                f"{item.figures.name} could be tags: write into epc in which field the tag's UID stands. "
+                f"It has {_shown(recording, item.figures.type)}."
+            )
+    unexplained = [] if is_found else [item for item in listed if item.is_unexplained]
+    return told + [_unexplained_step(recording, item.figures) for item in unexplained[:LISTED_MAX_COUNT]]
+
+
+def _unexplained_step(recording: Recording, figures: TopicFigures) -> str:
+    if not recording.knows(figures.type):
+        return (
+            f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings, put "
+            "the type's text into the topics file under [definitions], and name topic and fields under [[tags]]."
+        )
+    guess = _guess_epc(recording, figures.type)
+    return (
+        f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, write under [[tags]] in "
+        f'the topics file: topic = "{figures.name}", and as epc the field where the tag\'s UID stands'
+        + (f', perhaps epc = "{guess}"' if guess else "")
+        + f". It has {_shown(recording, figures.type)}."
+    )
+
+
+def _drafted_guess(recording: Recording, figures: TopicFigures) -> list[str]:
+    """Return a table of tags for a topic of which it is not known what it holds; to be put behind marks."""
+    if not recording.knows(figures.type):
+        return [
+            f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings,",
+            "put the type's text under [definitions], and name the topic and its fields under [[tags]].",
+        ]
+    fields = _drafted_fields(recording, figures.type, _guess_epc(recording, figures.type))
+    return [
+        f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, take these marks away.",
+        "[[tags]]",
+        f'topic = "{figures.name}"',
+        f'type = "{figures.type}"',
+        *fields,
+    ]
+
+
+def _guess_epc(recording: Recording, type_name: str, *, sure: bool = False) -> str:
+    """Return the field that is called as UIDs are; if there is none and it need not be `sure`, the first of text."""
+    paths = _own_paths(recording, type_name)
+    named = next((path for word in _FIELD_WORDS["epc"] for path in paths if _last(path) == word), "")
+    if named or sure:
+        return named
+    return next((path for path in paths if recording.is_text(type_name, path)), "")
+
+
+def _own_paths(recording: Recording, type_name: str) -> list[str]:
+    return [path for path in recording.paths(type_name) if not path.startswith("header.")]
+
+
+def _shown(recording: Recording, type_name: str) -> str:
+    paths = _own_paths(recording, type_name)
+    more = f" and {len(paths) - FIELDS_SHOWN_MAX_COUNT} more" if len(paths) > FIELDS_SHOWN_MAX_COUNT else ""
+    return ", ".join(paths[:FIELDS_SHOWN_MAX_COUNT]) + more
+
+
+def _drafted_fields(recording: Recording, type_name: str, epc: str = "") -> list[str]:
+    paths = _own_paths(recording, type_name)
+    found = {}
     for setting, words in _FIELD_WORDS.items():
         path = next((path for word in words for path in paths if _last(path) == word), None)
         if path is not None:
-            found.append(f'{setting} = "{path}"')
-    if not any(line.startswith("epc") for line in found):
-        found.insert(0, 'epc = ""  # where the tag\'s UID stands')
-    named = {line.partition('"')[2].partition('"')[0] for line in found}
-    rest = [path for path in paths if path not in named]
-    return [*found, *([f"# not named so far: {', '.join(rest)}"] if rest else [])]
+            found[setting] = path
+    found = {"epc": found.get("epc", epc), **found}
+    lines = [f'{setting} = "{path}"' for setting, path in found.items()]
+    if found["epc"] == epc:
+        lines[0] += "  # where the tag's UID stands"
+    if "distance" in found and "distance_sigma" not in found:
+        place = lines.index(f'distance = "{found["distance"]}"')
+        lines[place] = f"# {lines[place]}  # only with distance_sigma, how far off it usually is, and distance_unit"
+    rest = [path for path in paths if path not in found.values()]
+    return [*lines, *([f"# not named so far: {', '.join(rest)}"] if rest else [])]
 
 
 def _last(path: str) -> str:

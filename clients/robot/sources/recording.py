@@ -122,6 +122,17 @@ class Recording:
                 found.append(path)
         return found
 
+    def is_text(self, type_name: str, path: str) -> bool:
+        """Tell whether a path of `paths` leads to text, or to a list of texts."""
+        part, _, rest = path.partition(".")
+        for name, (kind, what) in self._types.fielddefs[type_name][1] if self.knows(type_name) else ():
+            if name == part.removesuffix("[]"):
+                inner = what[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, what)
+                if rest:
+                    return inner[0] is Nodetype.NAME and self.is_text(str(inner[1]), rest)
+                return bool(inner[0] is Nodetype.BASE and inner[1][0] == "string")
+        return False
+
     def first(self, topic: str) -> Any:
         """Return the first message of a topic that can be decoded, None if there is none."""
         try:
@@ -242,6 +253,8 @@ def _storage_files(path: Path) -> list[Path]:
         found = sorted(files, key=lambda file: (len(file.name), file.name))  # ..._9 before ..._10
     else:
         found = [path] if path.is_file() and path.name.endswith(SUFFIXES) else []
+    if not path.exists():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no recording at {path}.")
     if not found:
         kinds = "a ROS 1 .bag, a rosbag2 folder, or one .mcap or .db3 file"
         raise BlockRobotError("BAG_DAMAGED", f"{path.name} is no recording that can be read: {kinds}.")

@@ -186,10 +186,9 @@ def test_flipped_bytes_never_end_in_anything_but_a_code(small_bag: Path, tmp_pat
     assert outcome_of(copy) in {"read", "BAG_DAMAGED", "BAG_TOPIC_MISSING", "TOPICS_INVALID", "EMPTY_SCENE_MISSING"}
 
 
-@pytest.mark.parametrize("name", ["missing", "text.mcap", "text.bag"])
+@pytest.mark.parametrize("name", ["text.mcap", "text.bag"])
 def test_what_is_no_recording_is_damaged(tmp_path: Path, name: str) -> None:
-    if name != "missing":
-        (tmp_path / name).write_text("this is not a recording")
+    (tmp_path / name).write_text("this is not a recording")
     with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
         BagSource(tmp_path / name)
 

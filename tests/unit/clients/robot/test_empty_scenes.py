@@ -7,7 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+from clients.robot.background_cli import background
 from clients.robot.empty_scenes import (
     DAY_MS,
     PUBLISHED_MAX_COUNT,
@@ -141,3 +143,16 @@ def test_people_in_frames_said_to_be_empty_are_refused(small_scenario: Scenario)
     frames = [renderer.empty_frame(number) for number in range(12)]
     frames[5] = renderer.frame(2)
     assert code_of(check_empty, frames) == "BACKGROUND_INVALID"
+
+
+def test_an_approval_without_a_terminal_says_what_to_give(tmp_path: Path) -> None:
+    """Nobody can be asked there whether somebody has looked."""
+    record_scene(tmp_path, "ward-3", empty_frames(), NOW_MS)
+    arguments = ["approve", "ward-3", "--by", "A. Nurse"]
+    done = CliRunner().invoke(background, arguments, obj=(tmp_path, None))
+    assert done.exit_code == 2
+    assert "look at it, and give --yes" in done.output
+    assert str(find_scene(tmp_path, "ward-3").preview) in done.output.replace("\n", "")
+    assert not find_scene(tmp_path, "ward-3").approved_by
+    assert CliRunner().invoke(background, [*arguments, "--yes"], obj=(tmp_path, None)).exit_code == 0
+    assert find_scene(tmp_path, "ward-3").approved_by == "A. Nurse"

@@ -235,6 +235,20 @@ def test_while_the_view_is_stale_tags_count_as_unknown_and_what_waits_is_withhel
     at_the_desk(tmp_path, story)
 
 
+def test_a_consent_that_has_not_begun_is_counted_apart_from_a_no(tmp_path: Path) -> None:
+    async def story(desk: Desk) -> None:
+        desk.registry.say(BEN, "withdrawn")
+        desk.registry.say(ANN, "withdrawn")
+        await desk.consents.refresh()
+        desk.registry.say(ANN, height=desk.registry.height + 5)
+        await desk.consents.refresh()
+        for handle in (ANN, ANN, BEN):
+            assert not desk.keeper.admits(row(handle), virtual_now_ms())
+        assert desk.consents.figures.sightings_refused == {"consent-coming": 2, "no-consent": 1}
+
+    at_the_desk(tmp_path, story)
+
+
 def test_the_end_of_a_period_parts_a_clip(tmp_path: Path) -> None:
     """What was taken in time is sealed, also afterwards; what was taken later is not."""
 

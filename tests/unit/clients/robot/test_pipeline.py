@@ -7,6 +7,7 @@ import itertools
 import secrets
 from collections.abc import AsyncIterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from nacl.public import PrivateKey as SealingPrivateKey
@@ -89,6 +90,7 @@ class Robot:
         self.purposes = purposes
         self.registry: RegistryStandIn
         self.consents: Consents
+        self.intake: dict[str, Any] = {}
 
     async def run(self) -> None:
         empty = self.source.empty_frames()
@@ -135,6 +137,7 @@ class Robot:
             try:
                 self.inputs = Inputs((height, width))
                 await pipeline.run(self.inputs.usable(self.events()), live=self.live)
+                self.intake = pipeline.intake_json()
             finally:
                 watch.cancel()
                 await delivery.stop()
@@ -222,6 +225,8 @@ def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_
     assert robot.network.calls == []
     assert robot.statistics.covered == 0
     assert {event["activity"] for event in read_events(robot.log_path)} >= {"IMAGE_NOT_PAIRED_WITH_UNKNOWN_RFID"}
+    readings = sum(isinstance(event, Sighting) for event in robot.source.events())
+    assert robot.intake["unknown_tags"] == {"readings": readings, "tags": 1, "more_tags": False}
 
 
 def test_whoever_did_not_consent_to_the_purpose_is_not_recorded(tmp_path: Path, small_bag: Path) -> None:

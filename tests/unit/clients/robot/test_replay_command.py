@@ -22,10 +22,14 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
     """Run the command over the small bag, the run itself replaced by its summary."""
     sources: list[BagSource] = []
 
-    def run(*options: str, fault: dict[str, str] | None = None, lost: int = 0) -> Result:
+    def run(
+        *options: str, fault: dict[str, str] | None = None, lost: int = 0, unknown: tuple[int, int] = (0, 0)
+    ) -> Result:
         async def summarised(_folder: Path, source: BagSource, *_rest: object) -> dict[str, Any]:
             sources.append(source)
-            intake = {"messages_refused": {"frame": {"size": 2, "step": 1}}, "fault": fault}
+            tags = {"readings": unknown[0], "tags": unknown[1], "more_tags": False}
+            refused = {"frame": {"size": 2, "step": 1}}
+            intake = {"messages_refused": refused, "unknown_tags": tags, "fault": fault}
             senses = {"rgb": {**FRAMES, "lost": lost}}
             consents = ConsentFigures().as_json()
             return {"frames": FRAMES, "senses": senses, "records": 3, "intake": intake, "consents": consents}
@@ -43,6 +47,13 @@ def test_what_could_not_be_used_is_told_by_reason(replay: Any) -> None:
     assert done.exit_code == 0
     assert "Not usable: 3 of kind frame (2 for size, 1 for step)." in done.output
     assert "6 of rgb: 6 kept" in done.output
+
+
+def test_tags_that_are_not_on_the_roster_are_told_by_number(replay: Any) -> None:
+    assert "not on the roster" not in replay().output
+    told = replay(unknown=(37, 2)).output
+    assert "37 readings were of 2 tags that are not on the roster; nothing is kept for them." in told
+    assert json.loads(replay("--json", unknown=(37, 2)).stdout)["intake"]["unknown_tags"]["tags"] == 2
 
 
 def test_a_recording_that_breaks_off_is_told_after_what_was_kept(replay: Any) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
 import signal
 from collections.abc import AsyncIterator
@@ -21,6 +22,7 @@ from clients.robot.scenario import Scenario
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
 from clients.robot.sources.synthetic import SyntheticSource
 from clients.robot.synthetic_recording import load_or_draw_tags
+from clients.robot.unknown_tags import UnknownTags
 from tests.virtual_time import run_virtual
 
 FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
@@ -88,15 +90,19 @@ def run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
 
     def start(*options: str, signals: int = 1) -> tuple[Any, list[Any]]:
         async def recording(
-            _folder: Path, source: Any, _genesis: Any, chosen: ReplayOptions, _: Any, stop: asyncio.Event
+            folder: Path, source: Any, _genesis: Any, chosen: ReplayOptions, progress: Any, stop: asyncio.Event
         ) -> dict[str, Any]:
             seen.extend((source, chosen))
+            progress({"frames_read": 7, "frames_recorded": 4, "records": 2, "waiting": 1})
+            (folder / "spool").mkdir(parents=True)
+            for name in ("000000000001.clip", "000000000002.clip", ".tmp-000000000003.clip"):
+                (folder / "spool" / name).touch()
             for _number in range(signals):
                 os.kill(os.getpid(), signal.SIGINT)
                 await asyncio.sleep(0.01)
             await stop.wait()
             consents = ConsentFigures().as_json()
-            intake = {"messages_refused": {}, "fault": None}
+            intake = {"messages_refused": {}, "unknown_tags": UnknownTags().as_json(), "fault": None}
             return {"frames": FRAMES, "senses": {}, "records": 3, "intake": intake, "consents": consents}
 
         monkeypatch.setattr(cli, "replay_recording", recording)
@@ -111,7 +117,9 @@ def test_ctrl_c_ends_a_live_run_in_good_order_and_says_so(run: Any, tmp_path: Pa
     before = signal.getsignal(signal.SIGTERM)
     done, (source, chosen) = run("--rate", "5", "--seconds", "60")
     assert done.exit_code == 0
-    assert "what is in memory is sealed and recorded" in done.output
+    assert "So far 7 frames were read, and 4 are recorded in 2 records." in done.output
+    assert "What is in memory is now sealed and recorded too" in done.output
+    assert "Ended as you asked: all that was seen until then is settled" in done.output
     assert "6 kept in 3 records" in done.output
     assert isinstance(source, SyntheticSource)
     assert (chosen.real_time, chosen.lasts_s) == (True, 60)
@@ -122,7 +130,17 @@ def test_ctrl_c_ends_a_live_run_in_good_order_and_says_so(run: Any, tmp_path: Pa
 def test_ctrl_c_twice_ends_it_at_once_and_says_what_becomes_of_the_rest(run: Any) -> None:
     done, _ = run(signals=2)
     assert done.exit_code == 1
-    assert "the next run records it" in done.output
+    assert "7 frames were read, and 4 are recorded in 2 records." in done.output
+    assert "2 sealed clips wait in " in done.output
+    assert "start the robot again with any recording: it first records what waits" in done.output
+
+
+def test_a_program_that_ends_a_run_at_once_is_told_in_one_object(run: Any) -> None:
+    done, _ = run("--json", signals=2)
+    assert done.exit_code == 1
+    told = json.loads(done.stdout)
+    assert (told["ok"], told["ended"], told["spooled_clips"]) == (False, "at-once", 2)
+    assert told["progress"]["frames_recorded"] == 4
 
 
 def test_a_scenario_that_cannot_be_read_is_named_before_the_run(run: Any, tmp_path: Path) -> None:

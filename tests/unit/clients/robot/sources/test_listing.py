@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from clients.robot.sources.listing import describe, draft_topics, list_topics
+from clients.robot.sources.listing import describe, draft_topics, list_topics, next_steps
 from clients.robot.sources.recording import Recording
 from clients.robot.sources.topics import parse_topics
 from clients.robot.topics_cli import topics
+from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import FORMATS, Topic, image, record, storage_file
 
 TYPES = {
@@ -82,3 +84,75 @@ def test_the_command_lists_drafts_once_and_says_where_a_recording_breaks_off(rec
     told = json.loads(CliRunner().invoke(topics, [str(recording), "--json"]).output)
     assert told["ok"] is True
     assert {row["topic"] for row in told["topics"]} >= {"/rfid", "/emotion"}
+
+
+OWN = {
+    "acme_msgs/msg/Hit": "uint8 port\nstring code\nfloat32 distance",
+    "acme_msgs/msg/Inventory": "std_msgs/Header header\nacme_msgs/Hit[] hits",
+    "acme_msgs/msg/Reading": "string serial\nfloat32 tag",
+    "acme_msgs/msg/Wheels": "float64 left\nfloat64 right",
+}
+
+
+def recorded(folder: Path, *topics: tuple[str, str], types: Mapping[str, str] = OWN) -> Path:
+    """Record one message each of these topics, as (name, type), beside depth."""
+    found = [Topic("/depth", "sensor_msgs/msg/Image", [(0, image(DEPTH))])]
+    found += [Topic(name, kind, [(0, {})]) for name, kind in topics]
+    return record(folder / "bag", "mcap", found, types)
+
+
+def drafted(recording: Path) -> tuple[str, str]:
+    """What the command says, and the draft."""
+    draft = recording.parent / "draft.toml"
+    done = CliRunner().invoke(topics, [str(recording), "--draft", str(draft)])
+    assert done.exit_code == 0
+    return done.output, draft.read_text(encoding="utf-8")
+
+
+def test_a_topic_of_ones_own_type_is_named_with_what_to_write(tmp_path: Path) -> None:
+    said, draft = drafted(
+        recorded(tmp_path, ("/reader", "acme_msgs/msg/Inventory"), ("/wheels", "acme_msgs/msg/Wheels"))
+    )
+    assert "/reader carries acme_msgs/msg/Inventory, a type of your own." in said
+    assert 'write under [[tags]] in the topics file: topic = "/reader"' in said
+    assert 'perhaps epc = "hits[].code". It has hits[].port, hits[].code, hits[].distance.' in said
+    assert "/wheels carries acme_msgs/msg/Wheels" in said
+    assert "It has left, right." in said
+    assert parse_topics(draft).depth == "/depth"
+    marked = draft[draft.index('# [[tags]]\n# topic = "/reader"') : draft.index("# /wheels")]
+    taken = parse_topics("\n".join(line.removeprefix("# ") for line in marked.splitlines()))
+    assert (taken.tags[0].topic, taken.tags[0].map.epc) == ("/reader", "hits[].code")
+
+
+def test_a_type_that_the_recording_does_not_define_is_named_too(tmp_path: Path) -> None:
+    path = recorded(tmp_path, ("/reader", "acme_msgs/msg/Reading"))
+    opened = Recording(path)
+    opened.topics["/reader"].type = "acme_msgs/msg/Unheard"
+    listed = list_topics(opened)
+    (step,) = next_steps(opened, listed)
+    assert "which the recording does not define" in step
+    assert "[definitions]" in step
+    assert parse_topics(draft_topics(opened, listed)).depth == "/depth"
+
+
+def test_tags_without_a_field_called_as_uids_are_wait_for_the_user(tmp_path: Path) -> None:
+    said, draft = drafted(recorded(tmp_path, ("/rfid", "acme_msgs/msg/Reading")))
+    assert "/rfid could be tags: write into epc in which field the tag's UID stands. It has serial, tag." in said
+    with pytest.raises(BlockRobotError, match=r"tags\[0\]\.epc is missing"):
+        parse_topics(draft)
+
+
+def test_where_tags_are_found_no_other_topic_is_asked_about(tmp_path: Path) -> None:
+    types = (("/reader", "blockrobot_msgs/msg/RfidDetection"), ("/wheels", "acme_msgs/msg/Wheels"))
+    said, draft = drafted(recorded(tmp_path, *types))
+    assert "/wheels carries" not in said
+    assert "# /wheels carries" in draft
+
+
+def test_a_distance_waits_for_how_far_off_it_is(tmp_path: Path) -> None:
+    """Without it the file would be refused, and what it is nobody can guess."""
+    types = {name: text.replace("code", "epc") for name, text in OWN.items()}
+    said, draft = drafted(recorded(tmp_path, ("/reader", "acme_msgs/msg/Inventory"), types=types))
+    assert "carries" not in said
+    assert '# distance = "hits[].distance"  # only with distance_sigma' in draft
+    assert parse_topics(draft).tags[0].map.epc == "hits[].epc"

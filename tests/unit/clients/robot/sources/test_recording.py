@@ -129,17 +129,21 @@ def test_a_stretch_of_zeros_in_the_middle_ends_in_a_code_and_nothing_false_befor
     assert {len(data) for topic, _, data in found if topic == "/depth"} <= {len(whole[0][2])}
 
 
-@pytest.mark.parametrize(
-    "name", ["missing.mcap", "text.mcap", "text.bag", "text.db3", "text.txt", "folder", "empty.mcap"]
-)
+@pytest.mark.parametrize("name", ["text.mcap", "text.bag", "text.db3", "text.txt", "folder", "empty.mcap"])
 def test_what_is_no_recording_is_damaged(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     if name == "folder":
         path.mkdir()
-    elif not name.startswith("missing"):
+    else:
         path.write_text("" if name.startswith("empty") else "this is not a recording")
     with pytest.raises(BlockRobotError, match="BAG_DAMAGED"):
         Recording(path)
+
+
+@pytest.mark.parametrize("name", ["missing.mcap", "missing.bag", "missing"])
+def test_a_recording_that_is_not_there_is_not_called_damaged(tmp_path: Path, name: str) -> None:
+    with pytest.raises(BlockRobotError, match=f"FILE_UNUSABLE: There is no recording at .*{name}"):
+        Recording(tmp_path / name)
 
 
 def test_types_that_the_recording_does_not_define_are_taken_from_the_user(tmp_path: Path) -> None:

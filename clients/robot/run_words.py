@@ -1,0 +1,93 @@
+"""What a run says of itself to a person: its summary, what stood in the way, and what is left when it is broken off.
+
+Must never name a person, a tag, a handle or a key: counts only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from consensus.errors import BlockRobotError
+
+
+def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
+    """Yield the lines that tell what became of everything that came."""
+    frames = summary["frames"]
+    yield (
+        f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
+        f"{frames['withheld']} withheld, {frames['lost']} lost."
+    )
+    for sensor, counts in summary["senses"].items():
+        yield (
+            f"{counts['published']} of {sensor}: {counts['kept']} kept, "
+            f"{counts['withheld']} withheld, {counts['lost']} lost."
+        )
+    intake = summary["intake"]
+    yield from _unknown_lines(intake["unknown_tags"])
+    yield from consent_lines(summary["consents"])
+    for kind, reasons in intake["messages_refused"].items():
+        told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
+        yield f"Not usable: {sum(reasons.values())} of kind {kind} ({told})."
+
+
+def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:
+    if not unknown["readings"]:
+        return
+    more = "more than " if unknown["more_tags"] else ""
+    yield (
+        f"{unknown['readings']} readings were of {more}{unknown['tags']} tags that are not on the roster; nothing is kept "
+        "for them. Is one of them a participant's? Then its card must be issued for the UID exactly as the reader tells "
+        "it, and the roster made again after that."
+    )
+
+
+def consent_lines(figures: dict[str, Any]) -> Iterator[str]:
+    """Yield where consent stood in the way of recording, if it did."""
+    if figures["stale_times"]:
+        seconds = round(figures["stale_ms"] / 1000)
+        yield f"For {seconds} s nobody's consent could be proved, and nothing was kept. Is the network in reach?"
+    refused = figures["sightings_refused"]
+    if refused.get("no-consent"):
+        yield f"{refused['no-consent']} readings were of tags whose bearers do not consent to this purpose and sensor."
+    if refused.get("consent-coming"):
+        yield (
+            f"{refused['consent-coming']} readings were of tags whose bearers' consent had not begun: one that was just "
+            "given counts from the chain's next block on, which an idle network makes within a minute."
+        )
+    if figures["clips_dropped"]:
+        yield f"{figures['clips_dropped']} sealed clips were destroyed: consent to them had ended."
+
+
+def broken_off(fault: dict[str, str]) -> BlockRobotError:
+    """Return the error of a recording that broke off."""
+    return BlockRobotError(fault["code"], fault["detail"] + " What came before it is recorded.")
+
+
+def ending_line(figures: dict[str, Any]) -> str:
+    """Return what to say when the user ends a run in good order; `figures` are those of its progress so far."""
+    return (
+        f"\nEnding. So far {_so_far(figures)}. What is in memory is now sealed and recorded too, and visits are closed. "
+        "Once more (Ctrl-C) ends it at once."
+    )
+
+
+def ended_line() -> str:
+    """Return what to say when a run that its user ended is over."""
+    return "Ended as you asked: all that was seen until then is settled, nothing waits in the spool, visits are closed."
+
+
+def broken_line(figures: dict[str, Any], waiting_count: int, spool: str) -> str:
+    """Return what to say when the user ended a run at once: what was kept, what waits, and how to go on."""
+    waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
+    return (
+        f"Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"
+        "To go on, start the robot again with any recording: it first records what waits, each clip once, and closes "
+        "the visits that are open."
+    )
+
+
+def _so_far(figures: dict[str, Any]) -> str:
+    """Return how far a run is. Frames are counted once for each of their owners."""
+    kept, records = figures.get("frames_recorded", 0), figures.get("records", 0)
+    return f"{figures.get('frames_read', 0)} frames were read, and {kept} are recorded in {records} records"

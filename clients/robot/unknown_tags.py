@@ -1,0 +1,41 @@
+"""Counts readings of tags that are on no row of the roster. Must never remember, log or tell a tag's UID.
+
+A newcomer whose roster lacks a tag, or whose map of fields reads another field than the UID, sees here that readings
+came. Tags are told apart by a hash under a key that is drawn for each run and forgotten with it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from typing import Any
+
+TAGS_MAX_COUNT = 4_096
+"""So many are told apart; readings of further ones are counted, the tags are not."""
+
+_DIGEST_BYTES = 16
+
+
+class UnknownTags:
+    """The readings of one run whose tags the roster does not know."""
+
+    def __init__(self) -> None:
+        self._key = secrets.token_bytes(32)
+        self._tags: set[bytes] = set()
+        self._has_more = False
+        self.readings_count = 0
+
+    def note(self, uid: str) -> None:
+        """Count one reading."""
+        self.readings_count += 1
+        tag = hashlib.blake2b(uid.encode(), key=self._key, digest_size=_DIGEST_BYTES).digest()
+        if tag in self._tags:
+            return
+        if len(self._tags) < TAGS_MAX_COUNT:
+            self._tags.add(tag)
+        else:
+            self._has_more = True
+
+    def as_json(self) -> dict[str, Any]:
+        """Return how many `readings` of how many `tags`; with `more_tags` there were more than could be told apart."""
+        return {"readings": self.readings_count, "tags": len(self._tags), "more_tags": self._has_more}
