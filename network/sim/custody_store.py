@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from consensus.errors import BlockRobotError
+from network.sim.custody_shares import MemoryShares
 from node.offchain.erase_keys import ERASE_KEY_BYTES
 from node.offchain.store import (
     BlockEffects,
@@ -37,10 +38,11 @@ async def no_pause() -> None:
     """Write at once."""
 
 
-class MemoryCustodyStore:
+class MemoryCustodyStore(MemoryShares):
     """See `node.offchain.store.CustodyStore`. `pause` is awaited before each write."""
 
     def __init__(self, pause: Pause = no_pause) -> None:
+        super().__init__()
         self._pause = pause
         self._is_open = True
         self._clips: dict[bytes, ClipRow] = {}
@@ -298,7 +300,8 @@ class MemoryCustodyStore:
     async def slots_in_use(self) -> AsyncIterator[int]:
         """See `CustodyStore.slots_in_use`."""
         self._require_open()
-        for slot in sorted(frame.slot for frames in self._frames.values() for frame in frames.values()):
+        slots = [frame.slot for frames in self._frames.values() for frame in frames.values()]
+        for slot in sorted([*slots, *(row.slot for row in self._parts.values())]):
             yield slot
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
@@ -321,6 +324,8 @@ class MemoryCustodyStore:
             owed=owed.count("ready"),
             owed_erasures=owed.count("erasing"),
             size_bytes=None,
+            shares=len(self._shares),
+            parts=len(self._parts),
         )
 
     async def leftovers(self) -> Leftovers:

@@ -183,12 +183,13 @@ def grant_document(grant: Grant) -> Document:
         "owner": grant.owner,
         "records": list(grant.records),
         "height": grant.height,
+        "share": grant.share,
     }
 
 
 def grant_row(found: Document) -> Grant:
     """Return the grant of a document."""
-    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"])
+    return Grant(found["_id"], found["owner"], tuple(found["records"]), found["height"], found.get("share", b""))
 
 
 def outbox_document(row: OutboxRow) -> Document:

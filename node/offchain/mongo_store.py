@@ -29,6 +29,7 @@ from pymongo.write_concern import WriteConcern
 from consensus.errors import BlockRobotError
 from node.offchain import mongo_documents as documents
 from node.offchain.mongo_documents import STAGING, Document, rows
+from node.offchain.mongo_shares import SHARES_INDEXES, MongoShares
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -46,7 +47,8 @@ from node.offchain.store import (
 
 Order = Sequence[tuple[str, int]]
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
+FORMER_VERSIONS = (1, 2)
 SERVER_SELECTION_MAX_MS = 3_000
 MAJORITY_MAX_MS = 20_000
 SOCKET_MAX_MS = 30_000
@@ -75,6 +77,7 @@ _INDEXES: Mapping[str, Sequence[Order]] = {
     "missing": (_NEWEST_FIRST, _rising("expires_at_ms")),
     "standings": (),
     "outbox": (_rising("status", "height", "kind", "subject", "part"), _rising("kind", "subject", "part")),
+    **SHARES_INDEXES,
 }
 
 
@@ -134,21 +137,24 @@ def _connect(uri: str) -> tuple[AsyncMongoClient[Document], AsyncDatabase[Docume
 
 
 async def _check_format(database: AsyncDatabase[Document]) -> None:
-    """Mark a new database, refuse a foreign one. The mark comes after the indexes."""
+    """Mark a new database, or one of a former format, refuse a foreign one. The mark comes after the indexes.
+
+    Former formats lack collections and fields, and nothing else.
+    """
     found = await database["format"].find_one({"_id": _ONE})
     if found is None and set(await database.list_collection_names()) - {"format", *_INDEXES}:
         raise BlockRobotError("STORAGE_DAMAGED", "The store's database has collections but no mark of their format.")
-    if found is not None and found.get("version") != FORMAT_VERSION:
+    if found is not None and found.get("version") not in {FORMAT_VERSION, *FORMER_VERSIONS}:
         detail = f"The store has format {found.get('version')!r}, not {FORMAT_VERSION}."
         raise BlockRobotError("STORAGE_DAMAGED", detail)
     for collection, indexes in _INDEXES.items():
         for fields in indexes:
             await database[collection].create_index(list(fields))
-    if found is None:
+    if found is None or found["version"] != FORMAT_VERSION:
         await database["format"].replace_one({"_id": _ONE}, {"version": FORMAT_VERSION}, upsert=True)
 
 
-class MongoStore:
+class MongoStore(MongoShares):
     """A `CustodyStore` in one database of a MongoDB server. Rules of the interface: `store.py`."""
 
     def __init__(self, uri: str) -> None:
@@ -439,6 +445,8 @@ class MongoStore:
             for slot in rows(lambda document: int(document["slot"]), found):
                 yield slot
                 last = slot
+        async for slot in self._part_slots():
+            yield slot
 
     async def records_with_frames(self) -> AsyncIterator[bytes]:
         """See `CustodyStore.records_with_frames`; read in pages, from the index alone."""
@@ -462,6 +470,8 @@ class MongoStore:
             owed=await self._count("outbox", {"status": "ready"}),
             owed_erasures=await self._count("outbox", {"status": "erasing"}),
             size_bytes=await self._size_bytes(),
+            shares=await self._count("shares", {}),
+            parts=await self._count("parts", {}),
         )
 
     async def _size_bytes(self) -> int | None:

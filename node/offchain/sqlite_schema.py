@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
-FORMAT_VERSION = 2
+from collections.abc import Mapping
 
-SCHEMA = """
+from node.offchain.sqlite_shares import SHARES_SCHEMA
+
+FORMAT_VERSION = 3
+
+_STANDINGS = "CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;"
+
+SCHEMA = f"""
 CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
     status TEXT NOT NULL, commitment_leaves BLOB NOT NULL, ciphertext_leaves BLOB NOT NULL,
     owner BLOB NOT NULL, expires_at_ms INTEGER NOT NULL, height INTEGER NOT NULL) WITHOUT ROWID;
@@ -20,9 +26,9 @@ CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB
 CREATE INDEX missing_by_height ON missing (height, record_id);
 CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
-    height INTEGER NOT NULL) WITHOUT ROWID;
+    height INTEGER NOT NULL, share BLOB NOT NULL DEFAULT x'') WITHOUT ROWID;
 CREATE INDEX grants_by_owner ON grants (owner, access_id);
-CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;
+{_STANDINGS}
 CREATE TABLE outbox (kind TEXT NOT NULL, subject BLOB NOT NULL, part INTEGER NOT NULL, contract TEXT NOT NULL,
     entry TEXT NOT NULL, arguments BLOB NOT NULL, height INTEGER NOT NULL, status TEXT NOT NULL,
     plan BLOB NOT NULL, PRIMARY KEY (kind, subject, part)) WITHOUT ROWID;
@@ -30,7 +36,14 @@ CREATE INDEX outbox_by_height ON outbox (status, height, kind, subject, part);
 CREATE TABLE backgrounds (digest BLOB PRIMARY KEY, content BLOB NOT NULL);
 CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER NOT NULL,
     block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
+{SHARES_SCHEMA}
 """
+
+MIGRATIONS: Mapping[int, str] = {
+    1: _STANDINGS,
+    2: f"ALTER TABLE grants ADD COLUMN share BLOB NOT NULL DEFAULT x''; {SHARES_SCHEMA}",
+}
+"""What makes the next format of a store of this one. Earlier formats lack tables and columns, and nothing else."""
 
 CLIP_COLUMNS = (
     "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height"

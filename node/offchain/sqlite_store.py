@@ -10,17 +10,35 @@ from __future__ import annotations
 import asyncio
 import os
 import sqlite3
-from collections.abc import AsyncIterator, Callable, Iterable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
 from consensus.errors import BlockRobotError
-from consensus.primitives.encoding import decode, encode
-from consensus.primitives.hashing import HASH_SIZE_BYTES
+from consensus.primitives.encoding import decode
 from node.offchain.sqlite_pages import PageFile
-from node.offchain.sqlite_schema import CLIP_COLUMNS, FORMAT_VERSION, MISSING_COLUMNS, OUTBOX_COLUMNS, SCHEMA
+from node.offchain.sqlite_rows import (
+    delete_clip,
+    delete_staged,
+    insert_outbox,
+    read_clip,
+    read_missing,
+    split,
+    write_clip,
+    write_effects,
+    write_frames,
+)
+from node.offchain.sqlite_schema import (
+    CLIP_COLUMNS,
+    FORMAT_VERSION,
+    MIGRATIONS,
+    MISSING_COLUMNS,
+    OUTBOX_COLUMNS,
+    SCHEMA,
+)
+from node.offchain.sqlite_shares import SqliteShares
 from node.offchain.store import (
     BlockEffects,
     Checkpoint,
@@ -42,118 +60,12 @@ DATABASE_FILE_NAME = "custody.sqlite3"
 _PAGE_ROWS_COUNT = 500
 
 
-def _split(joined: bytes, size: int) -> tuple[bytes, ...]:
-    return tuple(joined[start : start + size] for start in range(0, len(joined), size))
-
-
-def _clip(row: Sequence[Any]) -> ClipRow:
-    leaves = (_split(row[4], HASH_SIZE_BYTES), _split(row[5], HASH_SIZE_BYTES))
-    return ClipRow(row[0], row[1], row[2], row[3], *leaves, row[6], row[7], row[8])
-
-
-def _missing(row: Sequence[Any]) -> RecordFacts:
-    return RecordFacts(row[0], row[1], row[2], row[3], row[4], row[5], row[6], tuple(row[7]))
-
-
-def _insert_outbox(database: sqlite3.Connection, rows: Iterable[OutboxRow]) -> None:
-    database.executemany(
-        "INSERT INTO outbox VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?) ON CONFLICT DO NOTHING",
-        [
-            (row.kind, row.subject, row.part, row.contract, row.entry, row.arguments, row.height, row.status, row.plan)
-            for row in rows
-        ],
-    )
-
-
-def _apply(database: sqlite3.Connection, effects: BlockEffects) -> None:
-    _insert_outbox(database, effects.outbox)
-    database.executemany(
-        "INSERT OR REPLACE INTO standings VALUES (?, ?)", [(row.owner, encode(row)) for row in effects.standings]
-    )
-    database.executemany(
-        "UPDATE clips SET expires_at_ms = ? WHERE record_id = ? AND status = 'confirmed'",
-        [(expires_at_ms, record_id) for record_id, expires_at_ms in effects.expiries],
-    )
-    database.executemany(
-        "UPDATE clips SET status = 'confirmed', txid = ?, owner = ?, expires_at_ms = ?, height = ? "
-        "WHERE record_id = ? AND status = 'staged'",
-        [(facts.txid, facts.owner, facts.expires_at_ms, facts.height, facts.record_id) for facts in effects.confirmed],
-    )
-    database.executemany("DELETE FROM missing WHERE record_id = ?", [(facts.record_id,) for facts in effects.confirmed])
-    database.executemany(
-        "INSERT OR REPLACE INTO missing VALUES (?, ?, ?, ?, ?, ?, ?, ?)",
-        [
-            (
-                facts.record_id,
-                facts.txid,
-                facts.owner,
-                facts.commitment_root,
-                facts.ciphertext_root,
-                facts.expires_at_ms,
-                facts.height,
-                bytes(facts.erased_frames),
-            )
-            for facts in effects.missing
-        ],
-    )
-    database.executemany(
-        "INSERT OR REPLACE INTO grants VALUES (?, ?, ?, ?)",
-        [(grant.access_id, grant.owner, b"".join(grant.records), grant.height) for grant in effects.grants],
-    )
-    database.executemany("DELETE FROM outbox WHERE kind = ? AND subject = ? AND part = ?", effects.settled)
-    if effects.checkpoint is not None:
-        point = effects.checkpoint
-        database.execute("DELETE FROM missing WHERE expires_at_ms <= ?", (point.timestamp_ms,))
-        database.execute(
-            "INSERT OR REPLACE INTO checkpoint VALUES (1, ?, ?, ?)", (point.height, point.block_id, point.timestamp_ms)
-        )
-
-
-def _replace_frames(database: sqlite3.Connection, record_id: bytes, frames: Sequence[FrameRow]) -> None:
-    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
-    database.executemany(
-        "INSERT INTO frames (record_id, place, slot, wrapped_key, ciphertext) VALUES (?, ?, ?, ?, ?)",
-        [(row.record_id, row.index, row.slot, row.wrapped_key, row.ciphertext) for row in frames],
-    )
-
-
-def _stage(database: sqlite3.Connection, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
-    _replace_frames(database, clip.record_id, frames)
-    database.execute(
-        "INSERT OR REPLACE INTO clips VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-        (
-            clip.record_id,
-            clip.txid,
-            clip.valid_until_ms,
-            clip.status,
-            b"".join(clip.commitment_leaves),
-            b"".join(clip.ciphertext_leaves),
-            clip.owner,
-            clip.expires_at_ms,
-            clip.height,
-        ),
-    )
-
-
-def _erase_clip(database: sqlite3.Connection, record_id: bytes) -> None:
-    database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
-    database.execute("DELETE FROM missing WHERE record_id = ?", (record_id,))
-    database.execute("INSERT OR REPLACE INTO clips VALUES (?, x'', 0, 'erased', x'', x'', x'', 0, 0)", (record_id,))
-
-
-def _drop_staged(database: sqlite3.Connection, record_id: bytes) -> None:
-    found = database.execute("SELECT status FROM clips WHERE record_id = ?", (record_id,)).fetchone()
-    if found is not None and found[0] == "staged":
-        database.execute("DELETE FROM frames WHERE record_id = ?", (record_id,))
-        database.execute("DELETE FROM clips WHERE record_id = ?", (record_id,))
-
-
 def _roots(database: sqlite3.Connection) -> list[int]:
     """Return the first pages of all tables and indexes."""
     return [row[0] for row in database.execute("SELECT rootpage FROM sqlite_master WHERE rootpage > 0")]
 
 
-class SqliteStore:
+class SqliteStore(SqliteShares):
     """A `CustodyStore` in one directory, which it makes with mode 0700. Rules of the interface: `store.py`."""
 
     def __init__(self, directory: Path, require_space: Callable[[], None] = lambda: None) -> None:
@@ -208,6 +120,9 @@ class SqliteStore:
         version = database.execute("PRAGMA user_version").fetchone()[0]
         if version == 0:
             database.executescript(f"BEGIN IMMEDIATE; {SCHEMA} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
+        elif version in MIGRATIONS:
+            steps = " ".join(MIGRATIONS[older] for older in range(version, FORMAT_VERSION))
+            database.executescript(f"BEGIN IMMEDIATE; {steps} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         elif version != FORMAT_VERSION:
             database.close()
             raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
@@ -253,7 +168,7 @@ class SqliteStore:
 
     async def stage(self, clip: ClipRow, frames: Sequence[FrameRow]) -> None:
         """See `CustodyStore.stage`."""
-        await self._write(lambda database: _stage(database, clip, frames))
+        await self._write(lambda database: write_clip(database, clip, frames))
 
     async def correct(self, facts: RecordFacts) -> None:
         """See `CustodyStore.correct`."""
@@ -263,7 +178,7 @@ class SqliteStore:
 
     async def replace_frames(self, record_id: bytes, frames: Sequence[FrameRow]) -> None:
         """See `CustodyStore.replace_frames`."""
-        await self._write(lambda database: _replace_frames(database, record_id, frames))
+        await self._write(lambda database: write_frames(database, record_id, frames))
 
     async def extend_staged(self, record_id: bytes, txid: bytes, valid_until_ms: int) -> None:
         """See `CustodyStore.extend_staged`."""
@@ -272,7 +187,7 @@ class SqliteStore:
 
     async def apply(self, effects: BlockEffects) -> None:
         """See `CustodyStore.apply`; here it is one transaction."""
-        await self._write(lambda database: _apply(database, effects))
+        await self._write(lambda database: write_effects(database, effects))
 
     async def checkpoint(self) -> Checkpoint | None:
         """See `CustodyStore.checkpoint`."""
@@ -288,7 +203,7 @@ class SqliteStore:
                 query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE record_id = ?"  # noqa: S608
                 row = database.execute(query, (record_id,)).fetchone()
                 if row is not None:
-                    found[record_id] = _clip(row)
+                    found[record_id] = read_clip(row)
             return found
 
         return await self._in_worker(read)
@@ -296,7 +211,7 @@ class SqliteStore:
     async def clips_of_owner(self, owner: bytes) -> list[ClipRow]:
         """See `CustodyStore.clips_of_owner`."""
         query = f"SELECT {CLIP_COLUMNS} FROM clips WHERE owner = ? AND status = 'confirmed' ORDER BY record_id"  # noqa: S608
-        return [_clip(row) for row in await self._read(query, owner)]
+        return [read_clip(row) for row in await self._read(query, owner)]
 
     async def frames(self, record_id: bytes) -> list[FrameRow]:
         """See `CustodyStore.frames`."""
@@ -321,11 +236,11 @@ class SqliteStore:
 
     async def erase_clip(self, record_id: bytes) -> None:
         """See `CustodyStore.erase_clip`."""
-        await self._write(lambda database: _erase_clip(database, record_id))
+        await self._write(lambda database: delete_clip(database, record_id))
 
     async def drop_staged(self, record_id: bytes) -> None:
         """See `CustodyStore.drop_staged`."""
-        await self._write(lambda database: _drop_staged(database, record_id))
+        await self._write(lambda database: delete_staged(database, record_id))
 
     async def sweep(self) -> None:
         """Cut the write-ahead log to nothing, and overwrite in the database what no row holds.
@@ -367,27 +282,27 @@ class SqliteStore:
     async def missing(self, limit: int) -> list[RecordFacts]:
         """See `CustodyStore.missing`."""
         query = f"SELECT {MISSING_COLUMNS} FROM missing ORDER BY height DESC, record_id LIMIT ?"  # noqa: S608
-        return [_missing(row) for row in await self._read(query, limit)]
+        return [read_missing(row) for row in await self._read(query, limit)]
 
     async def missing_clip(self, record_id: bytes) -> RecordFacts | None:
         """See `CustodyStore.missing_clip`."""
         rows = await self._read(f"SELECT {MISSING_COLUMNS} FROM missing WHERE record_id = ?", record_id)  # noqa: S608
-        return _missing(rows[0]) if rows else None
+        return read_missing(rows[0]) if rows else None
 
     async def missing_of_owner(self, owner: bytes) -> list[RecordFacts]:
         """See `CustodyStore.missing_of_owner`."""
         query = f"SELECT {MISSING_COLUMNS} FROM missing WHERE owner = ? ORDER BY record_id"  # noqa: S608
-        return [_missing(row) for row in await self._read(query, owner)]
+        return [read_missing(row) for row in await self._read(query, owner)]
 
     async def grant(self, access_id: bytes) -> Grant | None:
         """See `CustodyStore.grant`."""
-        rows = await self._read("SELECT owner, records, height FROM grants WHERE access_id = ?", access_id)
-        return Grant(access_id, rows[0][0], _split(rows[0][1], 16), rows[0][2]) if rows else None
+        rows = await self._read("SELECT owner, records, height, share FROM grants WHERE access_id = ?", access_id)
+        return Grant(access_id, rows[0][0], split(rows[0][1], 16), *rows[0][2:]) if rows else None
 
     async def grants_of_owner(self, owner: bytes) -> list[Grant]:
         """See `CustodyStore.grants_of_owner`."""
-        query = "SELECT access_id, owner, records, height FROM grants WHERE owner = ? ORDER BY access_id"
-        return [Grant(row[0], row[1], _split(row[2], 16), row[3]) for row in await self._read(query, owner)]
+        query = "SELECT access_id, owner, records, height, share FROM grants WHERE owner = ? ORDER BY access_id"
+        return [Grant(row[0], row[1], split(row[2], 16), *row[3:]) for row in await self._read(query, owner)]
 
     async def standings(self, owners: Sequence[bytes] | None = None) -> dict[bytes, VisitStanding]:
         """See `CustodyStore.standings`."""
@@ -414,7 +329,7 @@ class SqliteStore:
 
     async def add_outbox(self, row: OutboxRow) -> None:
         """See `ReceiptOutbox.add_outbox`."""
-        await self._write(lambda database: _insert_outbox(database, [row]))
+        await self._write(lambda database: insert_outbox(database, [row]))
 
     async def mark_outbox_ready(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.mark_outbox_ready`."""
@@ -423,7 +338,7 @@ class SqliteStore:
 
     async def remove_outbox(self, key: tuple[str, bytes, int]) -> None:
         """See `ReceiptOutbox.remove_outbox`."""
-        await self._write(lambda database: _apply(database, BlockEffects(settled=(key,))))
+        await self._write(lambda database: write_effects(database, BlockEffects(settled=(key,))))
 
     async def outbox(self, status: OutboxStatus, limit: int) -> list[OutboxRow]:
         """See `ReceiptOutbox.outbox`."""
@@ -441,14 +356,14 @@ class SqliteStore:
         last = b""
         while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
             for row in rows:
-                yield _clip(row)
+                yield read_clip(row)
             last = rows[-1][0]
 
     async def slots_in_use(self) -> AsyncIterator[int]:
         """See `CustodyStore.slots_in_use`."""
-        query = "SELECT slot FROM frames WHERE slot > ? ORDER BY slot LIMIT ?"
+        both = "SELECT slot FROM frames WHERE slot > ? UNION SELECT slot FROM parts WHERE slot > ?"
         last = -1
-        while rows := await self._read(query, last, _PAGE_ROWS_COUNT):
+        while rows := await self._read(f"{both} ORDER BY slot LIMIT ?", last, last, _PAGE_ROWS_COUNT):
             for row in rows:
                 yield row[0]
             last = rows[-1][0]
@@ -471,6 +386,7 @@ class SqliteStore:
             owed = dict(database.execute("SELECT status, count(*) FROM outbox GROUP BY status"))
             frames = database.execute("SELECT count(*) FROM frames").fetchone()[0]
             missing = database.execute("SELECT count(*) FROM missing").fetchone()[0]
+            shared = database.execute("SELECT (SELECT count(*) FROM shares), (SELECT count(*) FROM parts)").fetchone()
             size_bytes = sum(path.stat().st_size for path in self._directory.glob(f"{DATABASE_FILE_NAME}*"))
             return StoreCounts(
                 staged=clips.get("staged", 0),
@@ -481,6 +397,8 @@ class SqliteStore:
                 owed=owed.get("ready", 0),
                 owed_erasures=owed.get("erasing", 0),
                 size_bytes=size_bytes,
+                shares=shared[0],
+                parts=shared[1],
             )
 
         return await self._in_worker(read)

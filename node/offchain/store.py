@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Literal, Protocol, Self
 
 from consensus.primitives.encoding import Wire
+from node.offchain.share_store import ShareStore
 
 ClipStatus = Literal["staged", "confirmed", "erased"]
 OutboxStatus = Literal["erasing", "ready"]
@@ -76,12 +77,16 @@ class RecordFacts:
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """A final access request: the owner may fetch these records (none named: all of hers up to `height`)."""
+    """A final access request: the owner may fetch these records (none named: all of hers up to `height`).
+
+    With a `share`, a grant's id, it is the grantee who asked, and she alone may fetch them.
+    """
 
     access_id: bytes
     owner: bytes
     records: tuple[bytes, ...]
     height: int
+    share: bytes = b""
 
 
 class VisitStanding(Wire, frozen=True):
@@ -174,7 +179,8 @@ class BlockEffects:
 class StoreCounts:
     """How much a store holds: clips by status, frames with their bytes, clips to be fetched, transactions owed.
 
-    `owed_erasures` are erasures planned and not yet carried out. `size_bytes` is what the store takes up on disk, None
+    `owed_erasures` are erasures planned and not yet carried out, `shares` grants that stand, `parts` what is held of their
+    keys. `size_bytes` is what the store takes up on disk, None
     where only its server knows.
     """
 
@@ -186,6 +192,8 @@ class StoreCounts:
     owed: int
     owed_erasures: int
     size_bytes: int | None
+    shares: int = 0
+    parts: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +230,7 @@ class ReceiptOutbox(Protocol):
         ...
 
 
-class CustodyStore(ReceiptOutbox, Protocol):
+class CustodyStore(ReceiptOutbox, ShareStore, Protocol):
     """A custodian's store. Every method raises STORE_UNAVAILABLE if the store does not answer."""
 
     async def __aenter__(self) -> Self:
@@ -336,7 +344,7 @@ class CustodyStore(ReceiptOutbox, Protocol):
         ...
 
     def slots_in_use(self) -> AsyncIterator[int]:
-        """Yield the slot of every frame."""
+        """Yield the slot of every frame, and of every part of a shared key."""
         ...
 
     def records_with_frames(self) -> AsyncIterator[bytes]:

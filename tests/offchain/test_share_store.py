@@ -1,0 +1,173 @@
+"""What every custody store keeps of shares, in one suite, and how a store of a former format comes to hold any."""
+
+from __future__ import annotations
+
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pymongo import MongoClient
+
+from node.offchain.mongo_store import MongoStore
+from node.offchain.share_store import PartPlace, PartRow, ShareRow
+from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
+from node.offchain.store import BlockEffects, ClipRow, CustodyStore, FrameRow, Grant, VisitStanding
+
+OWNER, OTHER = b"\x02" * 33, b"\x03" * 33
+
+
+def grant_id(number: int) -> bytes:
+    return number.to_bytes(32, "big")
+
+
+def record_id(number: int) -> bytes:
+    return number.to_bytes(16, "big")
+
+
+def part(grant: int, record: int, slot: int, owner: bytes = OWNER, valid_until_ms: int = 1000) -> PartRow:
+    return PartRow(grant_id(grant), record_id(record), owner, valid_until_ms, "staged", 0, slot, b"wrapped %d" % slot)
+
+
+def place(row: PartRow) -> PartPlace:
+    return PartPlace(row.grant_id, row.record_id, row.owner, row.status, row.height, row.slot)
+
+
+async def test_a_share_is_kept_found_by_its_end_and_forgotten(store: CustodyStore) -> None:
+    rows = [ShareRow(grant_id(n), OWNER, (record_id(n), record_id(9)), 1000 * n, 5) for n in (3, 1, 2)]
+    for row in rows:
+        await store.put_share(row)
+    assert await store.share(grant_id(3)) == rows[0]
+    assert await store.share(grant_id(7)) is None
+    assert await store.shares_over(2000, 10) == [grant_id(1), grant_id(2)]
+    assert await store.shares_over(2000, 1) == [grant_id(1)]
+    await store.put_share(replace(rows[0], until_ms=10))
+    assert await store.shares_over(10, 10) == [grant_id(3)]
+    assert [row.grant_id async for row in store.all_shares()] == [grant_id(1), grant_id(2), grant_id(3)]
+    await store.forget_share(grant_id(1))
+    await store.forget_share(grant_id(1))
+    assert (await store.counts()).shares == 2
+
+
+async def test_parts_are_found_by_grant_record_owner_and_slot(store: CustodyStore) -> None:
+    parts = [part(1, 1, 10), part(1, 2, 11), part(2, 1, 12, OTHER)]
+    for row in parts:
+        await store.put_part(row)
+    assert await store.part(grant_id(1), record_id(2)) == parts[1]
+    assert await store.part(grant_id(2), record_id(2)) is None
+    assert await store.parts_of("grant_id", [grant_id(1)]) == [place(parts[0]), place(parts[1])]
+    assert await store.parts_of("record_id", [record_id(1), record_id(5)]) == [place(parts[0]), place(parts[2])]
+    assert await store.parts_of("owner", [OTHER]) == [place(parts[2])]
+    assert await store.parts_of("owner", []) == []
+    assert [row async for row in store.all_parts()] == [place(row) for row in parts]
+    await store.erase_parts([11, 12, 99])
+    assert [row.slot async for row in store.all_parts()] == [10]
+    assert (await store.counts()).parts == 1
+
+
+async def test_a_part_put_again_takes_the_place_of_the_first(store: CustodyStore) -> None:
+    await store.put_part(part(1, 1, 10))
+    again = replace(part(1, 1, 20), status="confirmed", height=4)
+    await store.put_part(again)
+    assert await store.part(grant_id(1), record_id(1)) == again
+    assert [slot async for slot in store.slots_in_use()] == [20]
+
+
+async def test_only_staged_parts_lapse(store: CustodyStore) -> None:
+    for row in (part(1, 1, 10), part(1, 2, 11, valid_until_ms=2000), part(2, 1, 12)):
+        await store.put_part(row)
+    await store.confirm_parts(grant_id(1), [record_id(1), record_id(7)], 8)
+    confirmed = await store.part(grant_id(1), record_id(1))
+    assert confirmed is not None
+    assert (confirmed.status, confirmed.height) == ("confirmed", 8)
+    assert await store.part(grant_id(1), record_id(7)) is None
+    assert [row.slot for row in await store.lapsed_parts(1000, 10)] == [12]
+    assert [row.slot for row in await store.lapsed_parts(2000, 10)] == [12, 11]
+    assert len(await store.lapsed_parts(2000, 1)) == 1
+
+
+async def test_slots_of_parts_are_in_use_as_those_of_frames_are(store: CustodyStore) -> None:
+    await store.stage(ClipRow(record_id(1), b"", 0, "staged", (), ()), [FrameRow(record_id(1), 0, b"c", b"w", 5)])
+    await store.put_part(part(1, 1, 4))
+    await store.put_part(part(1, 2, 6))
+    assert sorted([slot async for slot in store.slots_in_use()]) == [4, 5, 6]
+
+
+async def test_a_long_walk_sees_each_part_and_share_once(store: CustodyStore) -> None:
+    for number in range(520):
+        await store.put_part(part(number // 8, number % 8, number))
+    await store.put_share(ShareRow(grant_id(1), OWNER, (), 0, 0))
+    assert [row.slot async for row in store.all_parts()] == list(range(520))
+    assert sorted([slot async for slot in store.slots_in_use()]) == list(range(520))
+    assert len([row async for row in store.all_shares()]) == 1
+
+
+async def test_a_request_keeps_the_share_under_which_it_was_made(store: CustodyStore) -> None:
+    own = Grant(b"\xa1" * 32, OWNER, (), 5)
+    hers = Grant(b"\xa2" * 32, OWNER, (record_id(1),), 6, grant_id(1))
+    await store.apply(BlockEffects(grants=(own, hers)))
+    assert await store.grant(hers.access_id) == hers
+    assert await store.grants_of_owner(OWNER) == [own, hers]
+
+
+# Former formats
+
+
+def connect(uri: str) -> MongoClient[dict[str, Any]]:
+    return MongoClient(uri)
+
+
+def make_older(path: Path, version: int) -> None:
+    """Take out of an embedded store what a former format did not have."""
+    with sqlite3.connect(path / DATABASE_FILE_NAME) as database:
+        database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
+        if version == 1:
+            database.executescript("DROP TABLE standings;")
+        database.execute(f"PRAGMA user_version = {version}")
+    database.close()
+
+
+@pytest.mark.parametrize("version", [1, 2])
+async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_path: Path, version: int) -> None:
+    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
+    async with SqliteStore(tmp_path) as store:
+        await store.apply(BlockEffects(grants=(asked,)))
+    make_older(tmp_path, version)
+    for _ in range(2):
+        async with SqliteStore(tmp_path) as store:
+            assert await store.grant(asked.access_id) == asked
+            await store.put_part(part(1, 1, 10))
+            await store.apply(BlockEffects(standings=(VisitStanding(OWNER),)))
+            assert await store.standings([OWNER]) == {OWNER: VisitStanding(OWNER)}
+            assert (await store.counts()).parts == 1
+
+
+@pytest.mark.parametrize("version", [1, 2])
+async def test_a_networked_store_of_a_former_format_is_brought_to_this_one(mongo_database: str, version: int) -> None:
+    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
+    async with MongoStore(mongo_database) as store:
+        await store.apply(BlockEffects(grants=(asked,)))
+    with connect(mongo_database) as client:
+        database = client.get_default_database()
+        database["grants"].update_many({}, {"$unset": {"share": ""}})
+        for name in ("shares", "parts", *(("standings",) if version == 1 else ())):
+            database.drop_collection(name)
+        database["format"].update_one({}, {"$set": {"version": version}})
+    async with MongoStore(mongo_database) as store:
+        assert await store.grant(asked.access_id) == asked
+        await store.put_part(part(1, 1, 10))
+        assert [slot async for slot in store.slots_in_use()] == [10]
+    with connect(mongo_database) as client:
+        assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 3}
+        names = client.get_default_database()["parts"].index_information()
+    assert {"slot_1", "record_id_1", "owner_1", "grant_id_1"} <= set(names)
+
+
+@pytest.mark.parametrize("fields", [("grant_id",), ("record_id",), ("owner",), ("slot",), ("status", "valid_until_ms")])
+async def test_each_query_of_parts_has_an_index(mongo_database: str, fields: tuple[str, ...]) -> None:
+    async with MongoStore(mongo_database) as store:
+        await store.put_part(part(1, 1, 10))
+    with connect(mongo_database) as client:
+        indexes = client.get_default_database()["parts"].index_information().values()
+    assert [(field, 1) for field in fields] in [list(index["key"]) for index in indexes]
