@@ -115,9 +115,13 @@ class Receiving:
         (grant,) = grants
         now_ms = (await self._wallet.network.newest_header(key)).timestamp_ms
         is_open = grant.is_open(now_ms)
-        return Receipt(grant, received, is_open, tuple(await self._find_notices(grant, key, is_open=is_open)))
+        notices = [
+            Notice(record_id, kind, record_id in grant.noticed or _mark(record_id, kind) in received.confirmed)
+            for record_id, kind in await self._find_notices(grant, key, is_open=is_open)
+        ]
+        return Receipt(grant, received, is_open, tuple(notices))
 
-    async def _find_notices(self, grant: Grant, key: PrivateKey, *, is_open: bool) -> list[Notice]:
+    async def _find_notices(self, grant: Grant, key: PrivateKey, *, is_open: bool) -> list[tuple[bytes, str]]:
         """Tell of each record what happened to it since it was shared, from the proven state."""
         owner = grant.owner
         places = [_RESTRICTION + owner, _QUARANTINE + owner, _CORRECTION_COUNT + owner]
@@ -143,7 +147,7 @@ class Receiving:
                 kinds.append(KIND_CORRECTED)
             if row is not None and (row["whole"] or record_id in row["records"]):
                 kinds.append(KIND_RESTRICTED)
-            notices += [Notice(record_id, kind, record_id in grant.noticed) for kind in kinds]
+            notices += [(record_id, kind) for kind in kinds]
         return notices
 
     async def _cut_since(self, grant: Grant, key: PrivateKey) -> set[bytes]:
@@ -229,16 +233,21 @@ class Receiving:
             receipt.received.copies.append(copy)
             self._wallet.store.save()
 
-    def forget_copies(self, receipt: Receipt, records: Sequence[bytes]) -> None:
-        """Forget where pictures of records were: they are deleted."""
-        receipt.received.copies = [copy for copy in receipt.received.copies if copy.record_id not in records]
-        self._wallet.store.save()
-
     async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
-        """Tell the owner, on the chain, that copies of these records are deleted. Returns the txid. Raises CALL_REFUSED."""
-        key = grantee_key(receipt.received, self._wallet)
+        """Tell the owner, on the chain, that copies of these records are deleted; forget where they were.
+
+        Returns the txid. Raises CALL_REFUSED.
+        """
+        received = receipt.received
         arguments = [receipt.grant.grant_id, list(records)]
-        return (await self._wallet.network.call(key, "access", "noticed", arguments)).txid
+        key = grantee_key(received, self._wallet)
+        txid = (await self._wallet.network.call(key, "access", "noticed", arguments)).txid
+        received.copies = [copy for copy in received.copies if copy.record_id not in records]
+        received.confirmed += [
+            _mark(notice.record_id, notice.kind) for notice in receipt.notices if notice.record_id in records
+        ]
+        self._wallet.store.save()
+        return txid
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,6 +349,10 @@ class _Gathered:
             )
             for frame in answer.frames
         ]
+
+
+def _mark(record_id: bytes, kind: str) -> str:
+    return f"{record_id.hex()}:{kind}"
 
 
 def _open_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:

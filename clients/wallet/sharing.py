@@ -91,12 +91,16 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything."""
+    """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
+
+    `confirmed` are records of which the grantee said that her copies are deleted.
+    """
 
     grant: Grant
     visit: KnownVisit
     given: GivenGrant | None
     looks: tuple[Look, ...]
+    confirmed: frozenset[bytes]
 
     @property
     def name(self) -> str:
@@ -347,7 +351,16 @@ class Sharing:
         if not ids:
             return []
         grants = await read_grants(self._wallet, ids, self._wallet.owner_key(visit))
-        return [Share(grant, visit, known.get(grant.grant_id), find_looks(trail, grant.grant_id)) for grant in grants]
+        return [
+            Share(
+                grant,
+                visit,
+                known.get(grant.grant_id),
+                find_looks(trail, grant.grant_id),
+                find_confirmed(trail, grant.grant_id),
+            )
+            for grant in grants
+        ]
 
     async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
         """Return the grants by which any of these records was shared, and looked at (Art. 19, last sentence)."""
@@ -372,3 +385,9 @@ def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]
         for entry in trail
         if entry.data.get("grant") == grant_id and isinstance(entry.data.get("access_id"), bytes)
     )
+
+
+def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes) -> frozenset[bytes]:
+    """Return the records of which a grantee said on the chain that her copies are deleted."""
+    told = [entry for entry in trail if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id]
+    return frozenset(record_id for entry in told for record_id in entry.data["records"])
