@@ -8,7 +8,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 import time
-from collections.abc import Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,8 +84,14 @@ class ClipRobot:
         await self.client.call(self._key, "records", "open_visit", arguments)
         return owner
 
-    async def record(self, owner: PrivateKey, frames: int, frame_bytes: int) -> SealedClip:
-        """Seal a clip, upload it to every custodian, and record it; it is final when this returns."""
+    async def record(
+        self,
+        owner: PrivateKey,
+        frames: int,
+        frame_bytes: int,
+        send: Callable[[ClipUpload], Awaitable[None]] | None = None,
+    ) -> SealedClip:
+        """Seal a clip, `send` it (else: to every custodian), and record it; it is final when this returns."""
         clip, bucket_ms = seal_clip(frames, frame_bytes), _bucket_ms()
         arguments: list[Any] = [clip.record_id, owner.public_key, clip.commitment_root, clip.ciphertext_root]
         arguments += [secrets.token_bytes(SEALED_METADATA_BYTES), bucket_ms, bucket_ms + RETENTION_DEFAULT_MS]
@@ -98,13 +104,16 @@ class ClipRobot:
             sealed_keys=clip.upload.sealed_keys,
             commitment_leaves=clip.upload.commitment_leaves,
         )
-        await self.client.find_nodes(self._key)
-        custodians = self.client.custody.custodians
-        await asyncio.gather(*(self.client.custody.upload_clip(node, upload, self._key) for node in custodians))
+        await (send or self._send_to_all)(upload)
         receipt = await self.client.submit_and_wait(transaction)
         if not receipt.ok:
             raise BlockRobotError("CALL_REFUSED", f"records.record: {receipt.code}", contract_code=receipt.code)
         return clip
+
+    async def _send_to_all(self, upload: ClipUpload) -> None:
+        await self.client.find_nodes(self._key)
+        custodians = self.client.custody.custodians
+        await asyncio.gather(*(self.client.custody.upload_clip(node, upload, self._key) for node in custodians))
 
     async def request_erasure(
         self, owner: PrivateKey, record_ids: Sequence[bytes], frames: Sequence[int] = ()

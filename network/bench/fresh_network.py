@@ -80,9 +80,13 @@ class LoadRobot:
 class FreshNetwork:
     """A network that lasts for one measurement. Use as `async with`."""
 
-    def __init__(self, nodes: int, *, faults: bool = False, store: str = "sqlite") -> None:
-        """`faults`: the network may be broken on purpose; `store`: where its custodians keep what they keep."""
+    def __init__(self, nodes: int, *, custodians: int = 2, faults: bool = False, store: str = "sqlite") -> None:
+        """`faults`: the network may be broken on purpose; `store`: where its custodians keep what they keep.
+
+        Each custodian is of an organisation of its own.
+        """
         self._nodes_count = nodes
+        self._custodians_count = min(custodians, nodes)
         self._store = store
         self._faults = faults
         self._folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-"))
@@ -108,7 +112,7 @@ class FreshNetwork:
             self._genesis = create_network(
                 place,
                 nodes=self._nodes_count,
-                organisations=min(2, self._nodes_count),
+                organisations=self._custodians_count,
                 base_port=find_base_port(self._nodes_count),
                 faults=self._faults,
                 store=self._store,
