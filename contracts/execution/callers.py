@@ -35,6 +35,7 @@ ROLES: Mapping[str, str] = MappingProxyType(
         "producer": "a producer",
         "candidate": "a candidate without a seat, or a suspended producer",
         "owner": "a visit's owner key",
+        "grantee": "a grantee's one-time key",
         FORMER: "a revoked member, or an admin or producer that was removed",
     }
 )
@@ -80,6 +81,7 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "the record's owner key": _own("owner"),
     "the records' owner key": _own("owner"),
     "its owner key": _own("owner"),
+    "the grantee's key of the grant": _own("grantee"),
     "a custodian": _always("custodian"),
     "a custodian, once": _always("custodian"),
     "a custodian, once for the same records": _always("custodian"),

@@ -1,10 +1,25 @@
-"""Access: an owner asks, custodians release or refuse, the owner judges. Must never let a release stand without a request.
+"""Access: an owner asks or shares, custodians release or refuse, the owner judges. Must never let a release stand without a
+request, nor name whom records are shared with.
 
 access/id -> {owner, records, purpose, time, released, refused}, the id being the request's txid and an empty list of
-records the whole visit; verdict/record id -> {verdict, frames, time}; release/id+hash of custodian and records -> True.
+records the whole visit; one by a grantee has the `grant` too. verdict/record id -> {verdict, frames, time};
+release/id+hash of custodian and records -> True.
+
+grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, time, height, status, noticed,
+notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
+holds no copy any more; grant-number/n -> id; grant-count -> n; grant-of/G -> id. The grantee's key G is a one-time key,
+found by scanning as visits are; who she is stands in a salted hash.
 """
 
 KEY_BYTES = 33
+RECORD_ID_BYTES = 16
+HASH_BYTES = 32
+GRANT_RECORDS_MAX_COUNT = 64
+GRANT_STEP_MS = 300000
+GRANT_MAX_MS = 31622400000
+NOTICES_MAX_COUNT = 256
+PAGE_MAX_COUNT = 128
+OWN_PURPOSE = "own-access"
 ID_BYTES = 32
 FRAMES_MAX_COUNT = 64
 CODE_MAX_CHARS = 64
@@ -96,6 +111,184 @@ def verdict(record_id: bytes, judgement: str, frames: list):
     state.put(b"verdict/" + record_id, {"verdict": judgement, "frames": frames, "time": ctx.time})
     call("audit", "append", owner, record_id, "verdict", {"verdict": judgement, "frames": frames})
     emit("verdict", {"record_id": record_id, "owner": owner, "verdict": judgement, "frames": frames})
+
+
+def check_named(records: list):
+    """The records are 1 to 64, each named once."""
+    require(len(records) > 0, "RECORDS_MISSING", "No record is named.")
+    require(len(records) <= GRANT_RECORDS_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
+    seen = {}
+    for record_id in records:
+        sized = isinstance(record_id, bytes) and len(record_id) == RECORD_ID_BYTES
+        require(sized, "RECORD_ID_WRONG", "A record id has 16 bytes.")
+        require(record_id not in seen, "RECORD_ID_WRONG", "A record is named twice.")
+        seen[record_id] = True
+
+
+def require_shareable(owner: bytes, records: list, purpose: str):
+    """These records of a visit may be seen by somebody else than its owner for this purpose, now."""
+    call("records", "require_records", owner, records, False)
+    call("rights", "require_release", owner, records, purpose)
+    row = call("rights", "restriction", owner)
+    if row is not None:
+        for record_id in records:
+            restricted = row["whole"] or record_id in row["records"]
+            require(not restricted, "RECORD_RESTRICTED", "It is restricted: only the person herself looks at it.")
+
+
+def check_grantee(grantee: bytes, ephemeral: bytes, view_tag: int, member_hash: bytes):
+    sized = len(grantee) == KEY_BYTES and len(ephemeral) == KEY_BYTES
+    require(sized, "KEY_SIZE_WRONG", "G and R have 33 bytes each.")
+    require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
+    require(len(member_hash) == HASH_BYTES, "MEMBER_HASH_WRONG", "A hash has 32 bytes.")
+    require(not state.has(b"grant-of/" + grantee), "GRANT_EXISTS", "The one-time key was used for a grant before.")
+    taken = call("records", "visit", grantee) is not None or call("identity", "member", grantee) is not None
+    require(not taken, "GRANTEE_WRONG", "G is a fresh one-time key: neither a member's nor a visit's.")
+
+
+@export
+def grant(
+    records: list, grantee: bytes, ephemeral: bytes, view_tag: int, member_hash: bytes, purpose: str, until_ms: int
+):
+    """Share 1 to 64 records with one member for a purpose, until a time. Who may call: the visit's owner key.
+
+    What is restricted, denied or objected to is not shared. `until_ms` is on five full minutes, 366 days ahead at most.
+    """
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    check_named(records)
+    check_grantee(grantee, ephemeral, view_tag, member_hash)
+    require(call("identity", "purpose_known", purpose), "PURPOSE_UNKNOWN", "The purpose is not published.")
+    require(purpose != OWN_PURPOSE, "PURPOSE_OWN", "Her own access is nobody else's purpose.")
+    in_range = until_ms > ctx.time and until_ms <= ctx.time + GRANT_MAX_MS
+    require(in_range and until_ms % GRANT_STEP_MS == 0, "UNTIL_WRONG", "A grant ends on five full minutes, in 366 days at most.")
+    owner = call("records", "root_of", ctx.caller)
+    require_shareable(owner, records, purpose)
+    number = state.get(b"grant-count", 0)
+    entry = {
+        "owner": owner,
+        "records": records,
+        "grantee": grantee,
+        "ephemeral": ephemeral,
+        "view_tag": view_tag,
+        "member_hash": member_hash,
+        "purpose": purpose,
+        "until_ms": until_ms,
+        "time": ctx.time,
+        "height": ctx.height,
+        "status": "active",
+        "noticed": [],
+        "notices": 0,
+    }
+    state.put(b"grant-count", number + 1)
+    state.put(b"grant-number/" + u64(number), ctx.txid)
+    state.put(b"grant-of/" + grantee, ctx.txid)
+    state.put(b"grant/" + ctx.txid, entry)
+    data = {"grant_id": ctx.txid, "records": len(records), "purpose": purpose, "until_ms": until_ms}
+    note(owner, records, "granted", data)
+    emit("granted", {"grant_id": ctx.txid, "owner": owner, "records": records, "until_ms": until_ms})
+
+
+def note(owner: bytes, records: list, kind: str, data: dict):
+    subject = b""
+    if len(records) == 1:
+        subject = records[0]
+    call("audit", "append", owner, subject, kind, data)
+
+
+def require_grant(grant_id: bytes) -> dict:
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    require(len(grant_id) == ID_BYTES, "GRANT_UNKNOWN", "A grant's id has 32 bytes.")
+    entry = state.get(b"grant/" + grant_id)
+    require(entry is not None, "GRANT_UNKNOWN", "There is no such grant.")
+    return entry
+
+
+def has_ended(entry: dict) -> bool:
+    return entry["status"] != "active" or entry["until_ms"] <= ctx.time
+
+
+@export
+def revoke(grant_id: bytes):
+    """End a grant at once: custodians destroy what they hold of its keys. Who may call: the visit's owner key."""
+    entry = require_grant(grant_id)
+    owner = call("records", "root_of", ctx.caller)
+    require(entry["owner"] == owner, "NOT_THE_OWNER", "The grant is another visit's.")
+    require(not has_ended(entry), "GRANT_ENDED", "The grant was revoked before, or its time is over.")
+    entry["status"] = "revoked"
+    state.put(b"grant/" + grant_id, entry)
+    note(owner, entry["records"], "grant_revoked", {"grant_id": grant_id})
+    emit("revoked", {"grant_id": grant_id, "owner": owner})
+
+
+@export
+def request_granted(grant_id: bytes, records: list, purpose: str):
+    """Ask for 1 to 64 records that were shared, for the purpose of the grant. Who may call: the grantee's key of the grant.
+
+    Custodians answer as to an owner's request. What was restricted, denied or erased meanwhile is refused.
+    """
+    entry = require_grant(grant_id)
+    require(entry["grantee"] == ctx.caller, "NOT_THE_GRANTEE", "The grant is for another key.")
+    require(not has_ended(entry), "GRANT_ENDED", "The grant was revoked, or its time is over.")
+    check_named(records)
+    for record_id in records:
+        require(record_id in entry["records"], "RECORD_NOT_GRANTED", "The grant does not name this record.")
+    require(purpose == entry["purpose"], "PURPOSE_OTHER", "The records were shared for another purpose.")
+    require_shareable(entry["owner"], records, purpose)
+    asked = {
+        "owner": entry["owner"],
+        "records": records,
+        "purpose": purpose,
+        "time": ctx.time,
+        "released": {},
+        "refused": {},
+        "grant": grant_id,
+    }
+    state.put(b"access/" + ctx.txid, asked)
+    data = {"access_id": ctx.txid, "records": len(records), "purpose": purpose, "grant": grant_id}
+    note(entry["owner"], records, "access_requested", data)
+    told = {"access_id": ctx.txid, "owner": entry["owner"], "records": records, "purpose": purpose, "grant": grant_id}
+    emit("requested", told)
+
+
+@export
+def noticed(grant_id: bytes, record_ids: list):
+    """Say that one was told what became of shared records, and keeps no copy of what is gone.
+
+    It counts after the end of the grant too. Who may call: the grantee's key of the grant.
+    """
+    entry = require_grant(grant_id)
+    require(entry["grantee"] == ctx.caller, "NOT_THE_GRANTEE", "The grant is for another key.")
+    check_named(record_ids)
+    require(entry["notices"] < NOTICES_MAX_COUNT, "NOTICES_TOO_MANY", "A grant takes 256 notices.")
+    gone = []
+    for record_id in record_ids:
+        require(record_id in entry["records"], "RECORD_NOT_GRANTED", "The grant does not name this record.")
+        if has_ended(entry) or call("records", "get", record_id)["status"] != "active":
+            gone.append(record_id)
+    fresh = [record_id for record_id in gone if record_id not in entry["noticed"]]
+    said = len(gone) == len(record_ids) and len(fresh) == 0
+    require(not said, "NOTICE_EXISTS", "It was said of all these records before.")
+    entry["noticed"] = entry["noticed"] + fresh
+    entry["notices"] += 1
+    state.put(b"grant/" + grant_id, entry)
+    note(entry["owner"], record_ids, "grant_noticed", {"grant_id": grant_id, "records": record_ids})
+    emit("noticed", {"grant_id": grant_id, "owner": entry["owner"], "records": record_ids})
+
+
+@view
+def grant_of(grant_id: bytes) -> dict | None:
+    """Return a grant's state, or None."""
+    return state.get(b"grant/" + grant_id)
+
+
+@view
+def grants(first: int, limit: int) -> list:
+    """Return the ids of at most 128 grants from number `first` on, in order."""
+    count = state.get(b"grant-count", 0)
+    found = []
+    for number in range(max(0, first), min(count, first + min(limit, PAGE_MAX_COUNT))):
+        found.append(state.get(b"grant-number/" + u64(number)))
+    return found
 
 
 @view

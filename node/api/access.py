@@ -35,6 +35,7 @@ class Access:
 ANYONE = Access("anyone", frozenset())
 MEMBER = Access("a member's session", frozenset({"member"}))
 OWNER = Access("the session of a visit's owner key", frozenset({"owner"}))
-MEMBER_OR_OWNER = Access("a member's or an owner's session", frozenset({"member", "owner"}))
+GRANTEE = Access("the session of a grantee's one-time key", frozenset({"grantee"}))
+MEMBER_OR_OWNER = Access("a member's, an owner's or a grantee's session", frozenset({"member", "owner", "grantee"}))
 ROBOT = Access("a robot's session", frozenset({"member"}), frozenset({"robot"}))
 CUSTODIAN = Access("a custodian's session", frozenset({"member"}), frozenset({ROLE_CUSTODIAN}))

@@ -70,6 +70,7 @@ CALLERS = (
     _member("admin", ROLE_ADMIN),
     _member("custodian", ROLE_CUSTODIAN),
     Caller("owner key", Standing("owner", frozenset())),
+    Caller("grantee's key", Standing("grantee", frozenset())),
 )
 
 

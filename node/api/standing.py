@@ -1,4 +1,4 @@
-"""Who a key is on the finalized state: an active member with a role, a custodian, or who decides of a visit now.
+"""Who a key is on the finalized state: an active member, a custodian, who decides of a visit now, or a grantee.
 
 Must never look at anything but finalized state: what could still be undone gives nobody a right.
 """
@@ -10,10 +10,10 @@ from typing import Any, Literal
 
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_role, find_root
+from contracts.execution.standing import find_role, find_root, has_grant
 from node.api.services import LedgerSnapshot
 
-SessionKind = Literal["member", "owner"]
+SessionKind = Literal["member", "owner", "grantee"]
 ROLE_ADMIN = "admin"
 ROLE_REGISTRAR = "registrar"
 ROLE_CUSTODIAN = "custodian"
@@ -62,4 +62,6 @@ def find_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
         return Standing(kind="member", roles=frozenset(roles))
     if find_root(snapshot, key) is not None:
         return Standing(kind="owner", roles=frozenset())
+    if has_grant(snapshot, key):
+        return Standing(kind="grantee", roles=frozenset())
     return None

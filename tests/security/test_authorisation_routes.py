@@ -88,6 +88,15 @@ def counted(ran: Counter[str], route: Route) -> Route:
     return replace(route, handler=handle)
 
 
+def grantee_of(hospital: Hospital) -> PrivateKey:
+    """Let somebody share a record; return the key with which it is shared."""
+    visit, key = hospital.open_visit(hospital.enrol("ben")), key_of("grantee")
+    until_ms = visit.bucket_ms + 3_600_000
+    words = [[hospital.record(visit)], key.public_key, key_of("ephemeral").public_key, 7, bytes(32), "care", until_ms]
+    hospital.must(visit.key, "access", "grant", *words)
+    return key
+
+
 def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
     members = {name: hospital.enrol(name, name).identity for name in ("subject", "staff", "officer", "auditor")}
     return members | {
@@ -99,6 +108,7 @@ def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
         "custodian": hospital.custodians[0],
         "producer": key_of("custodian-1/producer"),
         "owner key": hospital.open_visit(hospital.enrol("anna")).key,
+        "grantee's key": grantee_of(hospital),
     }
 
 

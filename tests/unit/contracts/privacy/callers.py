@@ -26,6 +26,7 @@ ROLE_OF = {
     "other-robot": "robot",
     "revoked": "former",
     "officer-2": "officer",
+    "grantee": "grantee",
 } | {
     name: name
     for name in ("staff", "officer", "auditor", "registrar", "admin", "custodian", "producer", "candidate", "stranger")
@@ -72,6 +73,8 @@ class Scene:
         hospital.must(officer, "rights", "assess", self.breach_id, "none", "matched-wrongly")
         hospital.must(self.visit.key, "rights", "restrict", [self.record_id], "accuracy")
         self._propose(officer)
+        self.grantee = key_of("grantee")
+        self.grant_id = hospital.must(self.others_visit.key, "access", "grant", *self.grant_of(self.grantee)).txid
         self.everyone: dict[str, PrivateKey] = {
             "anna": self.anna.identity,
             "ben": self.ben.identity,
@@ -92,8 +95,14 @@ class Scene:
             "registrar": hospital.registrar,
             "admin": hospital.admin,
             "custodian": hospital.custodians[0],
+            "grantee": self.grantee,
             "stranger": key_of("stranger"),
         }
+
+    def grant_of(self, grantee: PrivateKey) -> list[Any]:
+        """Return the arguments that share the other visit's record with a key."""
+        until_ms = self.others_visit.bucket_ms + DAY_MS
+        return [[self.others_id], grantee.public_key, key_of("ephemeral").public_key, 7, bytes(32), "care", until_ms]
 
     def _propose(self, officer: PrivateKey) -> None:
         """One officer proposes twice what two of them erase together; another approves one of the proposals."""
@@ -173,6 +182,10 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("access", "request", lambda s: [[s.record_id], "own-access"], {"owner"}),
     ("access", "released", lambda s: [s.access_id, [s.record_id]], {"custodian"}),
     ("access", "refused", lambda s: [s.access_id, "GONE"], {"custodian"}),
+    ("access", "grant", lambda s: s.grant_of(key_of("fresh")), {"other-owner"}),
+    ("access", "revoke", lambda s: [s.grant_id], {"other-owner"}),
+    ("access", "request_granted", lambda s: [s.grant_id, [s.others_id], "care"], {"grantee"}),
+    ("access", "noticed", lambda s: [s.grant_id, [s.others_id]], {"grantee"}),
     ("access", "verdict", lambda s: [s.record_id, "verified", []], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], []], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], [1]], {"owner"}),

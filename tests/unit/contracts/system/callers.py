@@ -46,6 +46,7 @@ ROLE_OF = {
         "producer",
         "candidate",
         "owner",
+        "grantee",
         "stranger",
     )
 }
@@ -99,6 +100,7 @@ class Scene:
             "robot": chain.robot.identity,
             "revoked": revoked.identity,
             "owner": owner.key,
+            "grantee": key_of("grantee"),
         }
         self.everyone |= {role: chain.enrol(role, role).identity for role in ("staff", "officer", "auditor")}
 

@@ -18,7 +18,7 @@ from node.api.routing import Route
 from tests.unit.node.api.small_network import SmallNode
 
 MEMBERS = {"subject", "staff", "robot", "officer", "auditor", "registrar", "admin", "custodian"}
-EVERYBODY_KNOWN = MEMBERS | {"owner key"}
+EVERYBODY_KNOWN = MEMBERS | {"owner key", "grantee's key"}
 EVERYBODY = {caller.name for caller in CALLERS}
 ALLOWED = {
     "getGenesis": EVERYBODY,
