@@ -12,6 +12,7 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
+from clients.wallet.lost_keys_commands import lost_keys
 from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
 from clients.wallet.rights import read_correction, write_correction
 from consensus.records.rights import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
@@ -24,13 +25,16 @@ _HOUR_MS = 3_600_000
 @wallet_options
 @click.pass_context
 def officer(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:
-    """Handle visits that were denied (data protection officers, with a wallet of their own).
+    """Handle visits that were denied, and lost keys (data protection officers, with a wallet of their own).
 
     Register it once: blockrobot card issue --role officer, then blockrobot wallet --profile officer register CODE.
 
     Example: blockrobot officer --profile officer breaches
     """
     ctx.obj = place_wallet(profile, wallet_dir, genesis)
+
+
+officer.add_command(lost_keys)
 
 
 def _reasons(codes: tuple[str, ...] | None = None) -> Any:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.receipts import FinalReceipt
-from clients.wallet.auditing import RECORDED_KIND
+from clients.wallet.lost_keys import active_records
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32, u64
@@ -98,7 +98,7 @@ class Breaches:
         if outcome == "erased":
             breach = await self.find(breach.breach_id.hex())
             require_told(breach)
-            ids = await self._records_to_erase(breach)
+            ids = await active_records(self._wallet, breach.state["owner"])
         for start in range(0, len(ids), RECORDS_A_CALL_MAX_COUNT):
             tell(start, len(ids))
             await self._call("order_erasure", [breach.breach_id, ids[start : start + RECORDS_A_CALL_MAX_COUNT]])
@@ -121,17 +121,6 @@ class Breaches:
 
     async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
         return await self._wallet.network.call(self._key, "rights", entry, arguments)
-
-    async def _records_to_erase(self, breach: Breach) -> list[bytes]:
-        """Return the visit's records that nobody has had erased yet, by its proven audit: none can be left out."""
-        owner = breach.state["owner"]
-        count_key = b"audit\x00count/" + owner
-        count = (await self._wallet.values([count_key], self._key))[count_key] or 0
-        entries = [b"audit\x00entry/" + owner + u32(number) for number in range(count)]
-        audit = await self._wallet.values(entries, self._key)
-        ids = [audit[key]["record_id"] for key in entries if audit[key]["kind"] == RECORDED_KIND]
-        states = await self._wallet.values([b"records\x00record/" + record_id for record_id in ids], self._key)
-        return [record_id for record_id in ids if states[b"records\x00record/" + record_id]["status"] == "active"]
 
 
 def require_told(breach: Breach) -> None:

@@ -25,9 +25,10 @@ from clients.wallet.opening import place_wallet, read_passphrase, run_opened, sh
 from clients.wallet.pictures import write_pictures
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
+from clients.wallet.standing_words import print_standing, standing_json
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.visits import find_record
-from clients.wallet.wallet import RecordEntry, VisitReport, VisitRights, Wallet
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
@@ -184,35 +185,8 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
         "records": [
             _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in report.records
         ],
-        **_rights_json(report.standing),
+        **standing_json(report.standing),
     }
-
-
-def _rights_json(standing: VisitRights) -> dict[str, Any]:
-    row = standing.restriction
-    return {
-        "restriction": None
-        if row is None
-        else {"ground": row["ground"], "whole_visit": row["whole"], "kept_until_ms": row["until_ms"] or None},
-        "objected_purposes": list(standing.objections),
-        "corrections": standing.corrections_count,
-        "breach_id": standing.breach_id.hex() or None,
-    }
-
-
-def _print_rights(standing: VisitRights) -> None:
-    row = standing.restriction
-    if standing.breach_id:
-        name = standing.breach_id.hex()[:12]
-        console.print(f"  You denied this visit: nobody sees it until breach {name} is decided.")
-    if row is not None:
-        what = "All of this visit is" if row["whole"] else f"{len(row['records'])} records of this visit are"
-        kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
-        console.print(f"  {what} restricted ({row['ground']}): only you see it{kept}.")
-    if standing.objections:
-        console.print(f"  You objected to its release for: {', '.join(standing.objections)}.")
-    if standing.corrections_count:
-        console.print(f"  It has {standing.corrections_count} corrections of yours.")
 
 
 @wallet.command()
@@ -235,7 +209,7 @@ def records(ctx: click.Context, as_json: bool) -> None:
         state = "ended" if report.closed else "still open"
         name = report.visit.owner.hex()[:12]
         console.print(f"Visit {number} ({name}) at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
-        _print_rights(report.standing)
+        print_standing(report.standing)
         for entry in report.records:
             meta = entry.metadata
             what = _THINGS.get(meta.sensor, "pictures")

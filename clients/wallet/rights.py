@@ -228,6 +228,7 @@ _WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
     "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
     "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
+    "erased_by_officers": lambda data: f"{data['records']} records, by two officers together: {data['reason']}",
 }
 
 

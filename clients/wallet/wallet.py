@@ -7,7 +7,7 @@ whatever concerns one visit is asked in the session of that visit's owner key, o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from clients.sdk.enrolment import NewMember, Registration, register_member
@@ -15,6 +15,7 @@ from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from clients.wallet.auditing import RECORDED_KIND, audit_visit
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
+from clients.wallet.standing import VisitRights, read_standing
 from clients.wallet.visits import find_own_visits, owner_key
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -41,24 +42,6 @@ class RecordEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class VisitRights:
-    """What stands of a visit by its owner's words: `restriction` is the contract's row, `objections` are purposes.
-
-    `breach_id` is there while the visit is denied, and in quarantine.
-    """
-
-    restriction: dict[str, Any] | None = None
-    objections: tuple[str, ...] = ()
-    corrections_count: int = 0
-    breach_id: bytes = b""
-
-    def restricts(self, record_id: bytes) -> bool:
-        """Whether a record is restricted."""
-        row = self.restriction
-        return row is not None and (row["whole"] or record_id in row["records"])
-
-
-@dataclass(frozen=True, slots=True)
 class VisitReport:
     """A visit as the wallet knows it: its records in order, and whether any is missing.
 
@@ -71,16 +54,12 @@ class VisitReport:
     closed: bool
     missing_count: int
     unreadable_ids: tuple[bytes, ...] = ()
-    standing: VisitRights = VisitRights()
+    standing: VisitRights = field(default_factory=VisitRights)
 
 
 _RIGHTS = tuple(
     b"rights\x00" + name + b"/" for name in (b"restriction", b"objection", b"correction-count", b"quarantine")
 )
-
-
-def _read_rights(restriction: Any, objections: Any, corrections_count: Any, breach_id: Any) -> VisitRights:
-    return VisitRights(restriction, tuple(sorted(objections or {})), corrections_count or 0, breach_id or b"")
 
 
 class Wallet:
@@ -194,7 +173,8 @@ class Wallet:
         visit_state = found[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
-        ids = [entry.record_id for entry in await audit_visit(self, visit) if entry.kind == RECORDED_KIND]
+        audit = await audit_visit(self, visit)
+        ids = [entry.record_id for entry in audit if entry.kind == RECORDED_KIND]
         state_keys = [b"records\x00record/" + record_id for record_id in ids]
         values = await self.values(state_keys, key)
         entries, erased, unreadable = [], [], []
@@ -224,7 +204,7 @@ class Wallet:
             closed=closed,
             missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
             unreadable_ids=tuple(unreadable),
-            standing=_read_rights(*(found[place] for place in rights_keys)),
+            standing=read_standing([found[place] for place in rights_keys], audit),
         )
 
     async def records(self) -> list[VisitReport]:

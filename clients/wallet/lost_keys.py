@@ -1,0 +1,281 @@
+"""What two officers do for somebody whose key is lost for good: erase by robot and span. Must never act before it is seen.
+
+The chain cannot say whose visits those are. So what a span would touch is counted first, proven: visits of others too.
+One officer proposes, another agrees, either has it carried out; every step is signed with a member key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.receipts import FinalReceipt
+from clients.wallet.auditing import RECORDED_KIND
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.limits import TIME_BUCKET_MS
+from consensus.primitives.encoding import u32, u64
+from consensus.records.lost_keys import SPAN_MAX_MS
+
+ID_PREFIX_MIN_CHARS = 8
+RECORDS_A_CALL_MAX_COUNT = 64
+LATE_MAX_MS = 24 * 3600 * 1000 + 2 * TIME_BUCKET_MS
+"""How much later than its bucket a visit may come to the chain: a robot's spool outlasts a day's cut of the network."""
+_COUNT_KEY = b"officers\x00proposal-count"
+_NUMBER = b"officers\x00proposal-number/"
+_PROPOSAL = b"officers\x00proposal/"
+_TOUCHED = b"officers\x00touched/"
+_VISIT = b"records\x00visit/"
+_RECORD = b"records\x00record/"
+_RESTRICTION = b"rights\x00restriction/"
+_QUARANTINE = b"rights\x00quarantine/"
+_KEPT_MEANWHILE = frozenset({"RECORD_RESTRICTED", "VISIT_QUARANTINED", "RECORD_ERASED"})
+Tell = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A robot's key, and the span of time (ms; whole buckets, the end not included) in which it opened visits."""
+
+    robot: bytes
+    from_ms: int
+    until_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class SpanVisit:
+    """A visit in a span: what of it would be erased, what its owner restricted, and whether it was denied."""
+
+    owner: bytes
+    bucket_ms: int
+    erasable: tuple[bytes, ...]
+    restricted_count: int = 0
+    denied: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Preview:
+    """What the erasure of a span would touch, proven as of a moment."""
+
+    span: Span
+    visits: tuple[SpanVisit, ...]
+
+    @property
+    def touched(self) -> tuple[SpanVisit, ...]:
+        """The visits of which something would be erased."""
+        return tuple(visit for visit in self.visits if visit.erasable)
+
+    @property
+    def records_count(self) -> int:
+        """How many records would be erased."""
+        return sum(len(visit.erasable) for visit in self.visits)
+
+
+@dataclass(frozen=True, slots=True)
+class Proposal:
+    """A proposal, proven as of a block whose time is `now_ms`. `state` is the contract's row."""
+
+    proposal_id: bytes
+    state: dict[str, Any]
+    now_ms: int
+
+    @property
+    def span(self) -> Span:
+        """Which robot and time it is about."""
+        return Span(self.state["robot"], self.state["from_ms"], self.state["until_ms"])
+
+    @property
+    def status(self) -> str:
+        """What it stands at: proposed, approved, stopped, or lapsed because its time is over."""
+        status = str(self.state["status"])
+        return "lapsed" if status != "stopped" and self.now_ms > self.state["ends_ms"] else status
+
+    @property
+    def is_open(self) -> bool:
+        """Whether an officer can still do something of it."""
+        return self.status in {"proposed", "approved"}
+
+
+@dataclass(frozen=True, slots=True)
+class Ordered:
+    """What was ordered: erasure ids, visits and records; and how many visits stayed, as they are or for want of room."""
+
+    erasure_ids: tuple[bytes, ...]
+    visits: int
+    records: int
+    kept_visits: int
+    left_visits: int
+
+
+def make_span(robot: bytes, from_ms: int, until_ms: int) -> Span:
+    """Return the span in whole buckets that holds all of it. Raises REQUEST_INVALID for one that is none, or too long."""
+    first = from_ms - from_ms % TIME_BUCKET_MS
+    end = -(-until_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS
+    if not 0 <= first < end:
+        raise BlockRobotError("REQUEST_INVALID", "The span ends before it begins.")
+    if end - first > SPAN_MAX_MS:
+        minutes = SPAN_MAX_MS // 60_000
+        raise BlockRobotError(
+            "REQUEST_INVALID", f"A span has at most {minutes} minutes, for others' visits go with it: make it shorter."
+        )
+    return Span(robot, first, end)
+
+
+class LostKeys:
+    """Erasure by two officers, as one of them sees and does it."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+        self._key = wallet.keys.identity
+
+    # Looking
+
+    async def preview(self, robot: str, from_ms: int, until_ms: int) -> Preview:
+        """Say what would be erased of the visits that a robot (the beginning of its key, hexadecimal) opened then.
+
+        Raises REQUEST_INVALID for a wrong span or a name that is too short or fits several, NOT_FOUND if no such robot
+        opened a visit then.
+        """
+        if len(robot) < ID_PREFIX_MIN_CHARS:
+            raise BlockRobotError("REQUEST_INVALID", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
+        span = make_span(b"", from_ms, until_ms)
+        found = [item for item in await self._opened(span) if item[2].hex().startswith(robot.lower())]
+        robots = {item[2] for item in found}
+        if len(robots) != 1:
+            code = "REQUEST_INVALID" if robots else "NOT_FOUND"
+            text = f"{len(robots) or 'No'} robots whose key begins with {robot} opened a visit in that span."
+            raise BlockRobotError(code, text)
+        return await self._judge(Span(robots.pop(), span.from_ms, span.until_ms), found)
+
+    async def preview_span(self, span: Span) -> Preview:
+        """Say what would be erased of a span now."""
+        return await self._judge(span, [item for item in await self._opened(span) if item[2] == span.robot])
+
+    async def _opened(self, span: Span) -> list[tuple[bytes, int, bytes]]:
+        """Return (owner, bucket, robot) of each visit that was opened in the span, by announcements that are proven.
+
+        They stand in the order in which they came to the chain, each at most a day after its bucket: what is further
+        away is not read.
+        """
+        network = self._wallet.network
+        found: list[tuple[bytes, int, bytes]] = []
+        number = await self._first_number(span.from_ms - LATE_MAX_MS)
+        while True:
+            page = await network.announcements(number, self._key)
+            within = [item for item in page.items if span.from_ms <= item.bucket_ms < span.until_ms]
+            found += [(item.owner, item.bucket_ms, item.robot) for item in within]
+            number = page.next_number
+            over = any(item.bucket_ms >= span.until_ms + LATE_MAX_MS for item in page.items)
+            if over or number >= page.count:
+                return found
+
+    async def _first_number(self, before_ms: int) -> int:
+        """Return a number before which every announcement is older than a day after `before_ms`, by halving."""
+        network = self._wallet.network
+        low, high = 0, (await network.announcements(0, self._key, 1)).count
+        while high - low > 1:
+            middle = (low + high) // 2
+            (item,) = (await network.announcements(middle, self._key, 1)).items
+            if item.bucket_ms < before_ms:
+                low = middle
+            else:
+                high = middle
+        return low
+
+    async def _judge(self, span: Span, opened: Sequence[tuple[bytes, int, bytes]]) -> Preview:
+        """Look at each visit: its records by its proven audit, what its owner said, and what is gone already."""
+        owners = [owner for owner, _, _ in opened]
+        places = (_VISIT, _RESTRICTION, _QUARANTINE)
+        rows = await self._wallet.values([place + owner for owner in owners for place in places], self._key)
+        visits = []
+        for owner, bucket_ms, _ in opened:
+            if rows[_VISIT + owner] is None:
+                continue  # a later key of a visit that was transferred: it stands under its first
+            active = await active_records(self._wallet, owner)
+            row, denied = rows[_RESTRICTION + owner], rows[_QUARANTINE + owner] is not None
+            bound = [known for known in active if row is not None and (row["whole"] or known in row["records"])]
+            erasable = () if denied else tuple(known for known in active if known not in bound)
+            visits.append(SpanVisit(owner, bucket_ms, erasable, len(bound), denied))
+        return Preview(span, tuple(visits))
+
+    async def read_all(self) -> list[Proposal]:
+        """Return all proposals in the order in which they were made. Raises SESSION_REFUSED for who is no member."""
+        count = (await self._wallet.values([_COUNT_KEY], self._key))[_COUNT_KEY] or 0
+        numbers = [_NUMBER + u64(number) for number in range(count)]
+        found = await self._wallet.values(numbers, self._key)
+        ids = [found[key] for key in numbers]
+        states = await self._wallet.values([_PROPOSAL + proposal_id for proposal_id in ids], self._key)
+        now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
+        return [Proposal(proposal_id, states[_PROPOSAL + proposal_id], now_ms) for proposal_id in ids]
+
+    async def find(self, start: str) -> Proposal:
+        """Return the proposal whose id (hexadecimal) begins so. Raises NOT_FOUND, REQUEST_INVALID."""
+        if len(start) < ID_PREFIX_MIN_CHARS:
+            raise BlockRobotError("REQUEST_INVALID", f"Name a proposal by at least {ID_PREFIX_MIN_CHARS} characters.")
+        found = [one for one in await self.read_all() if one.proposal_id.hex().startswith(start.lower())]
+        if len(found) != 1:
+            code = "REQUEST_INVALID" if found else "NOT_FOUND"
+            raise BlockRobotError(code, f"There are {len(found) or 'no'} proposals that begin with {start}.")
+        return found[0]
+
+    # Deciding
+
+    async def propose(self, span: Span, reason: str, visits_max: int) -> bytes:
+        """Propose to erase a span; return the proposal's id. Raises CALL_REFUSED with the contract's code."""
+        arguments = [span.robot, span.from_ms, span.until_ms, reason, visits_max]
+        return (await self._call("propose", arguments)).txid
+
+    async def approve(self, proposal: Proposal) -> None:
+        """Agree as the second officer. Raises CALL_REFUSED with the contract's code."""
+        await self._call("approve", [proposal.proposal_id])
+
+    async def stop(self, proposal: Proposal) -> None:
+        """End a proposal. Raises CALL_REFUSED with the contract's code."""
+        await self._call("stop", [proposal.proposal_id])
+
+    async def erase(self, proposal: Proposal, tell: Tell) -> Ordered:
+        """Order the erasure of what is erasable in the span, in parts; no more visits than were approved.
+
+        Doing it again orders what came since, or was left when it broke off. What somebody restricted or denied
+        meanwhile is passed over. Raises CALL_REFUSED with the contract's code for what concerns the whole.
+        """
+        preview = await self.preview_span(proposal.span)
+        keys = {visit.owner: _TOUCHED + proposal.proposal_id + visit.owner for visit in preview.touched}
+        touched = await self._wallet.values(list(keys.values()), self._key)
+        known = [visit for visit in preview.touched if touched[keys[visit.owner]]]
+        new = [visit for visit in preview.touched if not touched[keys[visit.owner]]]
+        room = max(0, proposal.state["visits_max"] - proposal.state["visits"])
+        chosen = known + new[:room]
+        ids: list[bytes] = []
+        records = kept = visits = 0
+        for number, visit in enumerate(chosen):
+            tell(number, len(chosen))
+            before = records
+            try:
+                for start in range(0, len(visit.erasable), RECORDS_A_CALL_MAX_COUNT):
+                    part = list(visit.erasable[start : start + RECORDS_A_CALL_MAX_COUNT])
+                    ids.append((await self._call("erase", [proposal.proposal_id, visit.owner, part])).txid)
+                    records += len(part)
+            except BlockRobotError as error:
+                if error.context.get("contract_code") not in _KEPT_MEANWHILE:
+                    raise
+                kept += 1
+            visits += records > before
+        kept += sum(visit.denied or visit.restricted_count > 0 for visit in preview.visits)
+        return Ordered(tuple(ids), visits, records, kept, len(new[room:]))
+
+    async def _call(self, entry: str, arguments: list[Any]) -> FinalReceipt:
+        return await self._wallet.network.call(self._key, "officers", entry, arguments)
+
+
+async def active_records(wallet: Wallet, owner: bytes) -> list[bytes]:
+    """Return a visit's records that nobody has had erased yet, by its proven audit: none can be left out."""
+    key = wallet.keys.identity
+    count_key = b"audit\x00count/" + owner
+    count = (await wallet.values([count_key], key))[count_key] or 0
+    entries = [b"audit\x00entry/" + owner + u32(number) for number in range(count)]
+    audit = await wallet.values(entries, key)
+    ids = [audit[place]["record_id"] for place in entries if audit[place]["kind"] == RECORDED_KIND]
+    states = await wallet.values([_RECORD + record_id for record_id in ids], key)
+    return [record_id for record_id in ids if states[_RECORD + record_id]["status"] == "active"]

@@ -1,0 +1,74 @@
+"""What stands of a visit, told to a person or a program. Must never tell more than was proven."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from clients.sdk.terminal import console
+from clients.wallet.opening import show_moment
+from clients.wallet.standing import VisitRights
+from consensus.records.lost_keys import LOST_KEY_REASONS
+
+
+def standing_json(standing: VisitRights) -> dict[str, Any]:
+    """Return what stands of a visit by names, for a program."""
+    row, end = standing.restriction, standing.breach_end
+    return {
+        "restriction": None
+        if row is None
+        else {"ground": row["ground"], "whole_visit": row["whole"], "kept_until_ms": row["until_ms"] or None},
+        "objected_purposes": list(standing.objections),
+        "corrections": standing.corrections_count,
+        "breach_id": standing.breach_id.hex() or None,
+        "breach_end": None
+        if end is None
+        else {
+            "breach_id": end.breach_id.hex(),
+            "outcome": end.outcome,
+            "reason": end.reason,
+            "time_ms": end.time_ms,
+        },
+        "erased_by_officers": [
+            {
+                "proposal_id": one.proposal_id.hex(),
+                "reason": one.reason,
+                "records": one.records,
+                "time_ms": one.time_ms,
+            }
+            for one in standing.officers
+        ],
+    }
+
+
+def print_standing(standing: VisitRights) -> None:
+    """Tell a person what stands of a visit."""
+    _print_breach(standing)
+    for one in standing.officers:
+        console.print(
+            f"  Two officers together had {one.records} records of this visit erased on {show_moment(one.time_ms)}: "
+            f"{one.reason}. {LOST_KEY_REASONS.get(one.reason, '')}\n"
+            "  They name a robot and minutes, and the chain cannot say whose visits those are. If it was not you who "
+            f"asked, ask the hospital about {one.proposal_id.hex()[:12]}."
+        )
+    row = standing.restriction
+    if row is not None:
+        what = "All of this visit is" if row["whole"] else f"{len(row['records'])} records of this visit are"
+        kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
+        console.print(f"  {what} restricted ({row['ground']}): only you see it{kept}.")
+    if standing.objections:
+        console.print(f"  You objected to its release for: {', '.join(standing.objections)}.")
+    if standing.corrections_count:
+        console.print(f"  It has {standing.corrections_count} corrections of yours.")
+
+
+def _print_breach(standing: VisitRights) -> None:
+    end = standing.breach_end
+    if end is not None:
+        what = {
+            "erased": "an officer had it erased, and what is left stays closed to everyone",
+            "released": "an officer found that it was yours, and it is open to you again",
+        }.get(end.outcome, end.outcome)
+        console.print(f"  You denied this visit. That is over since {show_moment(end.time_ms)}: {what} ({end.reason}).")
+    elif standing.breach_id:
+        name = standing.breach_id.hex()[:12]
+        console.print(f"  You denied this visit: nobody sees it until breach {name} is decided.")

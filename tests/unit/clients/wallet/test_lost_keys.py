@@ -1,0 +1,331 @@
+"""Two officers erase for somebody whose key is lost, as they do it: previews, commands, and what wallets tell of it.
+
+The contracts are the real ones and everything is proven; only the wire is short.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.sdk.announcements import AnnouncementPage
+from clients.sdk.receipts import FinalReceipt
+from clients.wallet import breach_commands, lost_keys_commands
+from clients.wallet import cli as wallet_cli
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.lost_keys import LostKeys, make_span
+from clients.wallet.wallet import Wallet
+from consensus.block import Header
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.lost_keys import CARRY_OUT_MS
+from tests.unit.clients.bundle.ward import Patient, ShortWire, Ward
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.contracts.privacy.hospital import Visit
+
+BUCKET_MS = 300_000
+DAY_MS = 24 * 3600 * 1000
+
+
+class OfficersWire(ShortWire):
+    """The short wire, with pages of announcements as small as the network's."""
+
+    page_count = 200
+    pages = 0
+
+    async def newest_header(self, _: PrivateKey) -> Header:
+        return self.chain.head
+
+    async def announcements(self, first: int, key: PrivateKey, limit: int = 0) -> AnnouncementPage:
+        self.pages += 1
+        page = await super().announcements(first, key)
+        items = page.items[: limit or self.page_count]
+        return AnnouncementPage(page.count, items, first + len(items))
+
+    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> FinalReceipt:
+        receipt = self.chain.send(key, contract, entry, *arguments)
+        if not receipt.ok:
+            text = f"{receipt.code}: {receipt.message}"
+            raise BlockRobotError("CALL_REFUSED", text, contract_code=receipt.code)
+        return await self.wait_final(receipt.txid)
+
+
+class House:
+    """A ward with a patient who lost nothing, one who did, and two officers with wallets."""
+
+    def __init__(self, folder: Path) -> None:
+        self.ward = Ward(folder)
+        self.chain = self.ward.chain
+        self.wire = OfficersWire(self.chain)
+        self.patient = self.ward.wallet
+        self.patient.network = self.wire  # type: ignore[assignment]
+        self.officers = [self._officer(folder, name) for name in ("eva", "max")]
+        self.robot = self.chain.robot.identity.public_key
+
+    def _officer(self, folder: Path, name: str) -> Wallet:
+        store = Keystore.create(folder / f"{name}.wallet", draw_words(), "tea", CHEAP)
+        wallet = Wallet(store, self.chain.genesis)
+        wallet.network = self.wire  # type: ignore[assignment]
+        person, card = Patient(name, "officer", keys=wallet.keys), self.chain.card(name, "officer")
+        self.chain.must(person.identity, "identity", "register", *self.chain.register_arguments(person, card))
+        store.content.handle = card.handle
+        return wallet
+
+    def lost(self, name: str = "ben", records: int = 1) -> Visit:
+        """A visit of somebody whose wallet nobody has any more."""
+        visit = self.chain.open_visit(self.chain.enrol(name))
+        for _ in range(records):
+            self.chain.record(visit)
+        return visit
+
+    def pass_span(self) -> tuple[int, int]:
+        """Let the bucket of now be over; return it."""
+        from_ms = self.chain.bucket()
+        self.chain.time_ms = from_ms + BUCKET_MS
+        self.chain.block([])
+        return from_ms, from_ms + BUCKET_MS
+
+    async def agree(self, span: tuple[int, int], visits: int | None = None) -> str:
+        first, second = map(LostKeys, self.officers)
+        found = await first.preview(self.robot.hex()[:8], *span)
+        proposal_id = (await first.propose(found.span, "key-lost", visits or len(found.touched))).hex()
+        await second.approve(await second.find(proposal_id))
+        return proposal_id
+
+
+def quiet(_: int, __: int) -> None:
+    """Nobody listens."""
+
+
+@pytest.fixture
+def house(tmp_path: Path) -> House:
+    return House(tmp_path)
+
+
+async def test_a_preview_counts_whom_it_would_touch_and_what_stays(house: House) -> None:
+    chain = house.chain
+    lost, restricted, denied = house.lost(records=3), house.lost("cleo", 2), house.lost("dan")
+    chain.must(restricted.key, "rights", "restrict", restricted.records[:1], "legal-claim")
+    chain.must(denied.key, "rights", "wrong_person")
+    span = house.pass_span()
+    house.lost("eve")
+    found = await LostKeys(house.officers[0]).preview(house.robot.hex()[:8], *span)
+    assert found.span == make_span(house.robot, *span)
+    assert [visit.owner for visit in found.visits] == [lost.owner, restricted.owner, denied.owner]
+    assert ([len(visit.erasable) for visit in found.visits], found.records_count) == ([3, 1, 0], 4)
+    assert [(visit.restricted_count, visit.denied) for visit in found.visits] == [(0, False), (1, False), (0, True)]
+    asked = {key for flat, key in house.wire.asked if flat.startswith(b"records")}
+    assert asked == {house.officers[0].keys.identity.public_key}, "as a member, with no visit's key"
+
+
+async def test_only_announcements_near_the_span_are_read(house: House) -> None:
+    """A year's ledger is not walked over for five minutes of it; what a spool delivered late is found."""
+    chain = house.chain
+    for number in range(30):
+        house.lost(f"early-{number}")
+        chain.time_ms += DAY_MS // 4
+    late, arguments = chain.visit_of(chain.enrol("late"))
+    arguments[3] = late.bucket_ms
+    span = house.pass_span()
+    chain.time_ms += DAY_MS - 2 * BUCKET_MS
+    chain.must(chain.robot.identity, "records", "open_visit", *arguments)
+    chain.record(late, bucket_ms=late.bucket_ms)
+    for number in range(30):
+        chain.time_ms += DAY_MS // 4
+        house.lost(f"later-{number}")
+    house.wire.page_count, house.wire.pages = 4, 0
+    found = await LostKeys(house.officers[0]).preview(house.robot.hex()[:8], *span)
+    assert [visit.owner for visit in found.visits] == [late.owner]
+    assert house.wire.pages < 15, "61 announcements in pages of four would be 16, and the halving takes six"
+
+
+async def test_two_officers_erase_and_whoever_is_hit_is_told(house: House) -> None:
+    mine = house.ward.open_visit()
+    kept_id = house.ward.record(mine)
+    lost = house.lost(records=70)
+    span = house.pass_span()
+    proposal_id = await house.agree(span)
+    second = LostKeys(house.officers[1])
+    told: list[tuple[int, int]] = []
+    ordered = await second.erase(await second.find(proposal_id), lambda number, count: told.append((number, count)))
+    assert (ordered.visits, ordered.records, len(ordered.erasure_ids), ordered.left_visits) == (2, 71, 3, 0)
+    assert told == [(0, 2), (1, 2)]
+    for erasure_id in ordered.erasure_ids:
+        house.chain.receipts_of_all(erasure_id)
+    gone = [house.chain.view("records", "get", record_id)["status"] for record_id in (kept_id, *lost.records)]
+    assert set(gone) == {"erased"}
+    again = await second.erase(await second.find(proposal_id), quiet)
+    assert (again.visits, again.records) == (0, 0)
+    (report,) = await house.patient.records()
+    (one,) = report.standing.officers
+    assert (one.reason, one.records, one.proposal_id.hex()) == ("key-lost", 1, proposal_id)
+
+
+async def test_what_was_restricted_since_stays_and_the_rest_goes(house: House, monkeypatch: pytest.MonkeyPatch) -> None:
+    lost, other = house.lost(), house.lost("cleo")
+    proposal_id = await house.agree(house.pass_span())
+    first = LostKeys(house.officers[0])
+    before = await first.preview_span((await first.find(proposal_id)).span)
+    house.chain.must(other.key, "rights", "restrict", [], "accuracy")
+
+    async def as_before(_: Any) -> Any:
+        return before
+
+    monkeypatch.setattr(first, "preview_span", as_before)
+    ordered = await first.erase(await first.find(proposal_id), quiet)
+    assert (ordered.visits, ordered.records, ordered.kept_visits) == (1, 1, 1)
+    statuses = [house.chain.view("records", "get", visit.records[0])["status"] for visit in (lost, other)]
+    assert statuses == ["erasing", "active"]
+
+
+async def test_more_visits_than_were_approved_stay_until_they_are_proposed(house: House) -> None:
+    visits = [house.lost(name) for name in ("ben", "cleo", "dan")]
+    proposal_id = await house.agree(house.pass_span(), visits=2)
+    first = LostKeys(house.officers[0])
+    ordered = await first.erase(await first.find(proposal_id), quiet)
+    assert (ordered.visits, ordered.left_visits) == (2, 1)
+    house.chain.record(visits[0], bucket_ms=visits[0].bucket_ms)
+    ordered = await first.erase(await first.find(proposal_id), quiet)
+    assert (ordered.visits, ordered.left_visits) == (1, 1), "a visit that was counted may go on"
+
+
+async def test_a_proposal_whose_time_is_over_says_so(house: House) -> None:
+    house.lost()
+    proposal_id = await house.agree(house.pass_span())
+    house.chain.time_ms += CARRY_OUT_MS + 1
+    house.chain.block([])
+    proposal = await LostKeys(house.officers[0]).find(proposal_id)
+    assert (proposal.status, proposal.is_open) == ("lapsed", False)
+    with pytest.raises(BlockRobotError, match="PROPOSAL_LAPSED"):
+        await LostKeys(house.officers[0]).erase(proposal, quiet)
+
+
+async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house: House) -> None:
+    house.lost()
+    from_ms, until_ms = house.pass_span()
+    handling, robot = LostKeys(house.officers[0]), house.robot.hex()
+    for name, start, end, code in (
+        (robot[:7], from_ms, until_ms, "REQUEST_INVALID"),
+        ("00" * 33, from_ms, until_ms, "NOT_FOUND"),
+        (robot, until_ms, from_ms, "REQUEST_INVALID"),
+        (robot, from_ms, from_ms + 61 * 60_000, "REQUEST_INVALID"),
+        (robot, until_ms + DAY_MS, until_ms + DAY_MS + 1, "NOT_FOUND"),
+    ):
+        with pytest.raises(BlockRobotError) as refusal:
+            await handling.preview(name, start, end)
+        assert refusal.value.code == code
+    for start, code in (("b1", "REQUEST_INVALID"), ("cc" * 6, "NOT_FOUND")):
+        with pytest.raises(BlockRobotError) as refusal:
+            await handling.find(start)
+        assert refusal.value.code == code
+
+
+def test_a_span_is_widened_to_whole_buckets() -> None:
+    span = make_span(b"r", BUCKET_MS + 1, 2 * BUCKET_MS + 1)
+    assert (span.from_ms, span.until_ms) == (BUCKET_MS, 3 * BUCKET_MS)
+
+
+@pytest.fixture
+def run(house: House, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Call a command as the first officer, the second, or the patient."""
+    wallets = {"eva": house.officers[0], "max": house.officers[1], "ann": house.patient}
+    who = [house.patient]
+
+    def opened(_: Any, action: Any) -> Any:
+        return asyncio.run(action(who[0]))
+
+    for module in (lost_keys_commands, wallet_cli):
+        monkeypatch.setattr(module, "run_opened", opened)
+
+    def call(name: str, *arguments: str, typed: str | None = None) -> Result:
+        who[0] = wallets[name]
+        if name == "ann":
+            return CliRunner().invoke(wallet_cli.wallet, list(arguments))
+        words = ["--profile", name, "lost-keys", *arguments]
+        return CliRunner().invoke(breach_commands.officer, words, input=typed)
+
+    return call
+
+
+def moment(time_ms: int) -> str:
+    return lost_keys_commands.show_moment(time_ms)
+
+
+def test_the_whole_way_as_officers_type_it(house: House, run: Any) -> None:
+    mine = house.ward.open_visit()
+    house.ward.record(mine)
+    house.lost()
+    from_ms, until_ms = house.pass_span()
+    span = ("--robot", house.robot.hex()[:10], "--from", moment(from_ms), "--until", moment(until_ms))
+    shown = run("eva", "preview", *span)
+    assert "2 visits with 2 records would be erased." in shown.output, shown.output
+    assert "The chain cannot say whose visits these are." in shown.output
+    assert "Next: blockrobot officer --profile eva lost-keys propose" in shown.output
+    assert run("eva", "propose", *span, "--reason", "key-lost").exit_code == 2, "nobody is there to ask: --yes"
+    few = run("eva", "propose", *span, "--reason", "key-lost", "--visits", "1", "--yes")
+    assert "2 visits are in that span, and 1 may go" in few.stderr
+    spoken = run("eva", "propose", *span, "--reason", "key-lost", "--yes")
+    assert "Nothing is erased yet: a second officer has 3 days to agree." in spoken.output, spoken.output
+    (listed,) = json.loads(run("max", "list", "--json").stdout)["proposals"]
+    name = listed["proposal_id"][:12]
+    assert (listed["status"], listed["visits_max"], listed["approver"]) == ("proposed", 2, None)
+    alone = run("eva", "approve", name, "--yes")
+    assert (alone.exit_code, "OFFICER_THE_SAME" in alone.stderr) == (1, True)
+    agreed = json.loads(run("max", "approve", name, "--yes", "--json").stdout)
+    assert (agreed["status"], agreed["preview"]["records"]) == ("approved", 2)
+    assert f"either of the two, until {moment(agreed['ends_ms'])}" in run("max", "list").output
+    done = run("max", "erase", name, "--yes")
+    assert "Ordered: 2 records of 2 visits." in done.output, done.output
+    assert "visit 2 of 2: erasure is being ordered" in done.stderr
+    assert "nothing left to erase" in run("eva", "erase", name, "--yes").output
+    told = run("ann", "records").output
+    assert "Two officers together had 1 records of this visit erased" in told, told
+    assert "1 records, by two officers together: key-lost" in run("ann", "audit").output
+    (visit,) = json.loads(run("ann", "records", "--json").stdout)["visits"]
+    assert visit["erased_by_officers"][0]["reason"] == "key-lost"
+    assert "nothing more is erased" in run("eva", "stop", name).output
+    assert json.loads(run("eva", "list", "--all", "--json").stdout)["proposals"][0]["status"] == "stopped"
+    assert "There is no open proposal." in run("eva", "list").output
+
+
+def test_what_is_gone_is_not_proposed_and_a_moment_is_one(house: House, run: Any) -> None:
+    visit = house.lost()
+    house.chain.must(visit.key, "erasure", "request", visit.records, [])
+    from_ms, until_ms = house.pass_span()
+    span = ("--robot", house.robot.hex()[:10], "--from", moment(from_ms), "--until", moment(until_ms))
+    assert "Nothing in that span is left to erase." in run("eva", "propose", *span, "--reason", "key-lost").stderr
+    wrong = run("eva", "preview", *span[:3], "half past nine", *span[4:])
+    assert (wrong.exit_code, "Give a date and a time" in wrong.stderr) == (2, True)
+
+
+def test_a_wallet_tells_how_a_breach_ended(house: House, run: Any) -> None:
+    eva = house.officers[0].keys.identity
+    mine = house.ward.open_visit()
+    house.ward.record(mine)
+
+    def deny() -> bytes:
+        key = asyncio.run(house.ward.owner_key(mine.owner))
+        breach_id = house.chain.must(key, "rights", "wrong_person").txid
+        house.chain.must(eva, "rights", "assess", breach_id, "none", "owner-confirmed")
+        return breach_id
+
+    house.chain.must(eva, "rights", "close", deny(), "released", "owner-confirmed")
+    assert "That is over since" in run("ann", "records").output
+    assert "it is open to you again (owner-confirmed)." in run("ann", "records").output
+    breach_id = deny()
+    assert f"nobody sees it until breach {breach_id.hex()[:12]} is decided" in run("ann", "records").output
+    assert "That is over" not in run("ann", "records").output
+    records = house.chain.view("records", "of_visit", mine.owner)
+    house.chain.must(eva, "rights", "order_erasure", breach_id, records)
+    house.chain.must(eva, "rights", "close", breach_id, "erased", "matched-wrongly")
+    spoken = run("ann", "records").output
+    assert "an officer had it erased, and what is left stays closed to everyone (matched-wrongly)." in spoken
+    assert "is decided" not in spoken
+    (visit,) = json.loads(run("ann", "records", "--json").stdout)["visits"]
+    assert (visit["breach_end"]["outcome"], visit["breach_end"]["breach_id"]) == ("erased", breach_id.hex())
