@@ -228,7 +228,12 @@ _WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
     "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
     "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
-    "erased_by_officers": lambda data: f"{data['records']} records, by two officers together: {data['reason']}",
+    "granted": lambda data: f"{data['records']} records for {data['purpose']}, grant {data['grant_id'].hex()[:12]}",
+    "grant_revoked": lambda data: f"grant {data['grant_id'].hex()[:12]}",
+    "grant_noticed": lambda data: f"copies of {len(data['records'])} records are deleted, says who had them",
+    "access_requested": lambda data: (
+        f"by whom you shared with, grant {data['grant'].hex()[:12]}" if "grant" in data else ""
+    ),
 }
 
 

@@ -1,0 +1,275 @@
+"""`blockrobot wallet inbox|look|confirm-deleted`: what was shared with one. Must never say that a copy is gone that is not.
+
+An owner's erasure, correction or restriction shows in the inbox of whoever she shared with (Art. 19); so does what is
+wrong with one's own visits.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.grants import find_by_prefix
+from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.pictures import write_frames
+from clients.wallet.received import (
+    KIND_CORRECTED,
+    KIND_DENIED,
+    KIND_ENDED,
+    KIND_ERASED,
+    KIND_FRAMES_ERASED,
+    KIND_RESTRICTED,
+    KIND_REVOKED,
+    Receipt,
+    Receiving,
+    SharedView,
+)
+from clients.wallet.sharing_commands import confirm
+from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK
+from clients.wallet.visits import find_record
+from clients.wallet.wallet import VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.purposes import PURPOSES
+
+WORDS: dict[str, str] = {
+    KIND_ERASED: "was erased, or is over its time: delete every copy",
+    KIND_FRAMES_ERASED: "had single pictures erased, and is no longer shared: delete every copy",
+    KIND_DENIED: "may show somebody else, its owner said: delete every copy",
+    KIND_REVOKED: "is shared no more, its owner ended it: delete every copy that you have no other right to",
+    KIND_ENDED: "is shared no more, the time is over: delete every copy that you have no other right to",
+    KIND_CORRECTED: "was corrected: ask its owner what is right before you rely on it",
+    KIND_RESTRICTED: "is restricted: keep what you have, and use it for nothing",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Inbox:
+    """What one's inbox holds: what was shared, and one's own visits with something wrong."""
+
+    receipts: tuple[Receipt, ...]
+    alarms: tuple[VisitReport, ...]
+
+
+async def read_inbox(opened: Wallet) -> Inbox:
+    """Read everything that is shared with this person, and look through her own visits. Raises NOT_REGISTERED."""
+    receipts = await Receiving(opened).inbox()
+    reports = await opened.records()
+    return Inbox(tuple(receipts), tuple(each for each in reports if each.missing_count or each.unreadable_ids))
+
+
+def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
+    """Return the folders on this machine that still hold pictures of these records."""
+    places = [Path(copy.folder) / copy.record_id.hex() for copy in receipt.received.copies if copy.record_id in records]
+    return [place for place in places if place.exists()]
+
+
+def receipt_json(receipt: Receipt) -> dict[str, Any]:
+    """Return one grant by names, for a program."""
+    grant = receipt.grant
+    return {
+        "grant_id": grant.grant_id.hex(),
+        "visit": grant.owner.hex(),
+        "records": [record_id.hex() for record_id in grant.records],
+        "purpose": grant.purpose,
+        "shared_at_ms": grant.time_ms,
+        "until_ms": grant.until_ms,
+        "open": receipt.is_open,
+        "notices": [
+            {"record_id": notice.record_id.hex(), "kind": notice.kind, "confirmed": notice.confirmed}
+            for notice in receipt.notices
+        ],
+        "to_confirm": [record_id.hex() for record_id in receipt.to_confirm],
+        "copies": [str(place) for place in copies_left(receipt, grant.records)],
+    }
+
+
+def receipt_lines(receipt: Receipt) -> list[str]:
+    """Say one grant and what became of it, in plain sentences."""
+    grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
+    meaning = PURPOSES.get(grant.purpose, grant.purpose)
+    end = f"until {show_moment(grant.until_ms)}" if receipt.is_open else "over"
+    lines = [f"{name}  {len(grant.records)} records of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
+    kinds = dict.fromkeys(notice.kind for notice in receipt.notices)
+    for kind in kinds:
+        told = [notice for notice in receipt.notices if notice.kind == kind]
+        lines.append(f"  {len(told)} of {len(grant.records)} records: {WORDS[kind]}")
+        if len(told) < len(grant.records):
+            lines += [f"    {notice.record_id.hex()}" for notice in told]
+    lines += [f"  a copy is in {place}" for place in copies_left(receipt, receipt.to_confirm)]
+    if receipt.to_confirm:
+        lines.append(f"  When nothing is left: blockrobot wallet confirm-deleted {name}")
+    elif receipt.is_open:
+        lines.append(f"  To look: blockrobot wallet look {name}")
+    return lines
+
+
+def _print_alarms(alarms: Sequence[VisitReport]) -> None:
+    for report in alarms:
+        name = report.visit.owner.hex()[:12]
+        if report.missing_count:
+            console.print(f"[red]Your visit {name}: {report.missing_count} records are missing. Ask why.[/red]")
+        if report.unreadable_ids:
+            count = len(report.unreadable_ids)
+            console.print(f"[red]Your visit {name}: {count} records do not open with your keys. Ask why.[/red]")
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+def inbox(ctx: click.Context, as_json: bool) -> None:
+    """Show what was shared with you and what became of it since, and what is wrong with your own visits.
+
+    Example: blockrobot wallet inbox
+    """
+    found = run_opened(ctx, read_inbox)
+    if as_json:
+        alarms = [
+            {
+                "visit": report.visit.owner.hex(),
+                "missing_records": report.missing_count,
+                "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
+            }
+            for report in found.alarms
+        ]
+        print_json({"ok": True, "received": [receipt_json(each) for each in found.receipts], "alarms": alarms})
+        return
+    if not found.receipts and not found.alarms:
+        console.print("Nothing was shared with you, and nothing is missing of what was recorded of you.")
+    for receipt in found.receipts:
+        for line in receipt_lines(receipt):
+            console.print(line)
+    _print_alarms(found.alarms)
+
+
+async def _find(opened: Wallet, start: str) -> tuple[Receiving, Receipt]:
+    receiving = Receiving(opened)
+    found = await receiving.inbox()
+    grant_id = find_by_prefix([each.grant.grant_id for each in found], start)
+    (receipt,) = [each for each in found if each.grant.grant_id == grant_id]
+    return receiving, receipt
+
+
+def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[bytes]) -> list[bytes]:
+    known = [record_id.hex() for record_id in receipt.grant.records]
+    return [bytes.fromhex(find_record(known, start)) for start in record_ids] or list(otherwise)
+
+
+async def look_at(opened: Wallet, start: str, record_ids: Sequence[str], out: Path) -> list[SharedView]:
+    """Ask for the records of a grant on the chain, fetch, check and write them below `out`, an absolute folder.
+
+    Raises GRANT_ENDED and the like.
+    """
+    receiving, receipt = await _find(opened, start)
+    if not receipt.is_open:
+        raise BlockRobotError("GRANT_ENDED")
+    gone = {notice.record_id for notice in receipt.notices if notice.kind in {KIND_ERASED, KIND_FRAMES_ERASED}}
+    left = [record_id for record_id in receipt.grant.records if record_id not in gone]
+    chosen = _choose(receipt, record_ids, left)
+    if not chosen:
+        raise BlockRobotError("CLIP_ERASED", "All of it was erased since it was shared.")
+    access_id = await receiving.request_access(receipt, chosen)
+    views = []
+    for record_id in chosen:
+        view = await receiving.look(receipt, record_id, access_id)
+        receiving.remember_copy(receipt, record_id, str(out))
+        await write_frames(lambda rendition: receiving.background(receipt, rendition), record_id, view.frames, out)
+        views.append(view)
+    return views
+
+
+@click.command()
+@click.argument("grant")
+@click.argument("record_ids", nargs=-1)
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("shared"), show_default=True)
+@json_option
+@click.pass_context
+@plain_errors
+def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path, as_json: bool) -> None:
+    """Look at what was shared with you (GRANT, by `blockrobot wallet inbox`): all of it, or these records.
+
+    Its owner sees that you did, and when. The pictures are checked against the chain on this machine.
+
+    Example: blockrobot wallet look 3fa2c19b07de --out shared
+    """
+    folder = out.absolute()
+
+    async def action(opened: Wallet) -> list[SharedView]:
+        with status_line("asking the chain and the custodians", as_json=as_json):
+            return await look_at(opened, grant, record_ids, folder)
+
+    views = run_opened(ctx, action)
+    if as_json:
+        rows = [
+            {
+                "record_id": view.record_id.hex(),
+                "custodians": list(view.custodians),
+                "frames": [{"index": frame.index, "status": frame.status} for frame in view.frames],
+            }
+            for view in views
+        ]
+        print_json({"ok": True, "records": rows, "out": str(out)})
+        return
+    for view in views:
+        shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
+        whole = sum(frame.status == STATUS_OK for frame in shown)
+        line = f"{view.record_id.hex()}: {whole} of {len(shown)} pictures are as the robot took them"
+        if view.corrupted:
+            line += f"; [red]changed since, or not shared: {', '.join(map(str, view.corrupted))}[/red]"
+        console.print(line + ".")
+    console.print(f"They are in {out}. They are another person's: delete them when you are done.")
+
+
+@click.command("confirm-deleted")
+@click.argument("grant")
+@click.argument("record_ids", nargs=-1)
+@click.option("--delete", is_flag=True, help="Delete the folders that `look` wrote on this machine, first.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def confirm_deleted(
+    ctx: click.Context, grant: str, record_ids: tuple[str, ...], delete: bool, yes: bool, as_json: bool
+) -> None:
+    """Tell the owner that you have deleted your copies of what was erased, ended or denied since it was shared.
+
+    It stands on the ledger, under the grant's key. Without records: all that the inbox asks you to delete.
+
+    Example: blockrobot wallet confirm-deleted 3fa2c19b07de --delete
+    """
+
+    async def action(opened: Wallet) -> tuple[list[bytes], list[Path]]:
+        receiving, receipt = await _find(opened, grant)
+        chosen = _choose(receipt, record_ids, receipt.to_confirm)
+        if not chosen:
+            raise BlockRobotError("NOT_FOUND", "Nothing of this grant is to be deleted, or you have confirmed it all.")
+        places = copies_left(receipt, chosen)
+        if places and not delete:
+            raise BlockRobotError("COPIES_REMAIN", f"There is still a copy in {places[0]}.")
+        doing = f"Delete {len(places)} folders, and say" if places else "Say"
+        confirm(
+            f"{doing} on the ledger that you have no copy left of {len(chosen)} records: not elsewhere on this machine,"
+            " not on another, not on paper, and with nobody whom you gave one.",
+            "Is that so?",
+            yes=yes,
+        )
+        for place in places:
+            shutil.rmtree(place)
+        await receiving.confirm_deleted(receipt, chosen)
+        return chosen, places
+
+    chosen, places = run_opened(ctx, action)
+    if as_json:
+        deleted = [str(place) for place in places]
+        print_json({"ok": True, "records": [record_id.hex() for record_id in chosen], "deleted": deleted})
+        return
+    console.print(f"The owner sees now that you have deleted your copies of {len(chosen)} records.")
+
+
+COMMANDS = (inbox, look, confirm_deleted)

@@ -1,0 +1,316 @@
+"""`blockrobot wallet share|shares|revoke|handle`: the owner's side of sharing. Must never share without having said it all.
+
+What the grantee does is in `clients.wallet.inbox_commands`.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.grants import find_by_prefix
+from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.rights import choose
+from clients.wallet.sharing import (
+    Grantee,
+    Share,
+    Shared,
+    Sharing,
+    place_end,
+    require_purpose_to_share,
+    select_shareable,
+)
+from clients.wallet.wallet import RecordEntry, Wallet
+from consensus.records.metadata import NOTICE_SENSOR
+from consensus.records.purposes import require_purpose
+from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT
+
+_SPANS_MS = {"m": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
+_SPAN = re.compile(r"([0-9]{1,6})\s*([mhdw])")
+_MOMENTS = ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M"]
+
+
+def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
+    """Return the end that was said, in ms: after a span (7d, 12h), or at a moment of the local clock."""
+    if (span is None) == (until is None):
+        raise click.UsageError("Say for how long: --for 7d, or --until 2026-12-01.")
+    if until is not None:
+        return place_end(int(until.astimezone().timestamp() * 1000), now_ms)
+    found = _SPAN.fullmatch((span or "").strip())
+    if found is None:
+        raise click.UsageError("--for takes a number and m, h, d or w: 90m, 12h, 7d, 2w.")
+    return place_end(now_ms + int(found[1]) * _SPANS_MS[found[2]], now_ms)
+
+
+def name_grantee(grantee: Grantee) -> str:
+    """Return with whom something is shared, in words."""
+    name = grantee.label or "somebody"
+    return f"{name}, {grantee.role} of {grantee.organisation} (handle {grantee.handle.hex()[:12]})"
+
+
+def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
+    """Say what the other will see, for how long, and what cannot be undone."""
+    pictures = sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR)
+    sensors = ", ".join(sorted({entry.metadata.sensor for entry in entries}))
+    first = show_moment(min(entry.metadata.started_at_ms for entry in entries))
+    last = show_moment(max(entry.metadata.ended_at_ms for entry in entries))
+    gone = sum(entry.state["expires_at_ms"] < until_ms for entry in entries)
+    early = f" {gone} of them are erased before that, at their usual time." if gone else ""
+    return (
+        f"You share {len(entries)} records, {pictures} pictures or sounds ({sensors}), of {first} to {last}\n"
+        f"  with   {name_grantee(grantee)}\n"
+        f"  for    {purpose}: {require_purpose(purpose)}\n"
+        f"  until  {show_moment(until_ms)}.{early}\n"
+        "\n"
+        "What the other sees: you, as the robot took you, the empty room behind you, when and by which robot. Not your"
+        " name, not your other visits. Every time stands in `blockrobot wallet shares`, before a picture is handed out.\n"
+        "You can end it at any time: blockrobot wallet revoke. Nobody gets anything by it from then on.\n"
+        "What cannot be undone: whoever has looked can have kept a copy, as with any picture. And the ledger shows for"
+        " ever that something of this visit was shared, when, for what and until when; not with whom."
+    )
+
+
+def confirm(text: str, question: str, *, yes: bool) -> None:
+    """Show what is about to happen and ask, unless `yes`. Raises UsageError without a terminal to ask at."""
+    if yes:
+        return
+    if not sys.stdin.isatty():
+        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+    click.echo(text, err=True)
+    click.confirm(question, abort=True, err=True)
+
+
+def _shared_json(shared: Shared) -> dict[str, Any]:
+    return {
+        "grant_id": shared.grant_id.hex(),
+        "visit": shared.visit.owner.hex(),
+        "records": [record_id.hex() for record_id in shared.records],
+        "left_out": [record_id.hex() for record_id in shared.left_out],
+        "until_ms": shared.until_ms,
+        "pictures": shared.pictures_count,
+        "custodians": list(shared.custodians),
+        "custodians_away": list(shared.absent),
+    }
+
+
+def _print_shared(shared: Shared, grantee: Grantee) -> None:
+    console.print(
+        f"Shared with {name_grantee(grantee)}: {len(shared.records)} records until {show_moment(shared.until_ms)}.\n"
+        f"  To end it: blockrobot wallet revoke {shared.grant_id.hex()[:12]}"
+    )
+    if shared.left_out:
+        console.print(f"  {len(shared.left_out)} records were left out: they have no picture that can be opened.")
+    if shared.absent:
+        console.print(f"  [yellow]{', '.join(shared.absent)} was away: two of the others are needed to look.[/yellow]")
+    if len(shared.custodians) == 1 and not shared.absent:
+        console.print(
+            "  [yellow]This network has one custodian. It holds the whole key of what was shared, and could hand it to"
+            " the other without the ledger; it cannot open it itself.[/yellow]"
+        )
+
+
+@click.command()
+@click.argument("record_ids", nargs=-1)
+@click.option("--visit", "visits", multiple=True, help="A whole visit, by the beginning of its name.")
+@click.option("--with", "wanted", required=True, help="The other's handle, or a name under which you shared before.")
+@click.option("--as", "label", default="", help="What you call the other; it stays in your wallet.")
+@click.option("--purpose", required=True, help="What for: a purpose's code.")
+@click.option("--for", "span", help="For how long: 90m, 12h, 7d, 2w.")
+@click.option("--until", type=click.DateTime(_MOMENTS), help="Until when, by your clock.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def share(
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    visits: tuple[str, ...],
+    wanted: str,
+    label: str,
+    purpose: str,
+    span: str | None,
+    until: datetime.datetime | None,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Share records of one visit with a member of the staff or an officer, for a purpose and a time.
+
+    The other reads the handle out to you (blockrobot wallet handle). You are told what that means, and asked, before.
+
+    Example: blockrobot wallet share --visit 02ab34cd --with HANDLE --as "Dr Weber" --purpose care --for 7d
+    """
+    if not record_ids and not visits:
+        raise click.UsageError("Name records, or a whole visit by --visit. To see them: blockrobot wallet records.")
+    until_ms = read_end(span, until, time.time_ns() // 1_000_000)
+
+    async def action(opened: Wallet) -> tuple[Grantee, list[Shared]]:
+        require_purpose_to_share(purpose, opened.genesis.purposes)
+        sharing = Sharing(opened)
+        grantee = await sharing.find_grantee(wanted, label)
+        reports = await opened.records()
+        entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
+        confirm(explain(entries, grantee, purpose, until_ms), "Share that?", yes=yes)
+        done = []
+        with status_line("sharing", as_json=as_json) as tell:
+            for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
+                part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
+                done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+        return grantee, done
+
+    grantee, done = run_opened(ctx, action)
+    if as_json:
+        rows = [_shared_json(shared) for shared in done]
+        print_json(
+            {"ok": True, "handle": grantee.handle.hex(), "role": grantee.role, "purpose": purpose, "shared": rows}
+        )
+        return
+    for shared in done:
+        _print_shared(shared, grantee)
+
+
+def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
+    """Return one grant by names, for a program."""
+    grant, given = share_.grant, share_.given
+    return {
+        "grant_id": grant.grant_id.hex(),
+        "visit": share_.visit.owner.hex(),
+        "records": [record_id.hex() for record_id in grant.records],
+        "handle": None if given is None else given.handle.hex(),
+        "name": None if given is None else given.label or None,
+        "purpose": grant.purpose,
+        "shared_at_ms": grant.time_ms,
+        "until_ms": grant.until_ms,
+        "status": _status(share_, now_ms),
+        "looks": [
+            {"time_ms": look.time_ms, "records": look.records_count, "custodians_released": look.released_count}
+            for look in share_.looks
+        ],
+        "confirmed_deleted": [record_id.hex() for record_id in grant.records if record_id in share_.confirmed],
+    }
+
+
+def _status(share_: Share, now_ms: int) -> str:
+    if share_.grant.is_open(now_ms):
+        return "open"
+    return "revoked" if share_.grant.status == "revoked" else "over"
+
+
+def share_lines(share_: Share, now_ms: int) -> list[str]:
+    """Say one grant in plain sentences."""
+    grant = share_.grant
+    what = f"{len(grant.records)} records of visit {share_.visit.owner.hex()[:12]}"
+    ends = {
+        "open": f"until {show_moment(grant.until_ms)}",
+        "over": f"over since {show_moment(grant.until_ms)}",
+        "revoked": "you ended it",
+    }
+    head = (
+        f"{grant.grant_id.hex()[:12]}  {what}, with {share_.name}, for {grant.purpose}: {ends[_status(share_, now_ms)]}"
+    )
+    lines = [head]
+    for look in share_.looks:
+        told = "handed out" if look.released_count else "asked for, not handed out so far"
+        lines.append(f"  looked {show_moment(look.time_ms)}: {look.records_count} records {told}")
+    if not share_.looks:
+        lines.append("  nobody has looked")
+    if share_.confirmed:
+        lines.append(f"  says that copies of {len(share_.confirmed)} records are deleted")
+    return lines
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+def shares(ctx: click.Context, as_json: bool) -> None:
+    """Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.
+
+    Example: blockrobot wallet shares
+    """
+
+    async def action(opened: Wallet) -> list[Share]:
+        return await Sharing(opened).shares()
+
+    found, now_ms = run_opened(ctx, action), time.time_ns() // 1_000_000
+    if as_json:
+        print_json({"ok": True, "shares": [share_json(each, now_ms) for each in found]})
+        return
+    if not found:
+        console.print("You have not shared anything.")
+    for each in found:
+        for line in share_lines(each, now_ms):
+            console.print(line)
+
+
+def tell_recipients(found: Sequence[Share]) -> None:
+    """Say who had received records that are now to be erased (Art. 19), on standard output."""
+    for each in found:
+        moments = ", ".join(show_moment(each_look.time_ms) for each_look in each.looks)
+        looked = f"looked {moments}" if moments else "has not looked"
+        console.print(f"Of these records, some were shared with {each.name}, who {looked} and is told of the erasure.")
+    if found:
+        console.print("  Whether copies were deleted, as far as they say it: blockrobot wallet shares.")
+
+
+@click.command()
+@click.argument("grant")
+@json_option
+@click.pass_context
+@plain_errors
+def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
+    """End what you shared (GRANT: the beginning of its name, by `blockrobot wallet shares`). At once, and for good.
+
+    Example: blockrobot wallet revoke 3fa2c19b07de
+    """
+
+    async def action(opened: Wallet) -> tuple[Share, bytes]:
+        sharing = Sharing(opened)
+        found = await sharing.shares()
+        chosen = find_by_prefix([each.grant.grant_id for each in found], grant)
+        (one,) = [each for each in found if each.grant.grant_id == chosen]
+        return one, await sharing.revoke(one)
+
+    ended, txid = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "grant_id": ended.grant.grant_id.hex(), "txid": txid.hex(), "looks": len(ended.looks)})
+        return
+    console.print(f"Ended: {len(ended.grant.records)} records are shared with {ended.name} no more.")
+    if ended.looks:
+        console.print(
+            "  They were looked at before. The other is told that you ended it, and asked to delete copies;"
+            " whether that was confirmed: blockrobot wallet shares."
+        )
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+def handle(ctx: click.Context, as_json: bool) -> None:
+    """Show your own handle. Whoever is to share something with you needs it; it is no secret.
+
+    Example: blockrobot wallet handle
+    """
+
+    async def action(opened: Wallet) -> tuple[bytes, str]:
+        await opened.require_registered()
+        return opened.store.content.handle, opened.store.content.role
+
+    own, role = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "handle": own.hex(), "role": role})
+        return
+    text = own.hex()
+    console.print(" ".join(text[start : start + 8] for start in range(0, len(text), 8)))
+    if role not in {"staff", "officer"}:
+        console.print(f"  You are registered as {role}: only staff and officers are shared with.")
+
+
+COMMANDS = (share, shares, revoke, handle)

@@ -1,0 +1,174 @@
+"""A ward in which things are shared: real contracts, real proofs and real wallets; custodians are objects that obey."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from clients.robot.sealing import VisitChain
+from clients.sdk.connections import NodeAddress
+from clients.sdk.receipts import FinalReceipt
+from clients.sdk.transactions import TransactionBuilder
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore, KnownVisit
+from clients.wallet.received import Receiving
+from clients.wallet.sharing import Grantee, Shared, Sharing
+from clients.wallet.wallet import RecordEntry, Wallet
+from consensus.block import Header
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.sharing import (
+    GRANT_STEP_MS,
+    GRANTEE_ROLES,
+    GrantUpload,
+    SharedDownload,
+    SharedRequest,
+    build_shared_download,
+    check_grant_upload,
+    hash_grant_member,
+)
+from consensus.transaction import Transaction
+from contracts.execution.standing import find_role
+from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.contracts.privacy.hospital import key_of
+
+WEEK_MS = 7 * 24 * 3600 * 1000
+
+
+@dataclass
+class SharedCustody(Custodians):
+    """Custodians that take parts, and hand them out as the chain says; `away` ones answer nobody."""
+
+    chain: ProvingHospital
+    away: set[str] = field(default_factory=set)
+    parts: dict[tuple[str, bytes, bytes], GrantUpload] = field(default_factory=dict)
+    uploaders: list[bytes] = field(default_factory=list)
+    lie: Callable[[str, SharedDownload], SharedDownload] = lambda _, answer: answer
+    asked_frames: list[bool] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+        self.custodians = tuple(NodeAddress(f"custodian-{number}", "http://127.0.0.1:2") for number in (1, 2))
+
+    def _require_there(self, node: NodeAddress) -> None:
+        if node.name in self.away:
+            raise BlockRobotError("NODE_UNREACHABLE", f"{node.name} does not answer.")
+
+    async def upload_grant(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
+        self._require_there(node)
+        check_grant_upload(upload)
+        self.parts[node.name, upload.grant_txid, upload.record_id] = upload
+        self.uploaders.append(key.public_key)
+
+    async def download_shared(
+        self, node: NodeAddress, grant_id: bytes, request: SharedRequest, key: PrivateKey
+    ) -> SharedDownload:
+        self._require_there(node)
+        access = self.chain.value("access", b"access/" + request.access_id)
+        grant = self.chain.value("access", b"grant/" + grant_id)
+        if access is None or access.get("grant") != grant_id or grant["grantee"] != key.public_key:
+            raise BlockRobotError("ACCESS_NOT_GRANTED")
+        if grant["status"] != "active" or request.record_id not in access["records"]:
+            raise BlockRobotError("GRANT_ENDED")
+        member = self.chain.value("identity", b"handle/" + request.handle)
+        role = find_role(self.chain.state, member or b"")
+        if hash_grant_member(request.salt, request.handle) != grant["member_hash"] or role not in GRANTEE_ROLES:
+            raise BlockRobotError("GRANTEE_NOT_A_MEMBER")
+        self.asked_frames.append(request.with_frames)
+        kept = self.parts[node.name, grant_id, request.record_id]
+        custodian = key_of(node.name)
+        self.chain.must(custodian, "access", "released", request.access_id, [request.record_id])
+        answer = build_shared_download(
+            self.clips[request.record_id],
+            custodian.public_key,
+            kept.package,
+            kept.parts,
+            with_frames=request.with_frames,
+        )
+        return self.lie(node.name, answer)
+
+
+class SharingWire(ShortWire):
+    """One wallet's network, on the chain of all."""
+
+    def __init__(self, chain: ProvingHospital, custody: SharedCustody) -> None:
+        super().__init__(chain)
+        self.custody = custody
+        self.transactions = TransactionBuilder(chain.chain_id, self)
+        self.refusal = ""
+        self.callers: list[bytes] = []
+
+    def now_ms(self) -> int:
+        return self.chain.time_ms
+
+    async def newest_header(self, key: PrivateKey) -> Header:
+        self.callers.append(key.public_key)
+        return self.chain.head
+
+    async def submit_and_wait(self, transaction: Transaction) -> FinalReceipt:
+        if self.refusal:
+            raise BlockRobotError(self.refusal)
+        self.chain.block([transaction])
+        return await self.wait_final(transaction.txid)
+
+
+class SharedWard(Ward):
+    """Ann, who was recorded; and whoever comes in with a wallet of his own."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.folder = folder
+        custody = SharedCustody(self.chain)
+        custody.rooms = self.network.custody.rooms
+        self.custody = self.network.custody = custody
+        self.wire = SharingWire(self.chain, custody)
+        self.wallet.network = self.wire  # type: ignore[assignment]
+        self.sharing = Sharing(self.wallet)
+        self.told: list[str] = []
+
+    def come_in(self, name: str, role: str) -> Wallet:
+        """Somebody new with a wallet, registered."""
+        store = Keystore.create(self.folder / f"{name}.wallet", draw_words(), "tea", CHEAP)
+        wallet = Wallet(store, self.genesis)
+        wallet.network = SharingWire(self.chain, self.custody)  # type: ignore[assignment]
+        person = Patient(name, keys=wallet.keys)
+        card = self.chain.card(name, role)
+        self.chain.must(person.identity, "identity", "register", *self.chain.register_arguments(person, card))
+        store.content.handle, store.content.role = card.handle, role
+        return wallet
+
+    def record_visit(self, count: int = 2) -> tuple[VisitChain, list[bytes]]:
+        """A visit with records, on the chain and at the custodians."""
+        visit = self.open_visit()
+        ids = [self.record(visit) for _ in range(count)]
+        self.close_visit(visit)
+        return visit, ids
+
+    def until_ms(self, ahead_ms: int = WEEK_MS) -> int:
+        return -(-(self.chain.time_ms + ahead_ms) // GRANT_STEP_MS) * GRANT_STEP_MS
+
+    async def grantee(self, wallet: Wallet, label: str = "Dr Weber") -> Grantee:
+        return await self.sharing.find_grantee(wallet.store.content.handle.hex(), label)
+
+    async def entries(self) -> list[RecordEntry]:
+        return [entry for report in await self.wallet.records() for entry in report.records]
+
+    async def share(self, wallet: Wallet, purpose: str = "care", **given: Any) -> Shared:
+        """Share all of the patient's records with somebody, for a week."""
+        entries = await self.entries()
+        grantee = await self.grantee(wallet)
+        until_ms = given.get("until_ms", self.until_ms())
+        return await self.sharing.share(entries, grantee, purpose, until_ms, self.told.append)
+
+    def receiving(self, wallet: Wallet) -> Receiving:
+        async def no_sleep(_: float) -> None:
+            """Time passes."""
+
+        return Receiving(wallet, follow_max_ms=0, sleep=no_sleep)
+
+    async def known_visit(self) -> KnownVisit:
+        (visit,) = await self.wallet.scan()
+        return visit

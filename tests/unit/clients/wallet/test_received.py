@@ -1,0 +1,269 @@
+"""What the grantee's wallet does: finds grants in complete pages, opens what was shared, hears what became of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from clients.wallet import grants
+from clients.wallet.grants import find_by_prefix, find_received, grantee_key
+from clients.wallet.received import (
+    KIND_CORRECTED,
+    KIND_DENIED,
+    KIND_ENDED,
+    KIND_ERASED,
+    KIND_FRAMES_ERASED,
+    KIND_RESTRICTED,
+    KIND_REVOKED,
+    Receipt,
+    Receiving,
+)
+from clients.wallet.rights import Chosen, Rights
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
+from tests.unit.clients.wallet.shared_ward import SharedWard
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> SharedWard:
+    return SharedWard(tmp_path)
+
+
+@pytest.fixture
+def doctor(ward: SharedWard) -> Wallet:
+    return ward.come_in("doctor", "staff")
+
+
+@pytest.fixture
+def receiving(ward: SharedWard, doctor: Wallet) -> Receiving:
+    return ward.receiving(doctor)
+
+
+async def only(receiving: Receiving) -> Receipt:
+    (receipt,) = await receiving.inbox()
+    return receipt
+
+
+def kinds(receipt: Receipt) -> set[str]:
+    return {notice.kind for notice in receipt.notices}
+
+
+async def test_the_doctor_sees_what_the_robot_took_and_nothing_else(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit()
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    assert (receipt.grant.records, receipt.is_open, receipt.notices) == (tuple(ids), True, ())
+    access_id = await receiving.request_access(receipt, ids)
+    for record_id in ids:
+        view = await receiving.look(receipt, record_id, access_id)
+        assert [frame.status for frame in view.frames] == ["ok", "ok"]
+        assert all(frame.rendition is not None and frame.rendition.pixels for frame in view.frames)
+        frame = view.frames[0].rendition
+        assert frame is not None
+        assert await receiving.background(receipt, frame) == ward.room
+    assert ward.custody.asked_frames == [True, False, True, False], "of a second custodian only its part is taken"
+
+
+async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the_first_ended(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(grants, "PAGE_COUNT", 2)
+    ward.record_visit(1)
+    nurse = ward.come_in("nurse", "staff")
+    for other in (doctor, nurse, doctor):
+        await ward.share(other)
+    assert len(await receiving.inbox()) == 2
+    assert len(await ward.receiving(nurse).inbox()) == 1
+    assert doctor.store.content.scanned_grants_count == 3
+    assert len(await receiving.inbox()) == 2, "what is known is not found again"
+    assert await find_received(ward.come_in("visitor", "subject")) == []
+
+
+async def test_a_page_that_leaves_a_grant_out_is_refused(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.record_visit(1)
+    await ward.share(doctor)
+    honest = doctor.values
+
+    async def without(keys: Any, session: Any) -> dict[bytes, Any]:
+        found = await honest(keys, session)
+        return {key: None if b"grant-number/" in key else value for key, value in found.items()}
+
+    monkeypatch.setattr(doctor, "values", without)
+    with pytest.raises(BlockRobotError, match="PROOF_INVALID"):
+        await receiving.inbox()
+
+
+async def test_what_concerns_a_grant_is_asked_in_its_own_session(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    wire: Any = doctor.network
+    own = grantee_key(receipt.received, doctor).public_key
+    member = doctor.keys.identity.public_key
+    about_records = {key for flat, key in wire.asked if flat.startswith((b"records\x00", b"rights\x00"))}
+    assert (about_records, own == receipt.grant.grantee) == ({own}, True)
+    assert {key for flat, key in wire.asked if b"grant-number/" in flat} == {member}
+    assert len(ids) == 1
+
+
+async def test_one_custodian_alone_opens_nothing_and_says_why(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    access_id = await receiving.request_access(receipt, ids)
+    ward.custody.away = {"custodian-1"}
+    with pytest.raises(BlockRobotError, match=r"GRANT_PARTS_MISSING.*custodian-1 does not answer"):
+        await receiving.look(receipt, ids[0], access_id)
+    ward.custody.away = {"custodian-1", "custodian-2"}
+    with pytest.raises(BlockRobotError, match="NODE_UNREACHABLE"):
+        await receiving.look(receipt, ids[0], access_id)
+
+
+async def test_a_custodian_that_lies_about_its_part_or_frames_is_found_out(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    access_id = await receiving.request_access(receipt, ids)
+
+    def spoil_parts(name: str, answer: SharedDownload) -> SharedDownload:
+        parts = [msgspec.structs.replace(part, value=bytes(32)) for part in answer.parts]
+        return msgspec.structs.replace(answer, parts=parts) if name == "custodian-1" else answer
+
+    ward.custody.lie = spoil_parts
+    with pytest.raises(BlockRobotError, match="ENVELOPE_INVALID"):
+        await receiving.look(receipt, ids[0], access_id)
+
+    def spoil_frames(name: str, answer: SharedDownload) -> SharedDownload:
+        frames = [msgspec.structs.replace(frame, ciphertext=b"x" * 200) for frame in answer.frames]
+        return msgspec.structs.replace(answer, frames=frames) if name == "custodian-1" else answer
+
+    ward.custody.lie = spoil_frames
+    again = await receiving.request_access(receipt, ids)
+    view = await receiving.look(receipt, ids[0], again)
+    assert (view.corrupted, view.custodians) == ([], ("custodian-1", "custodian-2")), "the other had them whole"
+
+    def hide(_: str, answer: SharedDownload) -> SharedDownload:
+        frames = [msgspec.structs.replace(frame, erased=True, ciphertext=b"") for frame in answer.frames]
+        return msgspec.structs.replace(answer, frames=frames)
+
+    ward.custody.lie = hide
+    once_more = await receiving.request_access(receipt, ids)
+    assert (await receiving.look(receipt, ids[0], once_more)).corrupted == [0, 1], "a word alone is no erasure"
+
+
+async def test_after_the_end_nothing_is_released_and_copies_are_asked_back(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    access_id = await receiving.request_access(receipt, ids)
+    (share,) = await ward.sharing.shares()
+    await ward.sharing.revoke(share)
+    with pytest.raises(BlockRobotError, match="GRANT_ENDED"):
+        await receiving.look(receipt, ids[0], access_id)
+    with pytest.raises(BlockRobotError, match="GRANT_ENDED"):
+        await receiving.request_access(receipt, ids)
+    receipt = await only(receiving)
+    assert (receipt.is_open, kinds(receipt), receipt.to_confirm) == (False, {KIND_REVOKED}, ids)
+
+
+async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiving: Receiving) -> None:
+    ward.record_visit(1)
+    await ward.share(doctor, until_ms=ward.until_ms(1))
+    assert (await only(receiving)).is_open
+    ward.chain.time_ms += GRANT_STEP_MS
+    ward.record_visit(1)  # a block passes
+    receipt = await only(receiving)
+    assert (receipt.is_open, kinds(receipt)) == (False, {KIND_ENDED})
+
+
+async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confirmed(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    visit, (gone, kept) = ward.record_visit()
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    await ward.erase(visit, [gone])
+    receipt = await only(receiving)
+    assert [(notice.record_id, notice.kind) for notice in receipt.notices] == [(gone, KIND_ERASED)]
+    assert receipt.to_confirm == [gone]
+    receiving.remember_copy(receipt, gone, "/somewhere")
+    receiving.remember_copy(receipt, kept, "/somewhere")
+    await receiving.confirm_deleted(receipt, [gone])
+    receipt = await only(receiving)
+    assert (receipt.to_confirm, [copy.record_id for copy in receipt.received.copies]) == ([], [kept])
+    (share,) = await ward.sharing.shares()
+    assert share.confirmed == {gone}
+    with pytest.raises(BlockRobotError, match="NOTICE_EXISTS"):
+        await receiving.confirm_deleted(receipt, [gone])
+
+
+async def test_pictures_that_were_erased_before_sharing_are_no_news_and_later_ones_are(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    visit, (early, late) = ward.record_visit()
+    await ward.erase(visit, [early], [0])
+    await ward.share(doctor)
+    assert (await only(receiving)).notices == ()
+    await ward.erase(visit, [late], [1])
+    (notice,) = (await only(receiving)).notices
+    assert (notice.record_id, notice.kind) == (late, KIND_FRAMES_ERASED)
+
+
+async def test_corrections_restrictions_and_denials_are_told_of_the_records_they_are_about(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, (first, _) = ward.record_visit()
+    rights, visit = Rights(ward.wallet), await ward.known_visit()
+    one = Chosen(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
+    await rights.correct(one, "attribution", "Before it was shared.")
+    await ward.share(doctor)
+    assert (await only(receiving)).notices == ()
+    await rights.correct(one, "attribution", "That is my sister.")
+    await rights.restrict(one, "accuracy")
+    notices = (await only(receiving)).notices
+    assert {(notice.record_id, notice.kind) for notice in notices} == {
+        (first, KIND_CORRECTED),
+        (first, KIND_RESTRICTED),
+    }
+    assert (await only(receiving)).to_confirm == [], "a copy may stay"
+    await rights.deny(visit)
+    receipt = await only(receiving)
+    assert KIND_DENIED in kinds(receipt)
+    assert len(receipt.to_confirm) == 2
+    await receiving.confirm_deleted(receipt, receipt.to_confirm)
+    assert (await only(receiving)).to_confirm == [], "confirmed of this notice, as the wallet remembers"
+
+
+async def test_a_restriction_that_came_later_bars_the_doctor(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    receipt = await only(receiving)
+    await Rights(ward.wallet).restrict(Chosen(await ward.known_visit()), "legal-claim")
+    with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):
+        await receiving.request_access(receipt, ids)
+
+
+def test_a_grant_is_named_by_its_beginning() -> None:
+    ids = [bytes([1] * 32), bytes([1] * 31 + [2]), bytes([9] * 32)]
+    assert find_by_prefix(ids, "09090909") == ids[2]
+    for start, code in (("0101", "REQUEST_INVALID"), ("01010101", "REQUEST_INVALID"), ("abababab", "NOT_FOUND")):
+        with pytest.raises(BlockRobotError, match=code):
+            find_by_prefix(ids, start)

@@ -1,0 +1,215 @@
+"""Sharing from the owner's wallet: who may be shared with, what each custodian gets, what is remembered, what ends it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clients.wallet.keystore import Keystore
+from clients.wallet.rights import Chosen, Rights, choose
+from clients.wallet.sharing import Sharing, place_end, require_purpose_to_share, select_shareable
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.purposes import PURPOSES
+from consensus.records.sharing import GRANT_MAX_MS, GRANT_STEP_MS, hash_grant_member
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.unit.contracts.privacy.hospital import key_of
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> SharedWard:
+    return SharedWard(tmp_path)
+
+
+@pytest.fixture
+def doctor(ward: SharedWard) -> Wallet:
+    return ward.come_in("doctor", "staff")
+
+
+async def test_a_grant_stands_on_the_chain_and_names_nobody(ward: SharedWard, doctor: Wallet) -> None:
+    visit, ids = ward.record_visit()
+    shared = await ward.share(doctor)
+    state = ward.chain.value("access", b"grant/" + shared.grant_id)
+    assert (state["owner"], state["records"], state["purpose"], state["status"]) == (visit.owner, ids, "care", "active")
+    assert (shared.pictures_count, shared.left_out, shared.absent) == (4, (), ())
+    keys = doctor.keys
+    known = (doctor.store.content.handle, keys.identity.public_key, keys.spend.public_key, keys.sealing_public)
+    assert not any(part in repr(state).encode() or part in state.values() for part in known)
+
+
+async def test_each_custodian_gets_its_own_parts_and_no_key_that_opens_anything(
+    ward: SharedWard, doctor: Wallet
+) -> None:
+    visit, ids = ward.record_visit()
+    shared = await ward.share(doctor)
+    custody = ward.custody
+    for record_id in ids:
+        first, second = (custody.parts[name, shared.grant_id, record_id] for name in ("custodian-1", "custodian-2"))
+        assert first.package == second.package
+        assert [part.custodian for part in first.parts] == [key_of("custodian-2").public_key]
+        assert [part.custodian for part in second.parts] == [key_of("custodian-1").public_key]
+        assert first.parts[0].value != second.parts[0].value
+    assert len({upload.package for upload in custody.parts.values()}) == len(ids)
+    assert set(custody.uploaders) == {visit.owner}, "in the session of the visit's owner key"
+
+
+async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
+    ward: SharedWard, doctor: Wallet
+) -> None:
+    ward.record_visit()
+    shared = await ward.share(doctor)
+    (share,) = await ward.sharing.shares()
+    assert (share.grant.grant_id, share.name, share.looks) == (shared.grant_id, "Dr Weber", ())
+    assert share.given is not None
+    assert hash_grant_member(share.given.salt, share.given.handle) == share.grant.member_hash
+    receiving = ward.receiving(doctor)
+    (receipt,) = await receiving.inbox()
+    access_id = await receiving.request_access(receipt, receipt.grant.records[:1])
+    await receiving.look(receipt, receipt.grant.records[0], access_id)
+    (share,) = await ward.sharing.shares()
+    assert [(look.records_count, look.released_count) for look in share.looks] == [(1, 2)]
+
+
+async def test_a_wallet_restored_from_its_words_shows_the_grant_and_no_longer_with_whom(
+    ward: SharedWard, doctor: Wallet, tmp_path: Path
+) -> None:
+    ward.record_visit()
+    shared = await ward.share(doctor)
+    store = Keystore.create(tmp_path / "again.wallet", ward.wallet.store.content.words, "tea", CHEAP)
+    again = Wallet(store, ward.genesis)
+    again.network = ward.wire  # type: ignore[assignment]
+    (share,) = await Sharing(again).shares()
+    assert (share.grant.grant_id, share.given) == (shared.grant_id, None)
+    assert "the chain does not say who" in share.name
+
+
+async def test_a_name_that_was_given_once_finds_the_same_member_again(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    await ward.share(doctor)
+    again = await ward.sharing.find_grantee("dr weber")
+    assert (again.handle, again.label, again.role) == (doctor.store.content.handle, "Dr Weber", "staff")
+    text = doctor.store.content.handle.hex()
+    spaced = " ".join(text[start : start + 8] for start in range(0, 64, 8))
+    assert (await ward.sharing.find_grantee(spaced)).handle == again.handle
+
+
+@pytest.mark.parametrize("role", ["subject", "robot", "auditor"])
+async def test_nothing_is_shared_with_who_is_neither_staff_nor_officer(ward: SharedWard, role: str) -> None:
+    other = ward.come_in("other", role)
+    with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
+        await ward.grantee(other)
+
+
+async def test_an_officer_may_be_shared_with_and_a_stranger_or_oneself_not(ward: SharedWard) -> None:
+    assert (await ward.grantee(ward.come_in("officer", "officer"))).role == "officer"
+    with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
+        await ward.sharing.find_grantee("ab" * 32)
+    with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+        await ward.sharing.find_grantee("Dr Nobody")
+    with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+        await ward.sharing.find_grantee(ward.wallet.store.content.handle.hex())
+
+
+async def test_with_one_of_two_custodians_away_nothing_is_shared_and_nothing_remembered(
+    ward: SharedWard, doctor: Wallet
+) -> None:
+    ward.record_visit()
+    ward.custody.away = {"custodian-2"}
+    with pytest.raises(BlockRobotError, match=r"SHARE_CUSTODIANS_MISSING.*custodian-2"):
+        await ward.share(doctor)
+    assert ward.chain.value("access", b"grant-count") is None
+    assert ward.wallet.store.content.given_grants == []
+
+
+async def test_a_refusal_of_the_chain_is_forgotten_and_an_open_end_is_not(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    with pytest.raises(BlockRobotError, match="PURPOSE_OWN"):
+        await ward.share(doctor, "own-access")
+    assert ward.wallet.store.content.given_grants == []
+    ward.wire.refusal = "TRANSACTION_NOT_FINAL_IN_TIME"
+    with pytest.raises(BlockRobotError, match="TRANSACTION_NOT_FINAL_IN_TIME"):
+        await ward.share(doctor)
+    assert len(ward.wallet.store.content.given_grants) == 1, "it may become final yet"
+    assert await ward.sharing.shares() == []
+
+
+async def test_a_record_without_a_picture_that_opens_is_left_out(ward: SharedWard, doctor: Wallet) -> None:
+    _, (whole, spoiled) = ward.record_visit()
+    for index in (0, 1):
+        ward.spoil(spoiled, index)
+    shared = await ward.share(doctor)
+    assert (shared.records, shared.left_out) == ((whole,), (spoiled,))
+
+
+async def test_what_was_ended_is_ended_and_not_twice(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    await ward.share(doctor)
+    (share,) = await ward.sharing.shares()
+    await ward.sharing.revoke(share)
+    (share,) = await ward.sharing.shares()
+    assert not share.grant.is_open(ward.chain.time_ms)
+    with pytest.raises(BlockRobotError, match="GRANT_ENDED"):
+        await ward.sharing.revoke(share)
+
+
+async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Wallet) -> None:
+    _, (first, second) = ward.record_visit()
+    entries = await ward.entries()
+    assert await ward.sharing.recipients(entries) == []
+    grantee = await ward.grantee(doctor)
+    only = [entry for entry in entries if entry.record_id == first]
+    await ward.sharing.share(only, grantee, "care", ward.until_ms(), ward.told.append)
+    (share,) = await ward.sharing.recipients(only)
+    assert share.name == "Dr Weber"
+    assert await ward.sharing.recipients([entry for entry in entries if entry.record_id == second]) == []
+
+
+async def test_what_the_chain_would_refuse_is_refused_before_anything_is_asked_for(ward: SharedWard) -> None:
+    _, (first, second) = ward.record_visit()
+    rights = Rights(ward.wallet)
+    visit = await ward.known_visit()
+
+    async def select(purpose: str = "care") -> int:
+        reports = await ward.wallet.records()
+        return len(select_shareable(reports, choose(reports, (), (visit.owner.hex()[:12],)), purpose))
+
+    assert await select() == 2
+    await rights.object_to_release(["research"], at_once=True, tell=lambda _, __: None)
+    with pytest.raises(BlockRobotError, match="PURPOSE_OBJECTED"):
+        await select("research")
+    one = Chosen(visit, tuple(entry for entry in await ward.entries() if entry.record_id == first))
+    await rights.restrict(one, "accuracy")
+    with pytest.raises(BlockRobotError, match="RECORD_RESTRICTED"):
+        await select()
+    await rights.lift(one)
+    await rights.deny(visit)
+    with pytest.raises(BlockRobotError, match="VISIT_QUARANTINED"):
+        await select()
+    assert second in {entry.record_id for entry in await ward.entries()}
+
+
+async def test_records_of_two_visits_are_not_shared_side_by_side(ward: SharedWard) -> None:
+    ward.record_visit(1)
+    ward.record_visit(1)
+    reports = await ward.wallet.records()
+    chosen = choose(reports, (), tuple(report.visit.owner.hex()[:12] for report in reports))
+    with pytest.raises(BlockRobotError, match="one visit at a time"):
+        select_shareable(reports, chosen, "care")
+
+
+def test_an_end_is_on_five_full_minutes_ahead_and_within_a_year() -> None:
+    now_ms = 10 * GRANT_STEP_MS + 1
+    assert place_end(now_ms + 1, now_ms) == 11 * GRANT_STEP_MS
+    assert place_end(12 * GRANT_STEP_MS, now_ms) == 12 * GRANT_STEP_MS
+    for wrong in (now_ms - GRANT_STEP_MS, now_ms + GRANT_MAX_MS + GRANT_STEP_MS):
+        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+            place_end(wrong, now_ms)
+
+
+def test_ones_own_access_is_nothing_to_share_for() -> None:
+    require_purpose_to_share("care", tuple(PURPOSES))
+    for wrong in ("own-access", "gossip"):
+        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+            require_purpose_to_share(wrong, tuple(PURPOSES))

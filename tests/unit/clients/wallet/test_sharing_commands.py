@@ -1,0 +1,156 @@
+"""The commands of sharing: everything is said before it is asked for, and nothing is confirmed that is not so."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.wallet import inbox_commands, sharing_commands
+from clients.wallet.sharing_commands import read_end
+from clients.wallet.wallet import Wallet
+from consensus.records.sharing import GRANT_STEP_MS
+from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
+
+NAMES = {command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS)}
+
+
+class People:
+    """A ward, a doctor, and their command lines."""
+
+    def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.ward = SharedWard(folder)
+        self.doctor = self.ward.come_in("doctor", "staff")
+        self.opened = self.ward.wallet
+        for module in (sharing_commands, inbox_commands):
+            monkeypatch.setattr(module, "run_opened", self._run_opened)
+        monkeypatch.setattr(sharing_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
+
+    def _run_opened(self, _: click.Context, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+        return asyncio.run(action(self.opened))  # type: ignore[arg-type]
+
+    def run(self, wallet: Wallet, name: str, *arguments: object) -> Result:
+        self.opened = wallet
+        result = CliRunner().invoke(NAMES[name], [str(each) for each in arguments])
+        assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+        return result
+
+    def told(self, wallet: Wallet, name: str, *arguments: object) -> Any:
+        result = self.run(wallet, name, *arguments, "--json")
+        assert result.exit_code == 0, result.output
+        return json.loads(result.stdout)
+
+    def share(self, record_id: bytes, *more: object) -> Result:
+        handle = self.doctor.store.content.handle.hex()
+        arguments = [record_id.hex(), "--with", handle, "--as", "Dr Weber", "--purpose", "care", "--for", "7d", *more]
+        return self.run(self.ward.wallet, "share", *arguments)
+
+
+@pytest.fixture
+def people(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> People:
+    return People(tmp_path, monkeypatch)
+
+
+def test_without_a_terminal_nothing_is_shared_unless_yes_is_said(people: People) -> None:
+    _, (record_id,) = people.ward.record_visit(1)
+    height = people.ward.chain.height
+    refused = people.share(record_id)
+    assert (refused.exit_code, "--yes" in refused.output) == (2, True)
+    assert people.ward.chain.height == height
+
+
+def test_before_it_is_asked_it_says_what_is_seen_how_long_and_what_cannot_be_undone(
+    people: People, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, (record_id,) = people.ward.record_visit(1)
+    asked: list[str] = []
+    monkeypatch.setattr(sharing_commands, "confirm", lambda text, question, *, yes: asked.append(f"{text} {question}"))
+    done = people.share(record_id)
+    (text,) = asked
+    for part in ("2 pictures", "Dr Weber, staff of ward", "care: Care and treatment", "until", "wallet revoke"):
+        assert part in text
+    for part in ("What the other sees", "cannot be undone", "kept a copy", "not with whom", "Share that?"):
+        assert part in text
+    assert done.exit_code == 0
+    assert "Shared with Dr Weber" in done.output
+
+
+def test_the_whole_story_on_two_command_lines(people: People, tmp_path: Path) -> None:
+    ward, ann, doctor = people.ward, people.ward.wallet, people.doctor
+    visit, (record_id,) = ward.record_visit(1)
+    assert people.told(doctor, "handle")["handle"] == doctor.store.content.handle.hex()
+    people.share(record_id, "--yes")
+    (row,) = people.told(ann, "shares")["shares"]
+    assert (row["name"], row["status"], row["looks"], row["until_ms"] % GRANT_STEP_MS) == ("Dr Weber", "open", [], 0)
+    name = row["grant_id"][:12]
+    assert f"wallet look {name}" in people.run(doctor, "inbox").output
+    out = tmp_path / "shared"
+    looked = people.run(doctor, "look", name, "--out", out)
+    assert "2 of 2 pictures are as the robot took them" in looked.output
+    assert len(list((out / record_id.hex()).glob("*.depth.png"))) == 2
+    assert len(people.told(ann, "shares")["shares"][0]["looks"]) == 1
+
+    asyncio.run(ward.erase(visit, [record_id]))
+    said = people.run(doctor, "inbox").output
+    for part in ("was erased", "delete every copy", str(out), f"confirm-deleted {name}"):
+        assert part in said
+    held = people.run(doctor, "confirm-deleted", name, "--yes")
+    assert (held.exit_code, "COPIES_REMAIN" in held.output) == (1, True)
+    assert people.told(doctor, "confirm-deleted", name, "--yes", "--delete")["records"] == [record_id.hex()]
+    assert not (out / record_id.hex()).exists()
+    assert people.told(ann, "shares")["shares"][0]["confirmed_deleted"] == [record_id.hex()]
+    assert "copies of 1 records are deleted" in people.run(ann, "shares").output
+    again = people.run(doctor, "confirm-deleted", name, "--yes")
+    assert (again.exit_code, "NOT_FOUND" in again.output) == (3, True)
+
+
+def test_what_was_ended_is_told_on_both_sides(people: People, tmp_path: Path) -> None:
+    _, (record_id,) = people.ward.record_visit(1)
+    people.share(record_id, "--yes")
+    (row,) = people.told(people.ward.wallet, "shares")["shares"]
+    assert "Ended: 1 records" in people.run(people.ward.wallet, "revoke", row["grant_id"][:8]).output
+    assert "you ended it" in people.run(people.ward.wallet, "shares").output
+    refused = people.run(people.doctor, "look", row["grant_id"][:8], "--out", tmp_path / "shared")
+    assert "GRANT_ENDED" in refused.output
+    assert not (tmp_path / "shared").exists()
+    assert "its owner ended it" in people.run(people.doctor, "inbox").output
+
+
+def test_a_non_member_is_refused_with_a_next_step(people: People) -> None:
+    _, (record_id,) = people.ward.record_visit(1)
+    visitor = people.ward.come_in("visitor", "subject")
+    handle = visitor.store.content.handle.hex()
+    arguments = [record_id.hex(), "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
+    refused = people.run(people.ward.wallet, "share", *arguments)
+    assert (refused.exit_code, "SHARE_WITH_NON_MEMBER" in refused.output) == (4, True)
+    assert "wallet handle" in refused.output
+    assert "only staff and officers" in people.run(visitor, "handle").output
+
+
+def test_the_inbox_tells_what_is_missing_of_ones_own_visits(people: People) -> None:
+    ward = people.ward
+    visit = ward.open_visit()
+    ward.record(visit)
+    ward.chain.must(ward.chain.robot.identity, "records", "close_visit", visit.owner, 3)
+    assert "2 records are missing" in people.run(ward.wallet, "inbox").output
+    (alarm,) = people.told(ward.wallet, "inbox")["alarms"]
+    assert (alarm["visit"], alarm["missing_records"]) == (visit.owner.hex(), 2)
+    assert "Nothing was shared with you" in people.run(people.doctor, "inbox").output
+
+
+def test_how_long_is_said_in_one_of_two_ways() -> None:
+    now_ms = 1_700_000_100_000
+    assert read_end("7d", None, now_ms) - now_ms - WEEK_MS < GRANT_STEP_MS
+    assert read_end("90m", None, now_ms) - now_ms - 90 * 60_000 < GRANT_STEP_MS
+    tomorrow = datetime.datetime.fromtimestamp(now_ms / 1000 + 86_400, datetime.UTC)
+    assert abs(read_end(None, tomorrow, now_ms) - now_ms - 86_400_000) < GRANT_STEP_MS
+    for wrong in ((None, None), ("7d", tomorrow), ("a week", None), ("7", None)):
+        with pytest.raises(click.UsageError):
+            read_end(*wrong, now_ms)
