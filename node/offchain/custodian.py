@@ -145,9 +145,11 @@ class Custodian:
         return True
 
     async def _check_in_time(self, clip: ClipRow) -> None:
-        if clip.valid_until_ms > self._clock_ms() + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
-            raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
         point = await self._store.checkpoint()
+        # A clock that is behind the chain is wrong; nobody's upload is refused for it.
+        now_ms = max(self._clock_ms(), 0 if point is None else point.timestamp_ms)
+        if clip.valid_until_ms > now_ms + TRANSACTION_LIFETIME_MAX_MS + CLOCK_SLACK_MS:
+            raise BlockRobotError("UPLOAD_INVALID", "The transaction's expiry is more than ten minutes ahead.")
         late = point is not None and clip.valid_until_ms <= point.timestamp_ms
         if late and await self._store.missing_clip(clip.record_id) is None:
             raise BlockRobotError("TRANSACTION_EXPIRED", "The record's transaction can no longer become final.")
@@ -345,10 +347,11 @@ class Custodian:
         clip = await self._confirmed_clip(record_id)
         if not grant_covers(grant, clip):
             raise BlockRobotError("ACCESS_NOT_GRANTED")
-        found = await self._assemble(clip)
-        # Last, since a word may have become final while the frames were read.
+        rows = await self._store.frames(record_id)
+        # After the rows, since a word may have become final while they were read; the keys last, at once: of what was
+        # erased meanwhile nothing leaves.
         require_release(grant, await find_standing(self._store, owner))
-        return found
+        return self._assemble(clip, rows)
 
     async def _confirmed_clip(self, record_id: bytes) -> ClipRow:
         clip = (await self._store.clips([record_id])).get(record_id)
@@ -361,9 +364,9 @@ class Custodian:
             raise BlockRobotError("CLIP_NOT_CONFIRMED")
         return clip
 
-    async def _assemble(self, clip: ClipRow) -> ClipDownload:
-        rows = {row.index: row for row in await self._store.frames(clip.record_id)}
-        frames = [self._open_frame(index, rows.get(index)) for index in range(len(clip.ciphertext_leaves))]
+    def _assemble(self, clip: ClipRow, rows: Sequence[FrameRow]) -> ClipDownload:
+        known = {row.index: row for row in rows}
+        frames = [self._open_frame(index, known.get(index)) for index in range(len(clip.ciphertext_leaves))]
         return ClipDownload(
             record_id=clip.record_id,
             txid=clip.txid,
@@ -399,9 +402,10 @@ class Custodian:
 
         A restricted clip may be copied, since that is storing it; one of a denied visit stays where it is.
         """
-        found = await self.look_at(record_id)
-        await self.require_exportable(record_id)  # last, since a word may have become final while the frames were read
-        return found
+        clip = await self._confirmed_clip(record_id)
+        rows = await self._store.frames(record_id)
+        await self.require_exportable(record_id)  # after the rows and before the keys, as in `download`
+        return self._assemble(clip, rows)
 
     async def require_exportable(self, record_id: bytes) -> None:
         """Raise as `export` if a clip may not leave for another custodian now."""
@@ -412,7 +416,8 @@ class Custodian:
 
     async def look_at(self, record_id: bytes) -> ClipDownload:
         """Return a confirmed clip as it is, for this custodian's own upkeep. Raises as `download`."""
-        return await self._assemble(await self._confirmed_clip(record_id))
+        clip = await self._confirmed_clip(record_id)
+        return self._assemble(clip, await self._store.frames(record_id))
 
     async def missing(self, limit: int) -> list[RecordFacts]:
         """Return clips that the chain has and this custodian has not, the newest first."""

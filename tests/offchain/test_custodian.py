@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 import pytest
@@ -300,3 +301,67 @@ async def test_the_whole_store_is_looked_through_once_a_block_however_much_it_er
     await opened.follow(at_ms=EXPIRES_MS)
     assert len(swept) == 2
     assert (opened.keys.held_count, opened.keys.check_destroyed()) == (0, 0)
+
+
+@pytest.mark.parametrize("hours", [-5, -1, 1, 5])
+async def test_a_custodian_whose_clock_is_hours_off_takes_uploads_and_purges_by_the_chains_time(
+    opened: House, hours: int
+) -> None:
+    await opened.follow()
+    opened.custodian._clock_ms = lambda: opened.chain.time_ms + hours * 3_600_000
+    kept, lapsing = record_clip(valid_until_ms=START_MS + 120_000), record_clip(valid_until_ms=START_MS + 60_000)
+    for clip in (kept, lapsing):
+        await opened.custodian.stage(clip.upload)
+    await opened.follow(at_ms=START_MS + 59_999)
+    assert len(await opened.store.clips([kept.record_id, lapsing.record_id])) == 2
+    await opened.follow(recorded(kept), at_ms=START_MS + 60_000)
+    assert (await opened.custodian.export(kept.record_id)).record_id == kept.record_id
+    assert await opened.store.clips([lapsing.record_id]) == {}
+
+
+@pytest.mark.parametrize("frames", [(), (0, 2)])
+async def test_an_erasure_of_what_is_erased_destroys_nothing_and_is_confirmed_all_the_same(
+    opened: House, frames: tuple[int, ...]
+) -> None:
+    """No contract lets anybody ask so; whoever did would wait for a receipt that never comes."""
+    clip, other = record_clip(), record_clip()
+    await opened.keep(clip)
+    await opened.keep(other)
+    await opened.follow(erasure(ERASURE_ID, clip, frames=frames))
+    await opened.follow(erasure(b"\xe2" * 32, clip, frames=frames))
+    receipts = [arguments for call, arguments in await opened.owed() if call == "erasure.receipt"]
+    assert [(told[0], told[1]) for told in receipts] == [(ERASURE_ID, len(frames) or 3), (b"\xe2" * 32, 0)]
+    assert read_all(other, await opened.custodian.export(other.record_id)) == list(other.plaintexts)
+    assert opened.keys.held_count == 3 + (3 - len(frames) if frames else 0)
+
+
+@pytest.mark.parametrize("asked", ["download", "export"])
+@pytest.mark.parametrize("frames", [(), (0, 2)])
+@pytest.mark.parametrize("held_up", ["frames", "standings"])
+async def test_of_what_is_erased_while_it_is_asked_for_nothing_leaves(
+    opened: House, monkeypatch: pytest.MonkeyPatch, asked: str, frames: tuple[int, ...], held_up: str
+) -> None:
+    clip = record_clip()
+    await opened.keep(clip)
+    await opened.follow(access(ACCESS_ID, clip))
+    original, asks = getattr(opened.store, held_up), []
+
+    async def erased_meanwhile(of: object) -> object:
+        asks.append(of)
+        if len(asks) == 1:
+            found = await original(of)
+            await opened.follow(erasure(ERASURE_ID, clip, frames=frames))
+            return found
+        return await original(of)
+
+    monkeypatch.setattr(opened.store, held_up, erased_meanwhile)
+    custodian = opened.custodian
+    download = partial(custodian.download, clip.record_id, ACCESS_ID, ALICE)
+    asking = (download if asked == "download" else partial(custodian.export, clip.record_id))()
+    if (asked, held_up, frames) == ("export", "frames", ()):
+        await refused("CLIP_ERASED", asking)
+        return
+    found = await asking
+    gone = frames or (0, 1, 2)
+    assert [frame.index for frame in found.frames if frame.erased] == list(gone)
+    assert not any(frame.ciphertext or frame.sealed_key for frame in found.frames if frame.index in gone)
