@@ -24,6 +24,7 @@ from node.api import ApiServices, create_api
 from node.api.server import serve_api
 from node.assembly import Assembly, CustodyPlace, Surroundings, begin_ledger
 from node.config import OPERATOR_HOST, NodeConfig, load_genesis, load_key
+from node.consent_receipts import ConsentReceipts
 from node.directory import Directory
 from node.directory_file import newest_beginning
 from node.disk import SystemDisk
@@ -90,6 +91,7 @@ class Node:
         self._restored = restored
         self._faults: FaultSwitch | None = None
         self._token = ""
+        self._custodian_key: PrivateKey | None = None
         if config.faults_enabled:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
         if config.faults_enabled or config.custodian_key_path is not None:
@@ -234,6 +236,7 @@ class Node:
         key = self._own_key(directory, config.custodian_key_path, "custodian")
         if key is None:
             return None
+        self._custodian_key = key
         store = open_store(config.custody_store, config.custody_dir, self._require_custody_space)
         erase_keys = self._stack.enter_context(EraseKeys(config.erase_keys_dir))
         await self._stack.enter_async_context(store)
@@ -261,6 +264,7 @@ class Node:
             views=self._contracts.views,
             pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
+            receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key),
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         operator = create_operator_listener(self, self._faults, self._token, parts.upkeep)

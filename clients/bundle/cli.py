@@ -1,4 +1,7 @@
-"""`blockrobot verify`: checks an export bundle offline, for anybody. Must never need a node, a wallet or a network."""
+"""`blockrobot verify`: checks an export bundle, or a file of consent receipts, offline, for anybody.
+
+Must never need a node, a wallet or a network.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +14,7 @@ import click
 from rich.markup import escape
 
 from clients.bundle.checking import Verdict, name_visits, printable, unproved, verify_bundle
+from clients.bundle.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
 from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
@@ -82,12 +86,17 @@ def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
 def verify(file: Path, named: str | None, as_json: bool) -> None:
     """Check an export bundle offline: what is proved, against which network, up to which block, and what is not.
 
+    A file of consent receipts (`wallet consent receipts --out`) is known by itself, and checked the same way.
+
     Example: blockrobot verify my-data.zip --genesis genesis.json
 
     Exits 0 if everything in the file follows from its proofs, 1 if anything does not or the file is damaged.
     """
     if not file.exists():
         raise BlockRobotError("NOT_FOUND", f"There is no file {file}.")
+    if file.is_file() and is_receipt_file(file):
+        _tell_receipts(file, check_file(file, read_genesis(named)), as_json=as_json)
+        return
     verdict = verify_bundle(file, read_genesis(named), show_progress(quiet=as_json))
     if as_json:
         print_json(_told(file, verdict))
@@ -138,3 +147,43 @@ def _lines(verdict: Verdict) -> list[str]:
         lines.append("Missing, as its exporter says:")
         lines += [f"  - {_plain(each.record_id) or 'all'}: {_plain(each.sentence)}" for each in manifest.problems]
     return lines
+
+
+def _receipt_json(receipt: CheckedReceipt) -> dict[str, Any]:
+    word = receipt.word
+    return {
+        "txid": word.txid.hex(),
+        "handle": word.handle.hex(),
+        "status": word.status,
+        "purposes": list(word.purposes),
+        "sensors": list(word.sensors),
+        "height": word.height,
+        "time_ms": word.time_ms,
+        "organisation": receipt.organisation,
+        "node": receipt.node,
+        "notice_version": None if receipt.published is None else receipt.published.row.version,
+    }
+
+
+def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
+    """Tell of a sound file of receipts."""
+    genesis, rows = found.genesis, [_receipt_json(receipt) for receipt in found.receipts]
+    if as_json:
+        told = {"network": genesis.network, "chain_id": genesis.chain_id.hex(), "genesis_id": genesis.block_id.hex()}
+        print_json({"ok": True, "file": str(path), **told, "is_anchored": found.is_anchored, "consent_receipts": rows})
+        return
+    anchor = "the network that you named" if found.is_anchored else "[yellow]the file's own word[/yellow]"
+    console.print(
+        f"[green]All {len(rows)} receipts in this file are signed by both sides and stand on the chain.[/green]"
+    )
+    console.print(f"Against which network: {_plain(genesis.network)} ({anchor})")
+    console.print(f"  genesis hash  {genesis.block_id.hex()}")
+    for row in rows:
+        what, sensors = ", ".join(row["purposes"]) or "everything", ", ".join(row["sensors"]) or "every sensor"
+        notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
+        line = f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
+        console.print(_plain(line))
+    console.print(
+        "Not proved: who the person is, for the file names her by a random handle; that she read the notice; and whether "
+        "she said anything more that is not in this file."
+    )

@@ -454,6 +454,16 @@ class NetworkClient:
 
         return await self._ask_until_fresh(ask)
 
+    async def prove_public(
+        self, asking: Callable[[NodeAddress], Awaitable[bytes]], keys: Sequence[bytes]
+    ) -> ProvedState:
+        """Return what a question without a session proves of these keys. Raises PROOF_*, and what nodes refuse with."""
+
+        async def ask(node: NodeAddress) -> ProvedState:
+            return self._trust.values(read_answer(await asking(node), ProofsAnswer), keys)
+
+        return await self._ask_until_fresh(ask)
+
     async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
         """Return one proved value under a contract's key, or None if it is absent."""
         flat = contract.encode() + b"\x00" + state_key

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import audit_all
@@ -21,6 +22,8 @@ from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
 from clients.wallet.linking import tell_linked
+from clients.wallet.notice_commands import notice, register
+from clients.wallet.notices import Notices
 from clients.wallet.opening import place_wallet, read_passphrase, run_opened, show_moment, wallet_options
 from clients.wallet.pictures import write_pictures
 from clients.wallet.rights import describe_event
@@ -32,6 +35,7 @@ from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
+from consensus.records.notices import NoticeRow
 
 ERASE_WAIT_S = 60.0
 
@@ -77,6 +81,8 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
 
 
 wallet.add_command(consent)
+wallet.add_command(register)
+wallet.add_command(notice)
 for right in RIGHTS_COMMANDS:
     wallet.add_command(right)
 wallet.add_command(export)
@@ -119,34 +125,6 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
         print_json({"ok": True, "wallet": str(path), "member": keys.identity.public_key.hex()})
     else:
         console.print(f"Your wallet is {path} again. Next: blockrobot wallet records.")
-
-
-@wallet.command()
-@click.argument("code")
-@click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
-@json_option
-@click.pass_context
-@plain_errors
-def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
-    """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
-
-    Without a purpose you consent to nothing, and no robot records you.
-
-    Example: blockrobot wallet register BR1-... --purpose demo
-    """
-    done = run_opened(ctx, lambda opened: opened.register(code, list(purposes)))
-    if as_json:
-        print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)})
-    elif purposes:
-        console.print(
-            f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
-            "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
-        )
-    else:
-        console.print(
-            "You are registered, and have consented to nothing: no robot records you.\n"
-            "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
-        )
 
 
 _THINGS = {"emotion": "estimates", "audio": "sounds"}
@@ -198,10 +176,19 @@ def records(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot wallet records --json
     """
-    reports = run_opened(ctx, lambda opened: opened.records())
+
+    async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None]:
+        return await opened.records(), await Notices(opened).changed_since_consent()
+
+    reports, changed = run_opened(ctx, action)
     if as_json:
-        print_json({"ok": True, "visits": [_report_json(report) for report in reports]})
+        version = None if changed is None else changed.version
+        print_json({"ok": True, "notice_changed_to": version, "visits": [_report_json(report) for report in reports]})
         return
+    if changed is not None:
+        console.print(
+            f"What {escape(changed.organisation)} tells you changed since you consented: blockrobot wallet notice"
+        )
     if not reports:
         console.print("Nothing was recorded of you.")
     for number, report in enumerate(reports, 1):

@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import datetime
+import json
 import re
 import time
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
+from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.notice_commands import Receipted, take_receipt, tell_first
+from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from consensus.records.consents import GIVEN
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
@@ -20,6 +29,7 @@ from consensus.records.sensors import SENSORS
 _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
+_Said = tuple[Word, Receipted]
 
 
 def read_time(text: str | None, now_ms: int) -> int:
@@ -52,12 +62,14 @@ def consent() -> None:
     """
 
 
-def _tell(word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
+def _tell(said: _Said, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
+    word, receipted = said
     if as_json:
         place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
-        print_json({"ok": True, **place, **more})
+        print_json({"ok": True, **place, **more, **receipted.as_json()})
     else:
         console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
+        console.print(f"  {escape(receipted.line())}")
 
 
 def _named(codes: tuple[str, ...], sentences: dict[str, str], none: str) -> str:
@@ -84,6 +96,9 @@ def give(
 ) -> None:
     """Consent to purposes, by the depth camera unless you name other sensors.
 
+    If your organisation tells you something that this wallet never showed, it shows that first. The receipt, signed by
+    your organisation and by you, lands in the wallet.
+
     Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
     """
     if not purposes:
@@ -93,17 +108,24 @@ def give(
     from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise click.UsageError("The time that --until names is over already, or before --from.")
-    word = run_opened(
-        ctx,
-        lambda opened: Consenting(opened).give(
+
+    async def action(opened: Wallet) -> tuple[Told | None, _Said]:
+        notices = Notices(opened)
+        told = await notices.due()
+        if told is not None:
+            tell_first(notices, told, f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?", as_json=as_json)
+        word = await Consenting(opened).give(
             list(purposes), list(chosen), from_ms=from_ms, until_ms=until_ms, height=height
-        ),
-    )
+        )
+        return told, (word, await take_receipt(opened, word.txid))
+
+    told, word = run_opened(ctx, action)
     period = f" from {show_moment(from_ms)}" if from_ms else ""
     period += f" until {show_moment(until_ms)}" if until_ms else ", until you take it back"
     line = f"You consent to: {_named(purposes, PURPOSES, '')} By: {_named(chosen, SENSORS, '')}{period}"
     more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
     more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
+    more |= {"notice": None if told is None else told.as_json()}
     _tell(word, line, "To take it back: blockrobot wallet consent withdraw.", as_json=as_json, more=more)
 
 
@@ -117,17 +139,22 @@ def _say_no(
     *,
     as_json: bool,
 ) -> None:
-    word = run_opened(ctx, lambda opened: act(Consenting(opened))(list(purposes), list(sensors)))
+
+    async def action(opened: Wallet) -> _Said:
+        word: Word = await act(Consenting(opened))(list(purposes), list(sensors))
+        return word, await take_receipt(opened, word.txid)
+
+    said = run_opened(ctx, action)
     more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
     codes = _named(purposes, PURPOSES, "everything that you had given.")
     what = f"{line}: {codes} By: {_named(sensors, SENSORS, 'every sensor.')}"
-    if word.count == 0:
+    if said[0].count == 0:
         what = "Nothing of this was given. What you said before, and is still under way, counts no more."
     next_step = (
         "Robots see it within seconds and record nothing more of you for that; what waits in them is destroyed. "
         "What was recorded before stays until you erase it: blockrobot wallet records, then blockrobot wallet erase."
     )
-    _tell(word, what, next_step, as_json=as_json, more=more)
+    _tell(said, what, next_step, as_json=as_json, more=more)
 
 
 @consent.command()
@@ -192,3 +219,55 @@ def _line(row: Choice, height: int) -> str:
     if last.from_ms:
         text += f", from {show_moment(last.from_ms)}"
     return text + (f", until {show_moment(last.until_ms)}" if last.until_ms else "")
+
+
+@consent.command()
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write them here, for anybody to check.")
+@click.option("--search", is_flag=True, help="Look through the chain for words that this wallet does not know.")
+@json_option
+@click.pass_context
+@plain_errors
+def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) -> None:
+    """Show your consent receipts, signed by your organisation and by you, each checked anew; fetch those that are due.
+
+    A file that --out writes can be checked by anybody, offline: blockrobot verify FILE.
+
+    Example: blockrobot wallet consent receipts --out receipts.json
+    """
+    if out is not None and out.exists():
+        raise BlockRobotError("FILE_UNUSABLE", f"{out} exists; choose another name.")
+
+    async def action(opened: Wallet) -> tuple[Receipts, bytes]:
+        kept = ConsentReceipts(opened)
+        found = await kept.all(search=search)
+        return found, encode_file(opened.genesis, kept.epochs(), found.entries)
+
+    found, content = run_opened(ctx, action)
+    if out is not None:
+        out.write_bytes(content)
+    if as_json:
+        rows = [json.loads(entry.document) for entry in found.entries]
+        missing = [{"txid": txid.hex(), "code": error.code} for txid, error in found.missing]
+        print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
+        return
+    if not found.checked:
+        console.print("There is no receipt in this wallet. Words of before are found with: --search.")
+    for receipt in found.checked:
+        console.print(escape(_receipt_line(receipt)))
+    for txid, error in found.missing:
+        console.print(
+            f"Missing, of transaction {txid.hex()[:12]}: {escape(error.detail)} {escape(error.entry.next_step)}"
+        )
+    if out is not None:
+        console.print(
+            f"They are in {escape(str(out))}. It names you by handle and key. To check: blockrobot verify {out}"
+        )
+
+
+def _receipt_line(receipt: CheckedReceipt) -> str:
+    word = receipt.word
+    what = ", ".join(word.purposes) or "everything"
+    sensors = ", ".join(word.sensors) or "every sensor"
+    notice = "no notice" if receipt.published is None else f"notice {receipt.published.row.version}"
+    place = f"block {word.height}, signed by {receipt.node} of {receipt.organisation} and by you, {notice}"
+    return f"{show_moment(word.time_ms)}  {word.status}: {what} by {sensors} ({place})"

@@ -69,6 +69,10 @@ class WalletContent(msgspec.Struct):
     given_grants: list[GivenGrant] = msgspec.field(default_factory=list)
     received_grants: list[ReceivedGrant] = msgspec.field(default_factory=list)
     scanned_grants_count: int = 0
+    receipts: list[bytes] = msgspec.field(default_factory=list)
+    receipts_due: list[bytes] = msgspec.field(default_factory=list)
+    notice_shown_version: int = 0
+    notice_consented_version: int = 0
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

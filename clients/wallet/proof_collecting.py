@@ -146,10 +146,11 @@ async def _collect_words(wallet: Wallet, member: PrivateKey) -> tuple[list[doc.R
             sentence = f"The receipt of what you said on consent in block {height} could not be had: {error.detail}"
             problems.append(doc.Problem("", error.code, sentence))
     found.sort(key=lambda receipt: (receipt.height, receipt.index))
-    return [_receipt_proof(receipt, receipt.evidence) for receipt in found if receipt.evidence is not None], problems
+    return [receipt_proof(receipt, receipt.evidence) for receipt in found if receipt.evidence is not None], problems
 
 
-def _receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
+def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:
+    """Return what proves a receipt, as it is handed on."""
     return doc.ReceiptProof(
         headers=[read_hex(header).hex() for header in evidence.headers],
         finality=_finality_bytes(evidence.finality).hex(),

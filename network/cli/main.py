@@ -20,6 +20,7 @@ _COMMANDS = {
     "org": ("network.cli.org_commands", "org"),
     "producer": ("network.cli.producer_commands", "producer"),
     "settings": ("network.cli.settings_commands", "settings"),
+    "notice": ("network.cli.notice_commands", "notice"),
     "contract": ("network.cli.contract_commands", "contract"),
     "certificate": ("network.cli.certificate_commands", "certificate"),
     "doctor": ("network.cli.doctor_command", "doctor"),

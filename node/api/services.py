@@ -156,6 +156,27 @@ class CustodyService(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class SignedReceipt:
+    """A consent receipt as the organisation's node signed it, and the wire of the transaction that it is about."""
+
+    document: bytes
+    key: bytes
+    signature: bytes
+    transaction: bytes
+
+
+class ReceiptIssuer(Protocol):
+    """Signs receipts of what people said about consent."""
+
+    def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
+        """Return the signed receipt of a caller's own final word.
+
+        Raises CONSENT_RECEIPT_ELSEWHERE, NOT_FOUND, CONSENT_WORD_MISSING, CONSENT_RECEIPT_INVALID, NOTICE_INVALID.
+        """
+        ...
+
+
 class NodeStatus(Protocol):
     """What the operator's listener shows. Must never hold a secret."""
 
@@ -186,7 +207,7 @@ class Clock(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ApiServices:
-    """All that `create_api` needs. `custody` is None at a node without a custodian."""
+    """All that `create_api` needs. `custody` and `receipts` are None at a node without a custodian."""
 
     genesis: Genesis
     node_name: str
@@ -195,3 +216,4 @@ class ApiServices:
     views: ViewRunner
     pool: TransactionPool
     custody: CustodyService | None
+    receipts: ReceiptIssuer | None = None

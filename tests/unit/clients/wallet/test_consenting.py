@@ -38,6 +38,7 @@ class HospitalNetwork:
 
     def __init__(self, hospital: Hospital) -> None:
         self.hospital = hospital
+        self.custody = SimpleNamespace(custodians=())
 
     async def close(self) -> None:
         """Nothing is open."""

@@ -1,56 +1,157 @@
-"""Registering at the command line: nobody consents to anything that was not named."""
+"""Registering at the command line: first she is told, and nobody consents to anything that was not named."""
 
 from __future__ import annotations
 
 import asyncio
 import json
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 
-from clients.sdk.enrolment import Registration
-from clients.wallet import cli
+from clients.bundle.cli import verify
+from clients.wallet import cli, consent_commands, notice_commands
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.wallet import Wallet
+from consensus.records.notices import newest_key
+from consensus.records.vouchers import encode_card_code
+from network.demo_notice import demo_notice
+from tests.unit.clients.bundle.receipting import NoticeWard
+from tests.unit.clients.wallet.conftest import CHEAP
 
 
 class Desk:
-    """A wallet that is open, and what it was asked to register with."""
+    """A ward that hands out cards, and the wallet of who comes."""
 
-    def __init__(self) -> None:
-        self.asked: list[tuple[str, list[str]]] = []
+    def __init__(self, folder: Path) -> None:
+        self.ward = NoticeWard(folder)
+        self.wallet = Wallet(Keystore.create(folder / "new.wallet", draw_words(), "tea", CHEAP), self.ward.genesis)
+        self.wallet.network = self.ward.network  # type: ignore[assignment]
+        self.code = encode_card_code(self.ward.chain.card("newcomer"))
 
-    async def register(self, code: str, purposes: list[str]) -> Registration:
-        self.asked.append((code, purposes))
-        return Registration(member=b"M" * 33, txid=b"T" * 32)
+    @property
+    def words(self) -> dict[str, list[str]]:
+        found = self.ward.chain.value("consent", b"of/" + self.wallet.store.content.handle) or {}
+        return {purpose: sorted(sensors) for purpose, sensors in found.items()}
 
 
 @pytest.fixture
-def desk(monkeypatch: pytest.MonkeyPatch) -> Desk:
-    opened = Desk()
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+    opened = Desk(tmp_path)
 
-    def run_opened(_: Any, work: Callable[[Desk], Awaitable[Registration]]) -> Registration:
-        async def main() -> Registration:
-            return await work(opened)
+    def run_opened(_: Any, work: Callable[[Wallet], Awaitable[Any]]) -> Any:
+        async def main() -> Any:
+            return await work(opened.wallet)
 
         return asyncio.run(main())
 
-    monkeypatch.setattr(cli, "run_opened", run_opened)
+    for module in (cli, notice_commands, consent_commands):
+        monkeypatch.setattr(module, "run_opened", run_opened)
     return opened
 
 
-def run(*arguments: str) -> str:
-    result = CliRunner().invoke(cli.wallet, ["--genesis", "genesis.json", "register", *arguments])
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(cli.wallet, ["--genesis", "genesis.json", *arguments])
+
+
+def ok(*arguments: str) -> str:
+    result = run(*arguments)
     assert result.exit_code == 0, result.output
-    return result.output
+    return " ".join(result.output.split())
+
+
+def other_words() -> Any:
+    return msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
 
 
 def test_who_names_no_purpose_consents_to_nothing_and_is_told(desk: Desk) -> None:
-    assert "consented to nothing" in run("BR1-CODE")
-    assert json.loads(run("BR1-CODE", "--json"))["purposes"] == []
-    assert desk.asked == [("BR1-CODE", [])] * 2
+    assert "consented to nothing" in ok("register", desk.code)
+    assert desk.words == {}
+    assert json.loads(run("register", desk.code, "--json").output)["purposes"] == []
 
 
-def test_who_names_purposes_consents_to_these(desk: Desk) -> None:
-    assert "for: care, demo." in run("BR1-CODE", "--purpose", "care", "--purpose", "demo")
-    assert desk.asked == [("BR1-CODE", ["care", "demo"])]
+def test_who_names_purposes_consents_to_these_and_has_the_receipt(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    told = ok("register", desk.code, "--purpose", "care", "--purpose", "demo")
+    assert "for: care, demo." in told
+    assert desk.words == {"care": ["depth"], "demo": ["depth"]}
+    assert "signed by ward and by you, under version 1 of the notice" in told
+
+
+def test_the_notice_comes_before_the_word(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    told = ok("register", desk.code, "--purpose", "care")
+    for words in (demo_notice().controller.name, demo_notice().officer.contact, "Art. 6(1)(a)", "Art. 77", "desk"):
+        assert words in told
+    assert told.index(demo_notice().authority.name) < told.index("You are registered")
+    asked = [key for key in desk.ward.network.public_keys if key == newest_key("ward")]
+    assert asked, "it is read before there is a session"
+    assert desk.wallet.store.content.notice_shown_version == 1
+
+
+def test_where_nothing_is_published_she_is_told_that(desk: Desk) -> None:
+    told = ok("register", desk.code, "--purpose", "care")
+    assert "ward has published no privacy notice" in told
+    assert "no notice was published" in told
+
+
+def test_a_damaged_card_is_refused_before_anything_is_shown(desk: Desk) -> None:
+    wrong = desk.code[:-3] + "AAA"
+    result = run("register", wrong, "--json")
+    assert (result.exit_code, json.loads(result.output)["error"]["code"]) == (1, "VOUCHER_INVALID")
+
+
+def test_a_program_has_the_notice_in_the_answer(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    told = json.loads(run("register", desk.code, "--purpose", "care", "--json").output)
+    assert (told["notice"]["organisation"], told["notice"]["version"]) == ("ward", 1)
+    assert (told["receipt"]["notice_version"], told["receipt_error"]) == (1, None)
+
+
+def test_what_changed_since_she_consented_is_said_and_shown(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    ok("register", desk.code, "--purpose", "care")
+    assert "changed since" not in ok("records")
+    assert "changed since" not in ok("notice")
+    desk.ward.publish(other_words())
+    assert "What ward tells you changed since you consented: blockrobot wallet notice" in ok("records")
+    assert json.loads(run("records", "--json").output)["notice_changed_to"] == 2
+    told = ok("notice")
+    assert f"- Automated decisions: {demo_notice().automated_decisions}" in told
+    assert "+ Automated decisions: None, in other words." in told
+    assert desk.words == {"care": ["depth"]}, "a changed notice ends no consent"
+
+
+def test_a_new_version_is_shown_before_the_next_consent_and_holds_for_it(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    ok("register", desk.code)
+    assert "Responsible:" not in ok("consent", "give", "--purpose", "care"), "it was shown when she registered"
+    desk.ward.publish(other_words())
+    told = ok("consent", "give", "--purpose", "care")
+    assert told.index("None, in other words.") < told.index("You consent to")
+    assert "under version 2 of the notice" in told
+    assert "changed since" not in ok("records")
+
+
+def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path: Path) -> None:
+    desk.ward.publish(demo_notice())
+    ok("register", desk.code, "--purpose", "care")
+    ok("consent", "withdraw")
+    path = tmp_path / "receipts.json"
+    listed = ok("consent", "receipts", "--out", str(path))
+    assert "given: care by depth" in listed
+    assert "withdrawn: everything by every sensor" in listed
+    assert run("consent", "receipts", "--out", str(path)).exit_code != 0, "it overwrites nothing"
+    checked = CliRunner().invoke(verify, [str(path), "--genesis", desk.ward.genesis.block_id.hex(), "--json"])
+    told = json.loads(checked.output)
+    assert (told["ok"], told["is_anchored"]) == (True, True)
+    assert [row["status"] for row in told["consent_receipts"]] == ["given", "withdrawn"]
+    plain = CliRunner().invoke(verify, [str(path)])
+    assert (plain.exit_code, "signed by both sides" in plain.output) == (0, True)
+    path.write_text(path.read_text().replace('\\"given\\"', '\\"taken\\"', 1))
+    forged = CliRunner().invoke(verify, [str(path), "--json"])
+    assert (forged.exit_code, json.loads(forged.output)["error"]["code"]) == (1, "CONSENT_RECEIPT_INVALID")

@@ -32,6 +32,8 @@ ALLOWED = {
     "getFinality": EVERYBODY_KNOWN,
     "getHeaders": EVERYBODY_KNOWN,
     "proveState": EVERYBODY_KNOWN,
+    "proveNotices": EVERYBODY,
+    "signConsentReceipt": MEMBERS,
     "queryContract": EVERYBODY_KNOWN,
     "listAnnouncements": MEMBERS,
     "streamEvents": MEMBERS,

@@ -1,0 +1,155 @@
+"""`blockrobot wallet notice | register`, and what they and the words of consent tell. Must never ask before it has told."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.bundle.consent_receipts import CheckedReceipt
+from clients.sdk.enrolment import Registration
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.notices import Notices, Told
+from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.consents import GIVEN
+
+
+def show_told(told: Told) -> None:
+    """Print what people are told, word for word: it comes from the chain and may neither colour nor move anything."""
+    for line in told.lines():
+        console.print(escape(line))
+
+
+def tell_first(notices: Notices, told: Told, question: str, *, as_json: bool) -> None:
+    """Show a notice before anything is signed, and at a terminal ask; a program has it in its answer."""
+    if not as_json:
+        show_told(told)
+        if sys.stdin.isatty():
+            click.confirm(question, abort=True)
+    notices.note_shown(told)
+
+
+@dataclass(frozen=True, slots=True)
+class Receipted:
+    """What became of the receipt of a word: it, or why it is not here."""
+
+    receipt: CheckedReceipt | None
+    refusal: BlockRobotError | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a program."""
+        if self.receipt is None:
+            return {"receipt": None, "receipt_error": self.refusal.code if self.refusal else None}
+        published = self.receipt.published
+        version = None if published is None else published.row.version
+        return {"receipt": {"signed_by": self.receipt.node, "notice_version": version}, "receipt_error": None}
+
+    def line(self) -> str:
+        """Return it in a sentence."""
+        if self.receipt is None:
+            why = self.refusal.detail if self.refusal is not None else ""
+            return f"Your receipt is not here yet: {why} Ask for it later: blockrobot wallet consent receipts."
+        published = self.receipt.published
+        notice = (
+            "no notice was published" if published is None else f"under version {published.row.version} of the notice"
+        )
+        return f"The receipt is in your wallet, signed by {self.receipt.organisation} and by you, {notice}."
+
+
+async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
+    """Fetch the receipt of a word that is final. A word counts without it: nothing is raised."""
+    try:
+        receipt = await ConsentReceipts(opened).obtain(txid)
+    except BlockRobotError as error:
+        return Receipted(None, error)
+    if receipt.word.status == GIVEN and receipt.published is not None:
+        Notices(opened).note_consented(receipt.published.row.version)
+    return Receipted(receipt, None)
+
+
+@click.command()
+@json_option
+@click.pass_context
+@plain_errors
+def notice(ctx: click.Context, as_json: bool) -> None:
+    """Show what your organisation tells you about your data, and what changed since you consented.
+
+    Example: blockrobot wallet notice
+    """
+
+    async def action(opened: Wallet) -> Told:
+        notices = Notices(opened)
+        told = await notices.current()
+        notices.note_shown(told)
+        return told
+
+    told = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, **told.as_json()})
+        return
+    show_told(told)
+    if told.before is None:
+        return
+    console.print(
+        f"\nIt changed since you consented (version {told.before.version}, of {show_moment(told.before.time_ms)}). "
+        "What went (-) and what came (+):"
+    )
+    for line in told.changes:
+        console.print(escape(line))
+    console.print(
+        "Your consent holds as you gave it. If you do not want that any more: blockrobot wallet consent withdraw.\n"
+        "If you do, say so under the new words: blockrobot wallet consent give --purpose CODE."
+    )
+
+
+def _ask_of(purposes: tuple[str, ...]) -> str:
+    if not purposes:
+        return "Register (you consent to nothing by it)?"
+    return f"Register, and consent to be recorded by a depth camera for {', '.join(purposes)}?"
+
+
+@click.command()
+@click.argument("code")
+@click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
+@json_option
+@click.pass_context
+@plain_errors
+def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
+    """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
+
+    First it shows what the organisation that issued the card tells you about your data. Without a purpose you consent to
+    nothing, and no robot records you.
+
+    Example: blockrobot wallet register BR1-... --purpose demo
+    """
+
+    async def action(opened: Wallet) -> tuple[Told, Registration, Receipted | None]:
+        notices = Notices(opened)
+        told = await notices.for_card(code)
+        tell_first(notices, told, _ask_of(purposes), as_json=as_json)
+        done = await opened.register(code, list(purposes))
+        return told, done, await take_receipt(opened, done.txid) if purposes and done.txid else None
+
+    told, done, receipted = run_opened(ctx, action)
+    if as_json:
+        more = {"notice": told.as_json(), **({} if receipted is None else receipted.as_json())}
+        more |= {"txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)}
+        print_json({"ok": True, **more})
+    elif purposes:
+        console.print(
+            f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
+            "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
+        )
+    else:
+        console.print(
+            "You are registered, and have consented to nothing: no robot records you.\n"
+            "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
+        )
+    if receipted is not None and not as_json:
+        console.print(f"  {escape(receipted.line())}")

@@ -1,0 +1,154 @@
+"""What a person is told before anything is recorded, and what changed since: read, remembered, compared.
+
+Must never show words that are not proved, nor count a notice as shown before it was on her screen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.sdk.notices import organisation_of_card, public_values
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.notices import (
+    NoticeRow,
+    PublishedNotice,
+    newest_key,
+    read_published,
+    read_row,
+    tell_changes,
+    tell_notice,
+    version_key,
+)
+from consensus.records.vouchers import decode_card_code
+
+NONE_PUBLISHED = "has published no privacy notice: ask at its desk what is done with your data before you consent."
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What a person is told now. `published` is None where nothing is published.
+
+    `before` is the version under which she consented last, if it is another one; `changes` what changed since then.
+    """
+
+    organisation: str
+    published: PublishedNotice | None
+    before: NoticeRow | None = None
+    changes: tuple[str, ...] = ()
+
+    @property
+    def version(self) -> int:
+        """The version in force, 0 where there is none."""
+        return 0 if self.published is None else self.published.row.version
+
+    def lines(self) -> list[str]:
+        """Return it for people: the words, without what changed."""
+        if self.published is None:
+            return [f"{self.organisation} {NONE_PUBLISHED}"]
+        head = f"What {self.organisation} tells you (version {self.version}, proved on the chain):"
+        return [head, *(f"  {line}" for line in tell_notice(self.published.notice))]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for a program."""
+        row = None if self.published is None else self.published.row
+        return {
+            "organisation": self.organisation,
+            "version": self.version,
+            "hash": None if row is None else row.digest.hex(),
+            "published_at_ms": None if row is None else row.time_ms,
+            "consented_version": None if self.before is None else self.before.version,
+            "changes": list(self.changes),
+            "lines": [] if self.published is None else tell_notice(self.published.notice),
+        }
+
+
+class Notices:
+    """What the organisations of one wallet's person tell her."""
+
+    def __init__(self, wallet: Wallet) -> None:
+        self._wallet = wallet
+
+    async def for_card(self, code: str) -> Told:
+        """Return what the organisation that issued a card tells people, before anybody is registered.
+
+        Raises VOUCHER_INVALID, NOTICE_INVALID, PROOF_*.
+        """
+        organisation = await organisation_of_card(self._wallet.network, decode_card_code(code))
+        return await self._read(organisation, registered=False)
+
+    async def current(self) -> Told:
+        """Return what the person's organisation tells her now, and what changed since she consented.
+
+        Raises NOT_REGISTERED, NOTICE_INVALID, PROOF_*.
+        """
+        organisation = await self._organisation()
+        told = await self._read(organisation, registered=True)
+        consented = self._wallet.store.content.notice_consented_version
+        if not 0 < consented < told.version or told.published is None:
+            return told
+        before = await self._version(organisation, consented, registered=True)
+        changes = tell_changes(before.notice, told.published.notice)
+        return Told(organisation, told.published, before.row, tuple(changes))
+
+    async def changed_since_consent(self) -> NoticeRow | None:
+        """Return the version in force if it came after the one under which she consented; None otherwise."""
+        consented = self._wallet.store.content.notice_consented_version
+        if not consented:
+            return None
+        row = await self._newest(await self._organisation(), registered=True)
+        return row if row is not None and row.version > consented else None
+
+    async def due(self) -> Told | None:
+        """Return what she has to be told before she consents: a version that this wallet never showed; None if it did.
+
+        Where nothing was ever published there is nothing to show.
+        """
+        told = await self.current()
+        shown = self._wallet.store.content.notice_shown_version
+        return told if told.version > shown else None
+
+    def note_shown(self, told: Told) -> None:
+        """Remember that this was on her screen."""
+        content = self._wallet.store.content
+        content.notice_shown_version = max(content.notice_shown_version, told.version)
+        self._wallet.store.save()
+
+    def note_consented(self, version: int) -> None:
+        """Remember under which version she consented last, as her receipt tells it."""
+        self._wallet.store.content.notice_consented_version = version
+        self._wallet.store.save()
+
+    async def _organisation(self) -> str:
+        await self._wallet.require_registered()
+        member = self._wallet.keys.identity
+        row = await self._wallet.network.state_value("identity", b"member/" + member.public_key, member)
+        if row is None:
+            raise BlockRobotError("NOT_REGISTERED")
+        return str(row["org"])
+
+    async def _read(self, organisation: str, *, registered: bool) -> Told:
+        row = await self._newest(organisation, registered=registered)
+        if row is None:
+            return Told(organisation, None)
+        return Told(organisation, await self._version(organisation, row.version, registered=registered))
+
+    async def _newest(self, organisation: str, *, registered: bool) -> NoticeRow | None:
+        key = newest_key(organisation)
+        return read_row(organisation, (await self._values([key], registered=registered))[key])
+
+    async def _version(self, organisation: str, version: int, *, registered: bool) -> PublishedNotice:
+        key = version_key(organisation, version)
+        found = read_published(organisation, (await self._values([key], registered=registered))[key])
+        if found is None:
+            raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} published no version {version}.")
+        return found
+
+    async def _values(self, keys: Sequence[bytes], *, registered: bool) -> dict[bytes, Any]:
+        """Read in the member's session once there is one, in nobody's before."""
+        network = self._wallet.network
+        if registered:
+            return (await network.state_values(keys, self._wallet.keys.identity)).values
+        return (await public_values(network, keys)).values

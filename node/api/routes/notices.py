@@ -1,0 +1,49 @@
+"""What stands on the chain about organisations and what they tell people, proved to anyone. Must never prove a key that is
+about a person: who is not registered yet has no session, and has to read the notice before she says a word.
+"""
+
+from __future__ import annotations
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from node.api.access import ANYONE
+from node.api.documents import ProofsAnswer, ProofsRequest, finality_document
+from node.api.routes.proofs import prove_keys
+from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
+
+PUBLIC_KEYS_MAX_COUNT = 8
+PUBLIC_PREFIXES = (
+    b"consent\x00notice/",
+    b"consent\x00notice-text/",
+    b"identity\x00custodian/",
+    b"identity\x00registrar/",
+)
+"""Keys about organisations, their nodes and their words. What stands below them names nobody who is recorded."""
+
+
+async def _prove_public(call: Call) -> web.StreamResponse:
+    asked = await call.document(ProofsRequest)
+    keys = [bytes.fromhex(key) for key in asked.keys]
+    if len(keys) > PUBLIC_KEYS_MAX_COUNT:
+        raise BlockRobotError("REQUEST_INVALID", f"Without a session at most {PUBLIC_KEYS_MAX_COUNT} keys are proved.")
+    if not all(key.startswith(PUBLIC_PREFIXES) for key in keys):
+        raise BlockRobotError("NOT_PERMITTED", "Without a session only notices, registrars and custodians are proved.")
+    with call.services.ledger.snapshot() as snapshot:
+        proofs = prove_keys(snapshot, keys)
+        return json_answer(ProofsAnswer(finality=finality_document(snapshot.finality), proofs=proofs))
+
+
+ROUTES = (
+    Route(
+        "POST",
+        "/v1/notice-proofs",
+        "proveNotices",
+        "Prove privacy notices, registrars and custodians, all under one finalized root.",
+        ANYONE,
+        _prove_public,
+        Answer(JSON, ProofsAnswer, "Values and proofs, in the order of the keys."),
+        Body(JSON, ProofsRequest, "The flat keys, at most eight."),
+        errors=("NOT_PERMITTED",),
+    ),
+)

@@ -1,0 +1,87 @@
+"""Signs receipts of what people said about consent. Must never sign anything that is not final, or is not of the node's
+own organisation, or that somebody else asks for than whose word it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value
+from consensus.primitives.keys import PrivateKey
+from consensus.records.consent_receipts import (
+    ConsentWord,
+    build_document,
+    is_notice_of,
+    read_word,
+    sign_as_controller,
+)
+from consensus.records.notices import PublishedNotice, newest_key, read_published, read_row, version_key
+from consensus.transaction import decode_transaction
+from node.api.services import LedgerSnapshot, SignedReceipt
+
+
+class ConsentReceipts:
+    """The receipts of one custodian's organisation, made from a snapshot whenever they are asked for; none is kept."""
+
+    def __init__(self, key: PrivateKey) -> None:
+        """`key` is the custodian's, under which the chain knows the node and its organisation."""
+        self._key = key
+
+    def issue(self, snapshot: LedgerSnapshot, txid: bytes, caller: bytes) -> SignedReceipt:
+        """Return the signed receipt of a caller's own word.
+
+        Raises CONSENT_RECEIPT_ELSEWHERE if she is of another organisation, NOT_FOUND for a transaction that is not
+        final, not hers, or too old to be kept, CONSENT_WORD_MISSING, NOTICE_INVALID.
+        """
+        organisation = self._organisation(snapshot, caller)
+        place = snapshot.locate(txid)
+        block = None if place is None else snapshot.block(place.height)
+        receipts = None if place is None else snapshot.receipts(place.height)
+        if place is None or block is None or receipts is None:
+            raise BlockRobotError("NOT_FOUND", "No final transaction of this id is kept here.")
+        transaction = next(
+            (each for each in map(decode_transaction, block.transactions) if each.txid == txid),
+            None,
+        )
+        if transaction is None or transaction.body.sender != caller:
+            raise BlockRobotError("NOT_FOUND", "No final transaction of this id is the caller's.")
+        word = read_word(
+            transaction,
+            receipts[place.index],
+            height=place.height,
+            index=place.index,
+            time_ms=block.header.timestamp_ms,
+        )
+        document = build_document(word, organisation, find_notice(snapshot, organisation, word))
+        return SignedReceipt(
+            document=document,
+            key=self._key.public_key,
+            signature=sign_as_controller(self._key, document),
+            transaction=transaction.wire,
+        )
+
+    def _organisation(self, snapshot: LedgerSnapshot, caller: bytes) -> str:
+        """Return the organisation of node and person. Raises CONSENT_RECEIPT_ELSEWHERE."""
+        own = _value(snapshot, b"identity\x00custodian/" + self._key.public_key)
+        person = _value(snapshot, b"identity\x00member/" + caller)
+        if own is None or person is None or own["org"] != person["org"]:
+            raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
+        return str(own["org"])
+
+
+def _value(snapshot: LedgerSnapshot, key: bytes) -> Any:
+    data = snapshot.get(key)
+    return None if data is None else decode_value(data)
+
+
+def find_notice(snapshot: LedgerSnapshot, organisation: str, word: ConsentWord) -> PublishedNotice | None:
+    """Return the version that was in force when a word was said, or None. Raises NOTICE_INVALID."""
+    row = read_row(organisation, _value(snapshot, newest_key(organisation)))
+    following = None
+    while row is not None and not is_notice_of(row, following, word):
+        following = row
+        row = read_row(organisation, _value(snapshot, version_key(organisation, row.version - 1)))
+    if row is None:
+        return None
+    return read_published(organisation, _value(snapshot, version_key(organisation, row.version)))

@@ -1,0 +1,104 @@
+"""A ward whose custodians sign consent receipts and whose nodes prove notices: the node's own code behind a short wire."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Awaitable, Callable, Sequence
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import msgspec
+
+from clients.sdk.answers import ProofsAnswer, read_answer
+from clients.sdk.connections import NodeAddress
+from clients.sdk.trust import ProvedState
+from consensus.primitives.keys import PrivateKey
+from consensus.records.notices import Notice, encode_notice
+from node.api.documents import ConsentReceiptAnswer
+from node.api.routes.notices import PUBLIC_PREFIXES
+from node.api.services import SignedReceipt
+from node.consent_receipts import ConsentReceipts
+from tests.unit.clients.bundle.ward import ProvingHospital, ShortWire, Ward
+
+
+class Ledger:
+    """The hospital's chain as a node's snapshot shows it."""
+
+    def __init__(self, chain: ProvingHospital) -> None:
+        self._chain = chain
+
+    @property
+    def header(self) -> Any:
+        return self._chain.head
+
+    @property
+    def finality(self) -> Any:
+        return self._chain.finality()
+
+    def get(self, key: bytes) -> bytes | None:
+        return self._chain.state.get(key)
+
+    def locate(self, txid: bytes) -> Any:
+        for height, receipts in enumerate(self._chain.receipts, 1):
+            for index, receipt in enumerate(receipts):
+                if receipt.txid == txid:
+                    return SimpleNamespace(height=height, index=index)
+        return None
+
+    def block(self, height: int) -> Any:
+        return self._chain.blocks[height - 1]
+
+    def receipts(self, height: int) -> Any:
+        return self._chain.receipts[height - 1]
+
+
+class NoticeWire(ShortWire):
+    """A short wire that also answers for notices and receipts. `forge` may change what a node signs."""
+
+    def __init__(self, chain: ProvingHospital) -> None:
+        super().__init__(chain)
+        self.genesis = chain.genesis
+        self.ledger: Any = Ledger(chain)
+        self.issuer = ConsentReceipts(chain.custodians[0])
+        self.forge: Callable[[SignedReceipt], SignedReceipt] = lambda signed: signed
+        self.public_keys: list[bytes] = []
+
+    async def newest_header(self, key: PrivateKey) -> Any:
+        return self.chain.head
+
+    async def prove_public(
+        self, asking: Callable[[NodeAddress], Awaitable[bytes]], keys: Sequence[bytes]
+    ) -> ProvedState:
+        return self.trust.values(read_answer(await asking(self.nodes[0]), ProofsAnswer), keys)
+
+    async def ask_node(self, node: NodeAddress, method: str, path: str, **given: Any) -> bytes:
+        if path == "/v1/notice-proofs":
+            keys = [bytes.fromhex(key) for key in json.loads(given["body"])["keys"]]
+            assert "key" not in given, "nobody's session"
+            assert all(key.startswith(PUBLIC_PREFIXES) for key in keys)
+            self.public_keys += keys
+            return msgspec.json.encode(self._answer(keys))
+        if path == "/v1/consent-receipts":
+            txid = bytes.fromhex(json.loads(given["body"])["txid"])
+            signed = self.forge(self.issuer.issue(self.ledger, txid, given["key"].public_key))
+            return msgspec.json.encode(
+                ConsentReceiptAnswer(
+                    signed.document.decode(), signed.key.hex(), signed.signature.hex(), signed.transaction.hex()
+                )
+            )
+        return await super().ask_node(node, method, path, **given)
+
+
+class NoticeWard(Ward):
+    """The ward with such a wire."""
+
+    network: NoticeWire
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(folder)
+        self.network = NoticeWire(self.chain)
+        self.wallet.network = self.network  # type: ignore[assignment]
+
+    def publish(self, notice: Notice) -> None:
+        self.chain.must(self.chain.admin, "consent", "publish_notice", encode_notice(notice))

@@ -1,0 +1,237 @@
+"""Receipts that land in the wallet: signed by both sides, checked against the chain, and no forged one among them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from clients.bundle import consent_receipts as file
+from clients.bundle.chain_proofs import ProvedChain
+from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.consenting import Consenting
+from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
+from consensus.records.consent_receipts import sign_as_controller, sign_as_person
+from consensus.records.notices import Notice
+from network.demo_notice import demo_notice
+from node.api.services import SignedReceipt
+from tests.unit.clients.bundle.receipting import NoticeWard
+from tests.unit.contracts.privacy.hospital import key_of
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> NoticeWard:
+    ward = NoticeWard(tmp_path)
+    ward.publish(demo_notice())
+    return ward
+
+
+def other_words() -> Notice:
+    return msgspec.structs.replace(demo_notice(), obligation="No. Other words.")
+
+
+async def say(ward: NoticeWard, entry: str = "give", purposes: tuple[str, ...] = ("care",)) -> bytes:
+    saying = Consenting(ward.wallet)
+    if entry == "give":
+        return (await saying.give(list(purposes), ["depth"])).txid
+    return (await getattr(saying, entry)(list(purposes), [])).txid
+
+
+def changed(**changes: Any) -> Callable[[SignedReceipt], SignedReceipt]:
+    """A node that writes other words into a receipt, and signs them well."""
+
+    def forge(signed: SignedReceipt) -> SignedReceipt:
+        document = json.dumps(json.loads(signed.document) | changes, sort_keys=True, separators=(",", ":")).encode()
+        return replace(signed, document=document, signature=sign_as_controller(key_of("custodian-1"), document))
+
+    return forge
+
+
+async def refused(ward: NoticeWard, txid: bytes) -> str:
+    with pytest.raises(BlockRobotError) as caught:
+        await ConsentReceipts(ward.wallet).obtain(txid)
+    assert caught.value.code == "CONSENT_RECEIPT_INVALID"
+    content = ward.wallet.store.content
+    assert (content.receipts, content.receipts_due) == ([], [txid]), "it is neither signed nor kept, and still due"
+    return caught.value.detail
+
+
+async def test_each_word_has_a_receipt_in_the_fields_of_the_standard(ward: NoticeWard) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    for entry, status in (("give", "given"), ("refuse", "refused"), ("withdraw", "withdrawn")):
+        txid = await say(ward, entry)
+        receipt = await kept.obtain(txid)
+        fields = receipt.fields
+        assert (fields["record_id"], fields["pii_principal_id"]) == (txid.hex(), ward.patient.handle.hex())
+        assert fields["pii_controllers"][0]["party_contact"] == demo_notice().controller.contact
+        assert fields["privacy_notice"]["version"] == 1
+        assert (fields["purposes"][0]["purpose"], fields["purposes"][0]["lawful_basis"]) == ("care", "Art. 6(1)(a)")
+        (event,) = fields["events"]
+        assert (event["event_state"], event["event_id"]) == (status, txid.hex())
+        assert fields["chain"]["height"] == ward.chain.height
+        for name in ("schema_version", "retention_period", "recipient_third_parties", "jurisdiction", "privacy_rights"):
+            assert fields[name]
+    assert [each.word.status for each in (await kept.all()).checked] == ["given", "refused", "withdrawn"]
+
+
+async def test_both_sides_signed_and_equal_words_get_equal_bytes(ward: NoticeWard) -> None:
+    txid = await say(ward)
+    await ConsentReceipts(ward.wallet).obtain(txid)
+    (entry,) = (await ConsentReceipts(ward.wallet).all()).entries
+    document, signature = entry.document.encode(), bytes.fromhex(entry.controller_signature)
+    assert signature == sign_as_controller(key_of("custodian-1"), document)
+    assert bytes.fromhex(entry.person_signature) == sign_as_person(ward.wallet.keys.identity, document, signature)
+    again = ward.network.issuer.issue(ward.network.ledger, txid, ward.wallet.keys.identity.public_key)
+    assert (again.document, again.signature) == (document, signature)
+
+
+async def test_the_first_consent_of_who_registers_has_one_too(ward: NoticeWard) -> None:
+    found = await ConsentReceipts(ward.wallet).all(search=True)
+    (receipt,) = found.checked
+    assert (receipt.word.status, receipt.word.sensors) == ("given", ("depth",))
+    assert receipt.published is None, "she registered before the notice came"
+    assert receipt.fields["privacy_notice"] is None
+
+
+async def test_a_forged_signature_is_refused(ward: NoticeWard) -> None:
+    ward.network.forge = lambda signed: replace(signed, signature=bytes(64))
+    assert "did not sign" in await refused(ward, await say(ward))
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"purposes": []},
+        {"withdrawal_method": "Not at all."},
+        {"events": []},
+        {"chain": {}},
+        {"pii_principal_id": "00" * 32},
+        {"more": "than was said"},
+    ],
+)
+async def test_words_that_are_not_those_of_the_chain_are_refused(ward: NoticeWard, changes: dict[str, Any]) -> None:
+    ward.network.forge = changed(**changes)
+    assert "not those of the chain" in await refused(ward, await say(ward))
+
+
+@pytest.mark.parametrize("document", [b"", b"[]", b"{}", b"{", b'{"privacy_notice":null,"pii_controllers":[]}'])
+async def test_what_is_no_receipt_at_all_is_refused(ward: NoticeWard, document: bytes) -> None:
+    ward.network.forge = lambda signed: replace(signed, document=document)
+    assert "form" in await refused(ward, await say(ward))
+
+
+async def test_the_receipt_of_another_word_is_refused(ward: NoticeWard) -> None:
+    first, second = await say(ward), await say(ward, "refuse", ("research",))
+    member = ward.wallet.keys.identity.public_key
+    other = ward.network.issuer.issue(ward.network.ledger, first, member)
+    ward.network.forge = lambda _: other
+    await refused(ward, second)
+
+
+async def test_the_receipt_of_another_person_is_refused(ward: NoticeWard) -> None:
+    ben = ward.chain.enrol("ben")
+    theirs = ward.chain.must(ben.identity, "consent", "refuse", ben.handle, ["care"], [])
+    other = ward.network.issuer.issue(ward.network.ledger, theirs.txid, ben.identity.public_key)
+    ward.network.forge = lambda _: other
+    await refused(ward, await say(ward))
+
+
+async def test_a_node_signs_for_nobody_but_whose_word_it_is(ward: NoticeWard) -> None:
+    txid = await say(ward)
+    ben = ward.chain.enrol("ben")
+    for who, code in ((ben.identity, "NOT_FOUND"), (key_of("stranger"), "CONSENT_RECEIPT_ELSEWHERE")):
+        with pytest.raises(BlockRobotError) as caught:
+            ward.network.issuer.issue(ward.network.ledger, txid, who.public_key)
+        assert caught.value.code == code
+    visit = ward.chain.must(ward.wallet.keys.identity, "identity", "authenticate", ward.patient.handle)
+    with pytest.raises(BlockRobotError) as caught:
+        ward.network.issuer.issue(ward.network.ledger, visit.txid, ward.wallet.keys.identity.public_key)
+    assert caught.value.code == "CONSENT_WORD_MISSING"
+
+
+async def test_who_is_no_custodian_signs_nothing_that_counts(ward: NoticeWard) -> None:
+    forger = key_of("stranger")
+    ward.network.forge = lambda signed: replace(
+        signed, key=forger.public_key, signature=sign_as_controller(forger, signed.document)
+    )
+    assert "no custodian" in await refused(ward, await say(ward))
+
+
+async def test_a_receipt_that_names_another_version_of_the_notice_is_refused(ward: NoticeWard) -> None:
+    ward.publish(other_words())
+    txid = await say(ward)
+    seen = ConsentReceipts(ward.wallet)
+    good = ward.network.issuer.issue(ward.network.ledger, txid, ward.wallet.keys.identity.public_key)
+    notice = json.loads(good.document)["privacy_notice"]
+    assert notice["version"] == 2
+    for version in (0, 1, 3):
+        ward.network.forge = changed(privacy_notice=notice | {"version": version} if version else None)
+        with pytest.raises(BlockRobotError) as caught:
+            await seen.obtain(txid)
+        assert caught.value.code == "CONSENT_RECEIPT_INVALID"
+    ward.network.forge = lambda signed: signed
+    assert (await seen.obtain(txid)).published is not None
+
+
+async def test_the_notice_is_the_one_that_she_knew_though_another_came_in_between(ward: NoticeWard) -> None:
+    member, seen = ward.wallet.keys.identity, ward.chain.height
+    ward.publish(other_words())
+    word = ward.chain.must(member, "consent", "give", ward.patient.handle, ["care"], ["rgb"], 0, 0, 0, seen)
+    receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
+    assert receipt.published is not None
+    assert receipt.published.row.version == 1
+
+
+async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Path) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    await kept.obtain(await say(ward))
+    await kept.obtain(await say(ward, "withdraw", ()))
+    path = tmp_path / "receipts.json"
+    path.write_bytes(file.encode_file(ward.genesis, kept.epochs(), (await kept.all()).entries))
+    found = file.check_file(path, ward.genesis)
+    assert [each.word.status for each in found.receipts] == ["given", "withdrawn"]
+    assert found.is_anchored
+    with pytest.raises(BlockRobotError, match="another network"):
+        file.check_file(path, bytes(32))
+    for old, new in (
+        (b'\\"event_state\\":\\"given\\"', b'\\"event_state\\":\\"taken\\"'),
+        (b'"person_signature": "', b'"person_signature": "00'),
+        (b'"blockrobot-consent-receipts"', b'"blockrobot-consent-receipt5"'),
+        (b'"epochs": []', b'"epochs": ["00"]'),
+    ):
+        assert old in path.read_bytes(), old
+        (tmp_path / "forged.json").write_bytes(path.read_bytes().replace(old, new, 1))
+        with pytest.raises(BlockRobotError) as caught:
+            file.check_file(tmp_path / "forged.json")
+        assert caught.value.code == "CONSENT_RECEIPT_INVALID", old
+
+
+async def test_a_receipt_without_the_persons_own_signature_is_none(ward: NoticeWard) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    await kept.obtain(await say(ward))
+    (entry,) = (await kept.all()).entries
+    stranger = PrivateKey(bytes([7] * 32))
+    other = sign_as_person(stranger, entry.document.encode(), bytes.fromhex(entry.controller_signature)).hex()
+    for signature in ("", other):
+        forged = msgspec.structs.replace(entry, person_signature=signature)
+        with pytest.raises(BlockRobotError, match="did not sign"):
+            file.check_entry(ProvedChain(ward.genesis, []), ward.genesis, forged)
+
+
+async def test_a_receipt_that_could_not_be_had_is_fetched_later(ward: NoticeWard) -> None:
+    txid = await say(ward)
+    custodians, ward.network.custody.custodians = ward.network.custody.custodians, ()
+    kept = ConsentReceipts(ward.wallet)
+    with pytest.raises(BlockRobotError) as caught:
+        await kept.obtain(txid)
+    assert caught.value.code == "CONSENT_RECEIPT_ELSEWHERE"
+    assert [each[0] for each in (await kept.all()).missing] == [txid]
+    ward.network.custody.custodians = custodians
+    found = await kept.all()
+    assert ([each.word.txid for each in found.checked], found.missing) == ([txid], ())
