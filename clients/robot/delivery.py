@@ -3,7 +3,8 @@ its person's consent has ended: then it is destroyed.
 
 Each clip is its own transaction, sent after a random delay of up to half a second, so that the owners of one scene do
 not stand side by side on the chain. A visit is announced before its first record. Every step is idempotent: after a
-crash or a cut the spool's clips are delivered again, and the chain refuses a second record of the same id.
+crash or a cut the spool's clips are delivered again, and the chain refuses a second record of the same id. What must be
+on the medium is brought there in a thread, one thing after another: camera and uploads go on meanwhile.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from __future__ import annotations
 import asyncio
 import random
 from collections import Counter
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Coroutine
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -43,6 +44,10 @@ _log = structlog.get_logger("delivery")
 
 class ConsentEnded(Exception):  # noqa: N818 - no error: the person's word
     """The clip's person does not consent any more."""
+
+
+async def _nothing(_: SpooledClip) -> None:
+    """Take no notice of a clip that was destroyed."""
 
 
 class DeliveryNetwork(Protocol):
@@ -96,11 +101,11 @@ class Delivery:
         *,
         on_delivered: Callable[[Delivered], None],
         may_record: Callable[[SpooledClip], Awaitable[bool]],
-        on_dropped: Callable[[SpooledClip], None] = lambda _: None,
+        on_dropped: Callable[[SpooledClip], Awaitable[None]] = _nothing,
         at_once: bool = False,
     ) -> None:
         """`may_record` is asked before each attempt to announce or record a clip, and again between a clip's upload and its
-        record; what it says no to is destroyed.
+        record; what it says no to is destroyed, and `on_dropped` is told once that is on the medium.
         """
         self._spool = spool
         self._network = network
@@ -115,6 +120,8 @@ class Delivery:
         self._tried_visits: set[bytes] = set()
         self._done_counts: Counter[bytes] = Counter()  # of clips that were not destroyed, by owner key
         self._tasks: dict[str, asyncio.Task[None]] = {}
+        self._destroying = asyncio.Lock()  # one at a time: threads are wanted for the picture work
+        self._finishing: set[asyncio.Task[None]] = set()
         self.failure: BaseException | None = None
         self.overdue_count = 0
 
@@ -191,6 +198,7 @@ class Delivery:
         self._tried_visits.discard(owner)
         self._announcements.pop(owner, None)
         del self._done_counts[owner]
+        await asyncio.to_thread(visits.save)
 
     async def _is_on_chain(self, owner: bytes) -> bool:
         wait_ms = RETRY_FIRST_MS
@@ -216,11 +224,11 @@ class Delivery:
             raise self.failure
 
     async def stop(self) -> None:
-        """Stop without waiting; the clips stay in the spool."""
+        """Stop without waiting for the network; the clips stay in the spool. What is being destroyed is destroyed."""
         tasks = [*self._tasks.values(), *self._announcements.values()]
         for task in tasks:
             task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await asyncio.gather(*tasks, *self._finishing, return_exceptions=True)
 
     async def _final(
         self,
@@ -288,14 +296,26 @@ class Delivery:
             self._done_counts[clip.owner] += 1
             return
         except ConsentEnded:
-            self._spool.destroy(name)
-            self._on_dropped(clip)
+            await self._finish(self._destroy(name, clip))
             return
         self._spool.remove(name)
         self._done_counts[clip.owner] += 1
         self._on_delivered(
             Delivered(clip=clip, txid=txid, submitted_at_ms=submitted, final_at_ms=self._network.now_ms())
         )
+
+    async def _finish(self, work: Coroutine[Any, Any, None]) -> None:
+        """Bring something to its end, though the run is ended meanwhile; `stop` waits for it."""
+        task = asyncio.create_task(work)
+        self._finishing.add(task)
+        task.add_done_callback(self._finishing.discard)
+        await asyncio.shield(task)
+
+    async def _destroy(self, name: str, clip: SpooledClip) -> None:
+        """Destroy a clip, and only then say so: killed in between, its owner is told of one that is missing."""
+        async with self._destroying:
+            await asyncio.to_thread(self._spool.destroy, name)
+            await self._on_dropped(clip)
 
     def _is_overdue(self, clip: SpooledClip, error: BlockRobotError) -> bool:
         """Tell whether the chain refused a clip because it is too old, and not because the robot's clock is ahead."""

@@ -7,6 +7,7 @@ before it is recorded; whatever waits in between is dropped as soon as a no is s
 
 from __future__ import annotations
 
+import asyncio
 from collections import Counter
 from collections.abc import Callable
 
@@ -141,7 +142,7 @@ class Keeper:
         self._log.write(self._now_ms(), IMAGE_WITHHELD, f"frame-{sequence}", alias=alias, reason=reason)
 
 
-def note_dropped(
+async def note_dropped(
     clip: SpooledClip,
     consents: Consents,
     statistics: RunStatistics,
@@ -149,7 +150,10 @@ def note_dropped(
     log: EventLog,
     now_ms: int,
 ) -> None:
-    """Count a sealed clip that was destroyed because its person's consent had ended; its visit has a record less."""
+    """Count a sealed clip that was destroyed because its person's consent had ended; its visit has a record less.
+
+    Raises SPOOL_FULL.
+    """
     consents.figures.clips_dropped += 1
     open_visits.lower(clip.owner)
     reason = str(Refusal.NO_CONSENT)
@@ -159,3 +163,4 @@ def note_dropped(
     sealed = statistics.clip_dropped(clip.upload.record_id, reason)
     for sequence, _ in sealed.frames:
         log.write(now_ms, IMAGE_WITHHELD, f"frame-{sequence}", alias=sealed.alias, reason=reason)
+    await asyncio.to_thread(open_visits.save)

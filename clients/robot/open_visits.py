@@ -1,7 +1,8 @@
 """The visits that are still to be closed on the chain, kept over a kill. Must never tell whose a visit is.
 
 Owner keys and counts alone, encrypted under the robot's spool key. A count is noted before its clip is spooled: a clip
-that was lost between the two counts as missing, and the owner is told so.
+that was lost between the two counts as missing, and the owner is told so. Counts change in memory; `save`, which waits
+for the medium, is for a thread.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class OpenVisits:
         """Read the file, if there is one. Raises SPOOL_DAMAGED."""
         self._path = path
         self._key = key
-        self._lock = threading.Lock()  # those of clips are saved in a thread, those of clips that are dropped beside it
+        self._lock = threading.Lock()  # clips that are sealed, dropped and closed are saved in threads of their own
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         path.with_name(TEMPORARY_PREFIX + path.name).unlink(missing_ok=True)
         self._counts = {visit.owner: visit.record_count for visit in self._read()}
@@ -69,17 +70,15 @@ class OpenVisits:
         self._counts[owner] = sealed_count - self._dropped[owner]
 
     def lower(self, owner: bytes) -> None:
-        """Remember durably that a record of the visit, if it is still open, will never be. Raises SPOOL_FULL."""
+        """Say that a record of the visit, if it is still open, will never be. To be saved after its clip is destroyed."""
         if self._counts.get(owner, 0) > 0:
             self._dropped[owner] += 1
             self._counts[owner] -= 1
-            self.save()
 
     def forget(self, owner: bytes) -> None:
-        """The visit is closed on the chain. Raises SPOOL_FULL."""
+        """Say that the visit is closed on the chain. To be saved once it is."""
         self._counts.pop(owner, None)
         self._dropped.pop(owner, None)
-        self.save()
 
     def save(self) -> None:
         """Remember the counts durably, unless they are; from any thread. Raises SPOOL_FULL."""

@@ -108,8 +108,9 @@ class RobotDay:
     async def _may_record(self, clip: SpooledClip) -> bool:
         return self.consents(self._handles[clip.person])
 
-    def _dropped(self, clip: SpooledClip) -> None:
+    async def _dropped(self, clip: SpooledClip) -> None:
         self.open_visits.lower(clip.owner)
+        self.open_visits.save()
 
     def consents(self, handle: bytes) -> bool:
         """Tell whether the chain shows her consent now."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -35,6 +38,16 @@ path = [[0.0, -0.4, 2.5], [0.6, 0.0, 2.2]]
 readings_s = [0.1, 0.5]
 also_every_s = 0.2
 """
+
+
+@pytest.fixture
+def inline_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is for a thread, done on the loop itself: virtual time would run on while a thread works."""
+
+    async def work(function: Callable[..., Any], *arguments: Any) -> Any:
+        return function(*arguments)
+
+    monkeypatch.setattr(asyncio, "to_thread", work)
 
 
 @pytest.fixture(scope="session")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
@@ -22,6 +21,8 @@ from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual
+
+pytestmark = pytest.mark.usefixtures("inline_threads")
 
 
 def test_a_visit_is_closed_with_its_count_and_closing_twice_is_harmless(tmp_path: Path) -> None:
@@ -239,11 +240,7 @@ class Watching(Robot):
         self.closed_meanwhile = dict(self.network.closed)
 
 
-def test_a_robot_that_goes_on_closes_a_visit_when_it_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    async def inline(function: Callable[..., Any], *arguments: Any) -> Any:
-        return function(*arguments)
-
-    monkeypatch.setattr(asyncio, "to_thread", inline)  # virtual time would run on while a thread works
+def test_a_robot_that_goes_on_closes_a_visit_when_it_is_over(tmp_path: Path) -> None:
     bag = make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path / "bags", workers=1)
     robot = Watching(tmp_path, bag, roster())
     run_virtual(robot.run())

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,6 +26,8 @@ from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual, virtual_now_ms
 from tests.walking_alone import walking_alone
 
+pytestmark = pytest.mark.usefixtures("inline_threads")
+
 WALK = walking_alone(
     "walk",
     1.5,
@@ -41,16 +42,6 @@ WALK = walking_alone(
 def walk_bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Someone walks past, near enough to be kept in every frame."""
     return make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path_factory.mktemp("bags"), workers=1)
-
-
-@pytest.fixture(autouse=True)
-def inline(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Picture work on the loop itself: virtual time would run on while a thread works."""
-
-    async def work(function: Callable[..., Any], *arguments: Any) -> Any:
-        return function(*arguments)
-
-    monkeypatch.setattr(asyncio, "to_thread", work)
 
 
 Act = Callable[["Meddled"], None]

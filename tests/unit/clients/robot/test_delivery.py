@@ -28,6 +28,8 @@ from consensus.transaction import Transaction, sign_transaction
 from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual, virtual_now_ms
 
+pytestmark = pytest.mark.usefixtures("inline_threads")
+
 ROBOT = PrivateKey(bytes([5] * 32))
 LATENCY_MS = 40
 
@@ -147,13 +149,16 @@ class Run:
         self.asked += 1
         return clip.upload.record_id not in self.refused
 
+    async def note_dropped(self, clip: SpooledClip) -> None:
+        self.dropped.append(clip)
+
     def delivery(self, *, at_once: bool = True) -> Delivery:
         return Delivery(
             self.spool,
             self.network,
             on_delivered=self.done.append,
             may_record=self.may_record,
-            on_dropped=self.dropped.append,
+            on_dropped=self.note_dropped,
             at_once=at_once,
         )
 
@@ -268,7 +273,8 @@ def test_what_can_never_pass_is_not_tried_again(tmp_path: Path, code: str) -> No
 def test_one_bad_clip_does_not_keep_the_others_from_the_chain(tmp_path: Path) -> None:
     run = Run(tmp_path, clips=4)
     path = tmp_path / run.names[1]
-    path.write_bytes(path.read_bytes()[:-1] + b"x")
+    sealed = path.read_bytes()
+    path.write_bytes(sealed[:-1] + bytes([sealed[-1] ^ 1]))
     assert refused(run.deliver_all()).code == "SPOOL_DAMAGED"
     assert len(run.network.records) == 3
     assert run.spool.names() == [run.names[1]]

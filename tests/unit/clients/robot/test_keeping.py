@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from clients.robot.batching import Batcher, ReadyClip
 from clients.robot.consents import STALE_AFTER_MS
 from clients.robot.event_log import EventLog, read_events
@@ -21,6 +23,8 @@ from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
 from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual, virtual_now_ms
+
+pytestmark = pytest.mark.usefixtures("inline_threads")
 
 ANN, BEN = b"a" * 32, b"b" * 32
 CLIP_MS = 500
@@ -293,15 +297,15 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
         visits.note(sealed.owner, 2)
         desk.statistics.clip_sealed(sealed.upload.record_id, [(5, 100), (6, 133)], "ann")
         for _ in range(3):  # a clip of an earlier run has no frames that this one knows
-            note_dropped(sealed, desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
+            await note_dropped(sealed, desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
         assert desk.statistics.withheld == {"no-consent": 2}
         assert desk.logged() == [("frame-5", "ann", "no-consent"), ("frame-6", "ann", "no-consent")]
         assert desk.consents.summary()["clips_dropped"] == 3
-        assert visits.counts == {sealed.owner: 0}
+        assert visits.counts == OpenVisits(tmp_path / "open-visits", KEY).counts == {sealed.owner: 0}
         sound = RunStatistics(window_ms=5_000)
         desk.statistics.senses["audio"] = sound
         sound.clip_sealed(clip(8).upload.record_id, [(3, 100)], "ann")
-        note_dropped(clip(8), desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
+        await note_dropped(clip(8), desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
         assert (sound.withheld, desk.statistics.withheld) == ({"no-consent": 1}, {"no-consent": 2})
         told = [event for event in read_events(desk.log_path) if event["activity"] == "SENSE_WITHHELD"]
         assert [(event["case"], event["alias"]) for event in told] == [("audio-3", "ann")]

@@ -1,0 +1,114 @@
+"""What a robot must not forget is on the medium in its order, and neither camera nor uploads wait for that."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import threading
+from pathlib import Path
+
+import pytest
+
+from clients.robot.delivery import Delivery
+from clients.robot.open_visits import OpenVisits
+from clients.robot.spool import Spool, SpooledClip
+from tests.unit.clients.robot.test_delivery import Run
+from tests.unit.clients.robot.test_spool import KEY
+from tests.virtual_time import run_virtual
+
+
+class Counted(Run):
+    """Clips of one visit that is counted in a file, as a whole robot counts them."""
+
+    def __init__(self, folder: Path, clips: int) -> None:
+        super().__init__(folder / "spool", clips=clips)
+        self.folder = folder
+        self.visits = OpenVisits(folder / "visits", KEY)
+        self.owner = self.spool.get(self.names[0]).owner
+        self.visits.note(self.owner, clips)
+
+    async def note_dropped(self, clip: SpooledClip) -> None:
+        await super().note_dropped(clip)
+        self.visits.lower(clip.owner)
+        await asyncio.to_thread(self.visits.save)
+
+    def refuse(self, *names: str) -> None:
+        self.refused = {self.spool.get(name).upload.record_id for name in names}
+
+    @property
+    def on_disk(self) -> tuple[int, dict[bytes, int]]:
+        """What a robot that begins again finds: how many clips, and what each visit is counted to have."""
+        return len(Spool(self.folder / "spool", KEY).names()), OpenVisits(self.folder / "visits", KEY).counts
+
+
+@pytest.fixture
+def syncing_threads(monkeypatch: pytest.MonkeyPatch) -> list[threading.Thread]:
+    """The threads that wait for the medium, from now on."""
+    threads: list[threading.Thread] = []
+    sync = os.fsync
+
+    def noted(descriptor: int) -> None:
+        threads.append(threading.current_thread())
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    return threads
+
+
+def test_the_event_loop_never_waits_for_the_medium(tmp_path: Path, syncing_threads: list[threading.Thread]) -> None:
+    run = Counted(tmp_path, clips=4)
+    run.refuse(*run.names[:2])
+    syncing_threads.clear()
+
+    async def main() -> None:
+        delivery = await run.deliver_all()
+        await delivery.close_over(run.visits, lambda _: False)
+
+    run_virtual(main())
+    assert (len(run.dropped), run.network.closed, run.on_disk) == (2, {run.owner: 2}, (0, {}))
+    assert len(syncing_threads) >= 2 * 3 + 2 + 1, "each clip's name, bytes and name again; each count; the closing"
+    assert threading.main_thread() not in syncing_threads
+
+
+def test_a_clip_is_gone_before_its_visit_is_said_to_be_shorter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Killed in between, its owner hears of one record too many, never of one too few."""
+    run = Counted(tmp_path, clips=3)
+    run.refuse(*run.names)
+    found = []
+    save = run.visits.save
+
+    def noted() -> None:
+        found.append(run.on_disk)
+        save()
+
+    monkeypatch.setattr(run.visits, "save", noted)
+    run_virtual(run.deliver_all())
+    assert found == [(2, {run.owner: 3}), (1, {run.owner: 2}), (0, {run.owner: 1})]
+    assert run.on_disk == (0, {run.owner: 0})
+
+
+def test_what_is_being_destroyed_when_a_run_is_ended_is_destroyed_and_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = Counted(tmp_path, clips=2)
+    run.refuse(run.names[0])
+    begun, may_end = threading.Event(), threading.Event()
+    destroy = run.spool.destroy
+
+    def slow(name: str) -> None:
+        begun.set()
+        assert may_end.wait(10)
+        destroy(name)
+
+    monkeypatch.setattr(run.spool, "destroy", slow)
+
+    async def main(delivery: Delivery) -> None:
+        delivery.start(run.names[0])
+        await asyncio.to_thread(begun.wait, 10)
+        stopping = asyncio.create_task(delivery.stop())
+        await asyncio.sleep(0)
+        may_end.set()
+        await stopping
+
+    asyncio.run(main(run.delivery()))
+    assert (len(run.dropped), run.on_disk) == (1, (1, {run.owner: 1}))
