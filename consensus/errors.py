@@ -84,6 +84,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("SESSION_EXPIRED", 401, "The session is over or was never opened on this node.", "Open a new session.", retryable=True),
     ErrorEntry("CHALLENGE_INVALID", 401, "The challenge is unknown, used or too old.", "Ask for a new challenge.", retryable=True),
     ErrorEntry("SESSION_REFUSED", 403, "The key is neither a member nor the owner of a finalized visit.", "Register first, with the code on your card."),
+    ErrorEntry("MEMBER_NO_MORE", 403, "This wallet's words make nobody a member any more: other words were put in their place, or the membership ended.", "If you changed the words on another device, restore this wallet there or here with the new words and --former; if you did not, go to the registrar's desk at once and have the card revoked."),
+    ErrorEntry("WALLET_ROTATION_OPEN", 409, "The wallet has new words that are not yet in force everywhere.", "Run `blockrobot wallet rotate` again: it goes on where it was cut off."),
     ErrorEntry("NOT_PERMITTED", 403, "This key may not do that.", "Use the key that the resource belongs to."),
     ErrorEntry("NOT_FOUND", 404, "There is no such thing here.", "Check the identifier."),
     ErrorEntry("NODE_NOT_READY", 503, "The node is starting or has lost its peers.", "Wait until /readyz answers 200.", retryable=True),

@@ -69,7 +69,7 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     opened = [record.opening for facts in visits for record in facts.records if record.opening is not None]
     if opened != proofs.openings.records:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens records that it does not tell of, or not in order.")
-    signers = [facts.owner for facts in visits] + ([member] if member else [])
+    signers = [facts.decided_by for facts in visits] + ([member] if member else [])
     texts = telling.open_corrections(visits, proofs.openings.corrections)
     if texts and not member:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens corrections without saying whose.")

@@ -18,6 +18,7 @@ from consensus.records.disclosure import open_disclosed_metadata
 from consensus.records.metadata import RecordMetadata
 
 VISIT = b"records\x00visit/"
+CURRENT = b"records\x00current/"
 RECORD = b"records\x00record/"
 COUNT = b"audit\x00count/"
 ENTRY = b"audit\x00entry/"
@@ -63,6 +64,8 @@ class VisitFacts:
     quarantine: Any
     corrections: tuple[Any, ...]
     heights: tuple[int, int]
+    decided_by: bytes
+    """The key that decides of the visit, and signs: its first key, or the one that it was transferred to last."""
 
     @property
     def is_whole(self) -> bool:
@@ -72,7 +75,7 @@ class VisitFacts:
 
 def trail_keys(owner: bytes) -> list[bytes]:
     """Return the keys by which reading a visit begins; those of rights may be absent, and are proved to be."""
-    return [kind + owner for kind in (VISIT, COUNT, RESTRICTION, OBJECTION, QUARANTINE, CORRECTION_COUNT)]
+    return [kind + owner for kind in (VISIT, CURRENT, COUNT, RESTRICTION, OBJECTION, QUARANTINE, CORRECTION_COUNT)]
 
 
 def correction_keys(owner: bytes, count: int) -> list[bytes]:
@@ -143,7 +146,8 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
     expected.update(correction_keys(owner, corrections))
     for _, entry in trail:
         expected.update(keys_of_entry(entry))
-    if expected != set(proved):
+    # Bundles that were made before visits could be transferred do not say that this one was not.
+    if expected - {CURRENT + owner} != set(proved) - {CURRENT + owner}:
         raise _unproven("The proofs of a visit leave out what its trail leads to, or hold something else.")
     count = _present_count(proved, COUNT + owner)
     ids = [entry["record_id"] for _, entry in trail if entry["kind"] == RECORDED]
@@ -166,7 +170,13 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
         quarantine=proved[QUARANTINE + owner].value,
         corrections=tuple(proved[key].value for key in correction_keys(owner, corrections)),
         heights=(min(heights), max(heights)),
+        decided_by=_deciding_key(proved, owner),
     )
+
+
+def _deciding_key(proved: Proved, owner: bytes) -> bytes:
+    found = proved.get(CURRENT + owner)
+    return owner if found is None or found.value is None else bytes(found.value["owner"])
 
 
 def _of_owner(found: dict[bytes, Any], owner: bytes) -> dict[bytes, dict[str, Any]]:

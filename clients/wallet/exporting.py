@@ -14,7 +14,7 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle.proving import Heard, Proofs, never_heard
-from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_MAX_COUNT, correction_keys
+from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_MAX_COUNT, VISIT, correction_keys
 from clients.bundle.writing import Contents
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.proof_collecting import PersonProofs, collect_person, collect_visit
@@ -159,6 +159,8 @@ class Exporting:
         for number, chosen in enumerate(sorted(plan.visits, key=lambda each: each.visit.sequence), 1):
             visits.append((chosen, await collect_visit(wallet, chosen.visit, chosen.chosen_ids)))
             self._heard("proofs of visits", number, len(plan.visits))
+        # A visit that was found by its new key alone has another number in the wallet than on the chain.
+        visits.sort(key=lambda pair: int(pair[1].values[VISIT + pair[0].visit.owner]["sequence"]))
         person = PersonProofs(None, (), (), b"")
         if plan.wanted.identity:
             person = await collect_person(wallet)
@@ -189,7 +191,7 @@ class Exporting:
         )
 
     def _key_finder(self, plan: Plan) -> Callable[[bytes], PrivateKey]:
-        visits = {chosen.visit.owner: chosen.visit for chosen in plan.visits}
+        visits = {chosen.visit.current or chosen.visit.owner: chosen.visit for chosen in plan.visits}
 
         def find(public_key: bytes) -> PrivateKey:
             if public_key in visits:
@@ -279,8 +281,10 @@ class Exporting:
             self._note(entry.record_id, "VALUE_INVALID", "The robot gave it an impossible place in the visit.")
             return None
         box_key = b""
-        if sealing_public == self._wallet.keys.sealing_public:
-            box_key = derive_box_key(self._wallet.keys.sealing, state["sealed_metadata"])
+        sealed_to = self._wallet.open_metadata(state["sealed_metadata"])[1]
+        # What was sealed to a key that was replaced since is the exporter's word: the ledger names her present one.
+        if sealing_public == sealed_to.sealing_public:
+            box_key = derive_box_key(sealed_to.sealing, state["sealed_metadata"])
         leaves, salts = self._open_frames(entry, state["erased_frames"])
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)
 

@@ -46,17 +46,29 @@ class PassphraseCost:
 
 
 class KnownVisit(msgspec.Struct):
-    """A visit that the wallet found to be its own: what is needed to derive its owner key again."""
+    """A visit that the wallet found to be its own: what is needed to derive its owner key again.
+
+    `owner` is the visit's first key, its name on the chain; `current`, if it was transferred, the key that decides of it
+    now. `ephemeral` and `era` (which words, counted from the wallet's first) belong to the key that decides. `taken`: it
+    was transferred to a key that none of the wallet's words lead to.
+    """
 
     owner: bytes
     ephemeral: bytes
     robot: bytes
     sequence: int
     bucket_ms: int
+    current: bytes = b""
+    era: int = 0
+    taken: bool = False
 
 
 class WalletContent(msgspec.Struct):
-    """What the file holds, decrypted."""
+    """What the file holds, decrypted.
+
+    `former` are words that were replaced, oldest first: what was sealed to their keys opens with nothing else.
+    `next_words` are to replace the present ones; they are kept here before anything is signed with them.
+    """
 
     words: str
     handle: bytes = b""
@@ -73,6 +85,10 @@ class WalletContent(msgspec.Struct):
     receipts_due: list[bytes] = msgspec.field(default_factory=list)
     notice_shown_version: int = 0
     notice_consented_version: int = 0
+    former: list[str] = msgspec.field(default_factory=list)
+    next_words: str = ""
+    next_words_shown: bool = False
+    left: bool = False
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

@@ -15,7 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, check_clip_download
 from consensus.records.commitments import commitment_leaf, derive_salt
-from consensus.records.envelopes import open_data_key, open_frame
+from consensus.records.envelopes import open_frame
 from consensus.records.renditions import Rendition, decode_rendition
 
 STATUS_OK = "ok"
@@ -131,7 +131,7 @@ class Viewing:
         if damaged:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
         try:
-            data_key = open_data_key(self._wallet.keys.sealing, frame.sealed_key)
+            data_key = self._wallet.open_data_key(frame.sealed_key)
             plaintext = open_frame(data_key, entry.record_id, index, frame.ciphertext)
             salt = derive_salt(data_key)
             if commitment_leaf(salt, index, sha256(plaintext)) != clip.commitment_leaves[index]:

@@ -6,24 +6,27 @@ whatever concerns one visit is asked in the session of that visit's owner key, o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
+from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
 from clients.wallet.auditing import RECORDED_KIND, audit_visit
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.standing import VisitRights, read_standing
-from clients.wallet.visits import find_own_visits, owner_key
+from clients.wallet.visits import follow_announcements, owner_key
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
-from consensus.records.envelopes import open_metadata
+from consensus.records.envelopes import open_data_key, open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
 from consensus.records.vouchers import decode_card_code
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +71,7 @@ class Wallet:
     def __init__(self, store: Keystore, genesis: Genesis) -> None:
         self.store = store
         self.genesis = genesis
-        self.keys: WalletKeys = derive_keys(store.content.words)
+        self.load_keys()
         self.network = NetworkClient(genesis, pinned=store.content.pin or None)
 
     async def __aenter__(self) -> Wallet:
@@ -79,9 +82,32 @@ class Wallet:
         self.store.save()
         await self.network.close()
 
+    def load_keys(self) -> None:
+        """Derive the keys from the words that the wallet has, and had: `eras`, oldest first, the last being in force."""
+        content = self.store.content
+        self.eras: list[WalletKeys] = [derive_keys(words) for words in [*content.former, content.words]]
+        self.keys: WalletKeys = self.eras[-1]
+
     def owner_key(self, visit: KnownVisit) -> PrivateKey:
-        """Derive the private key of one visit."""
-        return owner_key(visit, self.keys, self.genesis.chain_id)
+        """Derive the private key that decides of one visit, as far as this wallet knows."""
+        return owner_key(visit, self.eras[visit.era], self.genesis.chain_id)
+
+    def open_metadata(self, sealed: bytes) -> tuple[bytes, WalletKeys]:
+        """Open sealed metadata; return it and the keys that it was sealed to. Raises ENVELOPE_INVALID."""
+        return self._with_any(lambda keys: (open_metadata(keys.sealing, sealed), keys))
+
+    def open_data_key(self, sealed: bytes) -> bytes:
+        """Open the key of a frame. Raises ENVELOPE_INVALID."""
+        return self._with_any(lambda keys: open_data_key(keys.sealing, sealed))
+
+    def _with_any(self, work: Callable[[WalletKeys], T]) -> T:
+        """Do it with the newest keys for which it succeeds: what was sealed to former ones stays so."""
+        for keys in reversed(self.eras[1:]):
+            try:
+                return work(keys)
+            except BlockRobotError:
+                continue
+        return work(self.eras[0])
 
     async def register(self, code: str, purposes: list[str]) -> Registration:
         """Register with the code on the card, consenting to the purposes. Doing it again with the same code is harmless.
@@ -89,7 +115,7 @@ class Wallet:
         Raises VOUCHER_INVALID for a damaged code, NOT_PERMITTED with the contract's code if the chain refuses.
         """
         card = decode_card_code(code)
-        known = await self._own_registration()
+        known = await self.find_registration(self.keys)
         if known is not None and known["handle"] == card.handle:
             self._remember_registration(known)
             return Registration(txid=b"", member=self.keys.identity.public_key)
@@ -104,12 +130,11 @@ class Wallet:
         self._remember_registration({"handle": card.handle, "role": card.role})
         return registration
 
-    async def _own_registration(self) -> dict[str, Any] | None:
-        """Return what the chain holds of this wallet's member key, proven, or None if it is no active member."""
+    async def find_registration(self, keys: WalletKeys) -> dict[str, Any] | None:
+        """Return what the chain holds of a member key of this person, proven, or None if it is no active member."""
+        identity = keys.identity
         try:
-            found = await self.network.state_value(
-                "identity", b"member/" + self.keys.identity.public_key, self.keys.identity
-            )
+            found = await self.network.state_value("identity", b"member/" + identity.public_key, identity)
         except BlockRobotError as error:
             if error.code != "SESSION_REFUSED":
                 raise
@@ -119,7 +144,7 @@ class Wallet:
 
     def _remember_registration(self, member: dict[str, Any]) -> None:
         content = self.store.content
-        content.handle, content.role = member["handle"], member["role"]
+        content.handle, content.role, content.left = member["handle"], member["role"], False
         self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
@@ -141,23 +166,40 @@ class Wallet:
         """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's."""
         if self.store.content.handle:
             return
-        member = await self._own_registration()
+        member = await self.find_registration(self.keys)
         if member is None:
             raise BlockRobotError("NOT_REGISTERED")
         self._remember_registration(member)
 
     async def scan(self) -> list[KnownVisit]:
-        """Read the announcements that are new since last time and return all visits that are this person's."""
+        """Read the announcements that are new since last time and return all visits that are this person's.
+
+        Without those that somebody else has taken. Who has left reads no more announcements, and has what she knew.
+        Raises MEMBER_NO_MORE if the member key was replaced or its membership ended, unknown to this wallet.
+        """
         await self.require_registered()
         content = self.store.content
         while True:
-            page = await self.network.announcements(content.scanned_count, self.keys.identity)
-            content.visits.extend(find_own_visits(page.items, self.keys, self.genesis.chain_id))
+            try:
+                page = await self._read_announcements(content.scanned_count)
+            except BlockRobotError as error:
+                if error.code != "MEMBER_NO_MORE" or not content.left:
+                    raise
+                break
+            follow_announcements(content.visits, page.items, self.eras, self.genesis.chain_id)
             content.scanned_count = page.next_number
             if page.next_number >= page.count:
                 break
         self.store.save()
-        return list(content.visits)
+        return [visit for visit in content.visits if not visit.taken]
+
+    async def _read_announcements(self, first: int) -> AnnouncementPage:
+        try:
+            return await self.network.announcements(first, self.keys.identity)
+        except BlockRobotError as error:
+            if error.code == "SESSION_REFUSED":
+                raise BlockRobotError("MEMBER_NO_MORE") from None
+            raise
 
     async def visit_report(self, visit: KnownVisit) -> VisitReport:
         """List a visit's records, each proven, opened and chained; say how many are missing.
@@ -186,7 +228,7 @@ class Wallet:
                 erased.append(record_id)
                 continue
             try:
-                metadata = decode(open_metadata(self.keys.sealing, state["sealed_metadata"]), RecordMetadata)
+                metadata = decode(self.open_metadata(state["sealed_metadata"])[0], RecordMetadata)
             except BlockRobotError:
                 unreadable.append(record_id)
                 continue

@@ -1,0 +1,185 @@
+"""Puts new words in place of stolen ones: the member key first, then the key of each visit. Must never sign with new words
+that are not saved yet, nor join visits that the ledger keeps apart by moving them side by side unasked.
+
+Every step can be cut off and done again. What is final stays; what is not known to be is looked up on the chain.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from clients.wallet.keys import WalletKeys, derive_keys, draw_words
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.owner_keys import VisitKeys, open_visit_keys
+from consensus.records.vouchers import sign_rotation
+
+SPREAD_MAX_MS = 4_000
+Tell = Callable[[int, int], None]
+Sleep = Callable[[float], Awaitable[None]]
+_EPHEMERAL_BYTES = 32
+_KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
+
+
+@dataclass(frozen=True, slots=True)
+class Transferred:
+    """What became of the visits: those with a new key, those that somebody else has, and what ended it early."""
+
+    done: tuple[KnownVisit, ...]
+    taken: tuple[KnownVisit, ...]
+    refusal: BlockRobotError | None = None
+
+
+class Rotating:
+    """The change of one wallet's words."""
+
+    def __init__(self, wallet: Wallet, *, sleep: Sleep = asyncio.sleep) -> None:
+        self._wallet = wallet
+        self._sleep = sleep
+
+    def prepare(self) -> str:
+        """Return the words that are to come, saved in the wallet before anybody sees them; the same ones until then."""
+        store = self._wallet.store
+        if not store.content.next_words:
+            store.content.next_words, store.content.next_words_shown = draw_words(), False
+            store.save()
+        return store.content.next_words
+
+    @property
+    def must_show(self) -> bool:
+        """Whether words wait that nobody has confirmed to have."""
+        content = self._wallet.store.content
+        return bool(content.next_words) and not content.next_words_shown
+
+    def confirm_shown(self) -> None:
+        """Note that the person has the new words: from then on they are signed with, and not shown again."""
+        store = self._wallet.store
+        store.content.next_words_shown = True
+        store.save()
+
+    async def rotate(self) -> bool:
+        """Put the new words' member key in place of the present one; tell whether anything was left to do.
+
+        Raises VALUE_INVALID before `confirm_shown`, MEMBER_NO_MORE if neither is a member's (a thief was faster, or the
+        membership ended), CALL_REFUSED with the contract's code.
+        """
+        wallet, content = self._wallet, self._wallet.store.content
+        if not content.next_words:
+            return False
+        if self.must_show:
+            raise BlockRobotError("VALUE_INVALID", "The new words were not shown yet.")
+        new = derive_keys(content.next_words)
+        if await wallet.find_registration(new) is None:
+            member = await wallet.find_registration(wallet.keys)
+            if member is None:
+                raise BlockRobotError("MEMBER_NO_MORE")
+            try:
+                await self._say_rotation(member["handle"], new)
+            except BlockRobotError as error:
+                # What was sent before a cut may have become final in between.
+                if error.code not in _KEY_REPLACED or await wallet.find_registration(new) is None:
+                    raise
+        content.former.append(content.words)
+        content.words, content.next_words, content.next_words_shown = content.next_words, "", False
+        wallet.store.save()
+        wallet.load_keys()
+        return True
+
+    async def _say_rotation(self, handle: bytes, new: WalletKeys) -> None:
+        wallet = self._wallet
+        identity = wallet.keys.identity
+        keys = [new.spend.public_key, new.view.public_key, new.sealing_public]
+        signature = sign_rotation(
+            new.identity,
+            chain_id=wallet.genesis.chain_id,
+            handle=handle,
+            member=identity.public_key,
+            spend=keys[0],
+            view=keys[1],
+            sealing=keys[2],
+        )
+        arguments = [handle, new.identity.public_key, *keys, signature]
+        await wallet.network.call(identity, "identity", "rotate", arguments)
+
+    async def exposed_visits(self) -> list[KnownVisit]:
+        """Return the visits of which a key from former words still decides. Raises MEMBER_NO_MORE and the like."""
+        wallet = self._wallet
+        newest = len(wallet.eras) - 1
+        return [visit for visit in await wallet.scan() if visit.era != newest]
+
+    async def transfer(self, visit: KnownVisit) -> None:
+        """Put a key of the present words in place of a visit's. Raises CALL_REFUSED with the contract's code."""
+        keys = self._draw_keys(visit)
+        wallet = self._wallet
+        arguments = [keys.owner, keys.ephemeral, keys.view_tag]
+        await wallet.network.call(wallet.owner_key(visit), "records", "transfer", arguments)
+        for known in wallet.store.content.visits:
+            if known.owner == visit.owner:
+                known.current, known.ephemeral, known.era = keys.owner, keys.ephemeral, len(wallet.eras) - 1
+        wallet.store.save()
+
+    def _draw_keys(self, visit: KnownVisit) -> VisitKeys:
+        """Make the next owner key as robots make the first. The secret behind it is forgotten at once."""
+        keys = self._wallet.keys
+        return open_visit_keys(
+            secrets.token_bytes(_EPHEMERAL_BYTES),
+            keys.view.public_key,
+            keys.spend.public_key,
+            chain_id=self._wallet.genesis.chain_id,
+            robot=visit.robot,
+        )
+
+    async def transfer_all(self, *, at_once: bool, tell: Tell) -> Transferred:
+        """Transfer every visit that former words still decide of, in an order and after pauses that chance decides.
+
+        The first refusal ends it, unless the key was replaced already: by this wallet before a cut, or by somebody else.
+        """
+        order = await self.exposed_visits()
+        secrets.SystemRandom().shuffle(order)
+        done: list[KnownVisit] = []
+        refusal = None
+        for number, visit in enumerate(order):
+            tell(number, len(order))
+            if number and not at_once:
+                await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            try:
+                await self.transfer(visit)
+            except BlockRobotError as error:
+                if error.code not in _KEY_REPLACED or visit.owner in {
+                    each.owner for each in await self.exposed_visits()
+                }:
+                    refusal = error
+                    break
+            done.append(visit)
+        taken = tuple(visit for visit in self._wallet.store.content.visits if visit.taken)
+        lost = {visit.owner for visit in taken}
+        return Transferred(tuple(visit for visit in done if visit.owner not in lost), taken, refusal)
+
+    async def leave(self) -> int:
+        """End the membership; return the height from which it counts, or 0 if it had ended before, as this wallet wanted.
+
+        What was recorded stays, under its owner keys. That she wants to leave is saved before it is said, so that a wallet
+        that was cut off knows why it is let in no more.
+
+        Raises WALLET_ROTATION_OPEN while new words wait, MEMBER_NO_MORE, CALL_REFUSED.
+        """
+        wallet, content = self._wallet, self._wallet.store.content
+        if content.next_words:
+            raise BlockRobotError("WALLET_ROTATION_OPEN")
+        await wallet.scan()
+        if await wallet.find_registration(wallet.keys) is None:
+            return 0
+        content.left = True
+        wallet.store.save()
+        try:
+            receipt = await wallet.network.call(wallet.keys.identity, "identity", "leave", [content.handle])
+        except BlockRobotError as error:
+            if error.code == "CALL_REFUSED":
+                content.left = False
+                wallet.store.save()
+            raise
+        return receipt.height

@@ -1,0 +1,189 @@
+"""A wallet on a chain with the contracts that ship: sessions and standing are the node's own, only the network is left out.
+
+Power can be cut before and after every saving and every call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from clients.sdk.announcements import Announcement, AnnouncementPage
+from clients.sdk.trust import ProvedState
+from clients.wallet.keys import WalletKeys, derive_keys
+from clients.wallet.keystore import Keystore, KnownVisit
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode_value, encode
+from consensus.primitives.keys import PrivateKey
+from consensus.records.envelopes import seal_metadata
+from consensus.records.metadata import RecordMetadata, compute_metadata_hash
+from contracts.execution.standing import find_role, find_root, has_standing
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
+
+
+class PowerCut(BaseException):
+    """The device is off."""
+
+
+class Power:
+    """Counts the moments at which power could be cut, and cuts it at one of them."""
+
+    def __init__(self) -> None:
+        self.moments, self.cut_at = 0, -1
+
+    def moment(self) -> None:
+        self.moments += 1
+        if self.moments - 1 == self.cut_at:
+            raise PowerCut
+
+
+@dataclass
+class Holder(Person):
+    """Somebody whose keys come from words."""
+
+    keys: WalletKeys | None = None
+
+    def _keys(self) -> WalletKeys:
+        assert self.keys is not None
+        return self.keys
+
+    @property
+    def identity(self) -> PrivateKey:
+        return self._keys().identity
+
+    @property
+    def spend(self) -> PrivateKey:
+        return self._keys().spend
+
+    @property
+    def view(self) -> PrivateKey:
+        return self._keys().view
+
+    @property
+    def sealing(self) -> bytes:
+        return self._keys().sealing_public
+
+
+@dataclass(frozen=True)
+class Final:
+    """What a wallet looks at of a final receipt."""
+
+    txid: bytes
+    height: int
+
+
+class Chain:
+    """What the network client does for a wallet, on the hospital's state. A session is given by the node's own rule."""
+
+    pinned = b"pinned"
+
+    def __init__(self, hospital: Hospital, power: Power) -> None:
+        self.hospital, self.power = hospital, power
+        self.calls: list[tuple[bytes, str]] = []
+
+    async def close(self) -> None:
+        """Nothing is open."""
+
+    def _open_session(self, key: PrivateKey, *, member: bool = False) -> None:
+        role = find_role(self.hospital.state, key.public_key)
+        if not role and (member or find_root(self.hospital.state, key.public_key) is None):
+            raise BlockRobotError("SESSION_REFUSED")
+
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        self._open_session(key)
+        found = {flat: self.hospital.state.get(flat) for flat in keys}
+        values = {flat: None if data is None else decode_value(data) for flat, data in found.items()}
+        return ProvedState(height=self.hospital.height, timestamp_ms=self.hospital.time_ms, values=values)
+
+    async def state_value(self, contract: str, state_key: bytes, key: PrivateKey) -> Any:
+        flat = contract.encode() + b"\x00" + state_key
+        return (await self.state_values([flat], key)).values[flat]
+
+    async def announcements(self, first: int, key: PrivateKey) -> AnnouncementPage:
+        self._open_session(key, member=True)
+        count = self.hospital.value("records", b"announcement-count") or 0
+        items = [
+            Announcement(first + place, *parts)
+            for place, parts in enumerate(self.hospital.view("records", "announcements", first, 2))
+        ]
+        return AnnouncementPage(count, tuple(items), first + len(items))
+
+    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Final:
+        self.power.moment()
+        transaction = self.hospital.sign(key, contract, entry, *arguments)
+        if not has_standing(self.hospital.state, transaction, self.hospital.time_ms):
+            raise BlockRobotError("SENDER_WITHOUT_STANDING")
+        self.calls.append((key.public_key, entry))
+        (receipt,) = self.hospital.block([transaction])
+        if not receipt.ok:
+            raise BlockRobotError("CALL_REFUSED", receipt.code)
+        self.power.moment()
+        return Final(receipt.txid, self.hospital.height)
+
+
+class CutStore(Keystore):
+    """A wallet file whose device may be switched off before and after each writing."""
+
+    power: Power
+
+    def save(self) -> None:
+        self.power.moment()
+        super().save()
+        self.power.moment()
+
+
+class Story:
+    """A hospital, and a wallet that is opened again after each cut."""
+
+    def __init__(self, folder: Path, words: str) -> None:
+        self.hospital, self.power = Hospital(), Power()
+        self._hashes: dict[bytes, bytes] = {}
+        self.path, self.words = folder / "ann.wallet", words
+        Keystore.create(self.path, words, "tea", CHEAP)
+        self.chain = Chain(self.hospital, self.power)
+        self.person = Holder("ann", keys=derive_keys(words))
+        card = self.hospital.card("ann")
+        arguments = self.hospital.register_arguments(self.person, card)
+        self.hospital.must(self.person.identity, "identity", "register", *arguments)
+        self.handle = card.handle
+
+    def open(self, path: Path | None = None) -> Wallet:
+        """Open the wallet as a device does that was just switched on."""
+        store = Keystore.open(path or self.path, "tea")
+        store.__class__ = CutStore
+        store.power = self.power  # type: ignore[attr-defined]
+        opened = Wallet(store, self.hospital.genesis)
+        opened.network = self.chain  # type: ignore[assignment]
+        return opened
+
+    def copy(self, name: str, words: str, former: list[str]) -> Wallet:
+        """Make another wallet from words, as a thief does, or she herself on another device."""
+        path = self.path.with_name(f"{name}.wallet")
+        store = Keystore.create(path, words, "tea", CHEAP)
+        store.content.former = former
+        store.save()
+        return self.open(path)
+
+    def visit(self, number: int, records: int = 2, person: Holder | None = None) -> Visit:
+        """Record somebody (her, unless another is named): a visit with records whose metadata are sealed to the keys."""
+        who = person or self.person
+        visit = self.hospital.open_visit(who, number)
+        for index in range(records):
+            self.record(visit, who, index)
+        return visit
+
+    def record(self, visit: Visit, who: Holder, index: int) -> bytes:
+        """Record one clip of a visit."""
+        now_ms = self.hospital.time_ms
+        previous = self._hashes.get(visit.owner, bytes(32))
+        metadata = RecordMetadata("depth", now_ms, now_ms + 500, 5, index, previous, (), 640, 480)
+        self._hashes[visit.owner] = compute_metadata_hash(metadata)
+        return self.hospital.record(visit, sealed_metadata=seal_metadata(who.sealing, encode(metadata)))
+
+    def current(self, visit: Visit | KnownVisit) -> bytes:
+        """Return the key that decides of a visit on the chain."""
+        return bytes(self.hospital.view("records", "current_of", visit.owner))

@@ -1,0 +1,309 @@
+"""The wallet was stolen: new words, a new member key, a new key for each visit; cut off anywhere, it goes on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from clients.wallet.auditing import audit_all
+from clients.wallet.erasing import Erasing
+from clients.wallet.keys import derive_keys, draw_words
+from clients.wallet.keystore import Keystore, WalletContent
+from clients.wallet.rotating import Rotating
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.stolen import Holder, PowerCut, Story
+
+OLD_WORDS = "abandon " * 23 + "art"
+
+
+async def no_pause(_: float) -> None:
+    """Chance decides how long; here nobody waits."""
+
+
+def no_words(_: int, __: int) -> None:
+    """Nobody looks at the progress."""
+
+
+@pytest.fixture
+def story(tmp_path: Path) -> Story:
+    """Anna with two visits, and one of a stranger between them."""
+    story = Story(tmp_path, OLD_WORDS.strip())
+    story.visit(1)
+    story.hospital.open_visit(story.hospital.enrol("stranger"))
+    story.visit(2)
+    return story
+
+
+async def rotate(wallet: Wallet) -> Rotating:
+    """Do everything that `wallet rotate` does."""
+    rotating = Rotating(wallet, sleep=no_pause)
+    if wallet.store.content.next_words or not wallet.store.content.former:
+        rotating.prepare()
+        if rotating.must_show:
+            rotating.confirm_shown()
+        await rotating.rotate()
+    done = await rotating.transfer_all(at_once=False, tell=no_words)
+    assert done.refusal is None
+    return rotating
+
+
+async def refusal(work: object) -> str:
+    """Return the code by which something is refused."""
+    with pytest.raises(BlockRobotError) as caught:
+        await work  # type: ignore[misc]
+    return caught.value.code
+
+
+async def test_the_new_words_see_and_decide_of_what_the_old_ones_did(story: Story) -> None:
+    wallet = story.open()
+    before = {report.visit.owner: len(report.records) for report in await wallet.records()}
+    assert list(before.values()) == [2, 2]
+    await rotate(wallet)
+    again = story.open()
+    reports = await again.records()
+    assert {report.visit.owner: len(report.records) for report in reports} == before
+    assert [report.missing_count for report in reports] == [0, 0]
+    first = reports[0]
+    assert again.owner_key(first.visit).public_key == first.visit.current == story.current(first.visit) != b""
+    await again.sign_and_wait(first.visit, "access", "request", [[first.records[0].record_id], "own-access"])
+    await again.sign_and_wait(first.visit, "rights", "restrict", [[], "accuracy"])
+    await Erasing(again).request(first.visit, [first.records[1].record_id], [])
+    kinds = [entry.kind for entry in await audit_all(again) if entry.owner == first.visit.owner]
+    assert kinds[-4:] == ["transferred", "access_requested", "restricted", "erasure_requested"]
+
+
+async def test_the_member_key_comes_first_and_visits_one_by_one(story: Story) -> None:
+    """The robots seal to the new keys from the next block on, before anything old is moved."""
+    visits = {visit.owner for visit in await story.open().scan()}
+    story.chain.calls.clear()
+    await rotate(story.open())
+    (rotated, *transferred) = story.chain.calls
+    assert rotated == (story.person.identity.public_key, "rotate")
+    assert [entry for _, entry in transferred] == ["transfer", "transfer"]
+    assert {key for key, _ in transferred} == visits
+    assert len({story.current(visit) for visit in story.open().store.content.visits} | visits) == 4
+
+
+async def test_a_thief_with_the_old_words_is_refused_everywhere(story: Story) -> None:
+    thief = story.copy("thief", OLD_WORDS.strip(), [])
+    reports = await thief.records()
+    await rotate(story.open())
+    assert await refusal(thief.records()) == "MEMBER_NO_MORE"
+    assert await refusal(Rotating(thief).leave()) == "MEMBER_NO_MORE"
+    trails = [story.hospital.value("audit", b"count/" + report.visit.owner) for report in reports]
+    for report in reports:
+        visit, record_id = report.visit, report.records[0].record_id
+        assert await refusal(thief.visit_report(visit)) == "SESSION_REFUSED"
+        for contract, entry, arguments in (
+            ("access", "request", [[record_id], "own-access"]),
+            ("access", "verdict", [record_id, "verified", []]),
+            ("erasure", "request", [[record_id], []]),
+            ("rights", "restrict", [[], "accuracy"]),
+            ("rights", "wrong_person", []),
+        ):
+            assert await refusal(thief.sign_and_wait(visit, contract, entry, arguments)) == "SENDER_WITHOUT_STANDING"
+        assert await refusal(Rotating(thief).transfer(visit)) == "SENDER_WITHOUT_STANDING"
+    rotating = Rotating(thief)
+    rotating.prepare()
+    rotating.confirm_shown()
+    assert await refusal(rotating.rotate()) == "MEMBER_NO_MORE"
+    assert trails == [story.hospital.value("audit", b"count/" + report.visit.owner) for report in reports]
+
+
+async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) -> None:
+    """Before and after each saving and each call: the words on the disk are always those that the chain knows, or knew."""
+    cut_at, cuts = 0, 0
+    while True:
+        folder = tmp_path / str(cut_at)
+        folder.mkdir()
+        story = Story(folder, OLD_WORDS.strip())
+        story.visit(1)
+        story.visit(2)
+        await story.open().records()
+        story.power.moments, story.power.cut_at = 0, cut_at
+        try:
+            await rotate(story.open())
+        except PowerCut:
+            cuts += 1
+        else:
+            break
+        content = Keystore.open(story.path, "tea").content
+        member = story.hospital.view("identity", "member_of_handle", story.handle)["member"]
+        known = [words for words in (content.words, content.next_words) if words]
+        assert member in {derive_keys(words).identity.public_key for words in known}
+        await rotate(story.open())
+        wallet = story.open()
+        assert wallet.store.content.former == [OLD_WORDS.strip()]
+        assert wallet.store.content.next_words == ""
+        reports = await wallet.records()
+        assert [len(report.records) for report in reports] == [2, 2]
+        assert all(wallet.owner_key(report.visit).public_key == story.current(report.visit) for report in reports)
+        assert all(report.visit.era == 1 for report in reports)
+        cut_at += 1
+    assert cuts == cut_at > 15
+
+
+async def test_words_that_were_not_shown_are_shown_again_and_never_signed_with(story: Story) -> None:
+    first = Rotating(story.open())
+    words = first.prepare()
+    again = Rotating(story.open())
+    assert again.must_show
+    assert await refusal(again.rotate()) == "VALUE_INVALID"
+    assert again.prepare() == words
+    again.confirm_shown()
+    later = Rotating(story.open())
+    assert not later.must_show
+    assert await later.rotate()
+    assert not await later.rotate()
+    assert story.open().store.content.words == words
+
+
+async def test_a_visit_that_comes_late_to_the_old_words_is_found_and_moved(story: Story) -> None:
+    """A robot that was cut off brings what it recorded a day later, sealed to the old keys."""
+    await rotate(story.open())
+    late = story.visit(3)
+    wallet = story.open()
+    rotating = Rotating(wallet, sleep=no_pause)
+    assert [visit.owner for visit in await rotating.exposed_visits()] == [late.owner]
+    assert len((await wallet.records())[2].records) == 2
+    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    assert ([visit.owner for visit in done.done], done.taken, done.refusal) == ([late.owner], (), None)
+    assert await rotating.exposed_visits() == []
+
+
+async def test_records_that_come_after_the_transfer_are_there_too(story: Story) -> None:
+    """The robot goes on with an open visit under its first key, and seals to the keys that it began with."""
+    visit = story.visit(4)
+    await rotate(story.open())
+    story.record(visit, story.person, 2)
+    assert len((await story.open().records())[2].records) == 3
+
+
+async def test_who_restores_with_new_and_former_words_has_everything(story: Story) -> None:
+    wallet = story.open()
+    await rotate(wallet)
+    new = wallet.store.content.words
+    both = story.copy("both", new, [OLD_WORDS.strip()])
+    reports = await both.records()
+    assert [len(report.records) for report in reports] == [2, 2]
+    assert [report.visit.sequence for report in reports] == [0, 2]
+    alone = story.copy("alone", new, [])
+    reports = await alone.records()
+    assert [(len(report.records), len(report.unreadable_ids)) for report in reports] == [(0, 2), (0, 2)]
+    await Erasing(alone).request(reports[0].visit, [reports[0].unreadable_ids[0]], [])
+
+
+async def test_words_can_be_changed_again_and_again(story: Story) -> None:
+    for _ in range(3):
+        wallet = story.open()
+        rotating = Rotating(wallet, sleep=no_pause)
+        rotating.prepare()
+        rotating.confirm_shown()
+        assert await rotating.rotate()
+        await rotating.transfer_all(at_once=True, tell=no_words)
+    reports = await story.open().records()
+    assert [(report.visit.era, len(report.records)) for report in reports] == [(3, 2), (3, 2)]
+
+
+async def test_what_a_thief_has_taken_first_is_told_and_hides_nothing_else(story: Story) -> None:
+    """Who is faster has the visit: the wallet says so, by what the chain proves, and goes on with the others."""
+    wallet = story.open()
+    mine, other = await wallet.scan()
+    thief = Holder("thief", keys=derive_keys(draw_words()))
+    _, arguments = story.hospital.transfer_arguments(thief, 7)
+    await story.chain.call(wallet.owner_key(mine), "records", "transfer", arguments)
+    assert [visit.owner for visit in await wallet.scan()] == [other.owner]
+    assert [visit.owner for visit in wallet.store.content.visits if visit.taken] == [mine.owner]
+    rotating = await rotate(wallet)
+    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    assert (done.done, [visit.owner for visit in done.taken]) == ((), [mine.owner])
+    assert story.current(other) != other.owner
+
+
+async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
+    wallet = story.open()
+    visits = await wallet.scan()
+    old = {visit.owner: wallet.owner_key(visit) for visit in visits}
+    thief = Holder("thief", keys=derive_keys(draw_words()))
+    rotating = Rotating(wallet, sleep=no_pause)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+
+    async def steal(_: float) -> None:
+        """While the wallet waits before the second visit, the thief takes it."""
+        for number, visit in enumerate(visits):
+            if story.current(visit) == visit.owner:
+                arguments = story.hospital.transfer_arguments(thief, number)[1]
+                story.hospital.must(old[visit.owner], "records", "transfer", *arguments)
+
+    done = await Rotating(wallet, sleep=steal).transfer_all(at_once=False, tell=no_words)
+    assert (len(done.done), len(done.taken), done.refusal) == (1, 1, None)
+
+
+async def test_a_refusal_ends_it_and_says_what_is_done(story: Story) -> None:
+    wallet = story.open()
+    rotating = Rotating(wallet, sleep=no_pause)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+    real, count = story.chain.call, 0
+
+    async def fail_second(*arguments: object) -> object:
+        nonlocal count
+        count += 1
+        if count == 2:
+            raise BlockRobotError("NODE_UNREACHABLE")
+        return await real(*arguments)  # type: ignore[arg-type]
+
+    story.chain.call = fail_second  # type: ignore[method-assign,assignment]
+    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    assert (len(done.done), done.refusal is not None) == (1, True)
+    assert len(await rotating.exposed_visits()) == 1
+
+
+async def test_who_leaves_keeps_what_was_recorded_of_her(story: Story) -> None:
+    wallet = story.open()
+    height = await Rotating(wallet).leave()
+    assert height == story.hospital.height
+    again = story.open()
+    assert [len(report.records) for report in await again.records()] == [2, 2]
+    assert await Rotating(again).leave() == 0
+    assert story.hospital.view("identity", "member", story.person.identity.public_key)["status"] == "left"
+
+
+async def test_leaving_can_be_cut_off_too(tmp_path: Path) -> None:
+    cut_at = 0
+    while True:
+        folder = tmp_path / str(cut_at)
+        folder.mkdir()
+        story = Story(folder, OLD_WORDS.strip())
+        story.visit(1)
+        story.power.cut_at = cut_at
+        story.power.moments = 0
+        try:
+            await Rotating(story.open()).leave()
+        except PowerCut:
+            await Rotating(story.open()).leave()
+        else:
+            break
+        assert len(await story.open().records()) == 1
+        cut_at += 1
+    assert cut_at >= 5
+
+
+async def test_nobody_leaves_with_half_changed_words(story: Story) -> None:
+    rotating = Rotating(story.open())
+    rotating.prepare()
+    assert await refusal(rotating.leave()) == "WALLET_ROTATION_OPEN"
+
+
+def test_a_wallet_from_before_words_could_be_changed_opens() -> None:
+    visit = {"owner": b"o", "ephemeral": b"r", "robot": b"b", "sequence": 3, "bucket_ms": 0}
+    data = msgspec.msgpack.encode({"words": OLD_WORDS.strip(), "visits": [visit], "scanned_count": 4})
+    content = msgspec.msgpack.decode(data, type=WalletContent)
+    assert (content.former, content.next_words, content.left) == ([], "", False)
+    assert (content.visits[0].current, content.visits[0].era, content.visits[0].taken) == (b"", 0, False)
