@@ -18,6 +18,7 @@ from network.cluster import Cluster
 from network.demo.processes import run_command, wallet_arguments
 from network.demo.tampering import drop_databases
 from network.layout import create_network
+from network.notice_publishing import publish_demo_notice
 
 PEERS_MAX_S = 10.0
 NODES_COUNT = 4
@@ -35,6 +36,8 @@ class Stage:
         self._store = store
         self._base_port = base_port
         self._cluster: Cluster | None = None
+        self.receipts: dict[str, dict[str, Any] | None] = {}
+        """The consent receipt of each person who was enrolled, as her wallet told it."""
 
     @property
     def cluster(self) -> Cluster:
@@ -68,6 +71,10 @@ class Stage:
         self._cluster.start_all()
         await self._cluster.wait_ready()
         return await self._count_peers()
+
+    async def publish_notice(self) -> int:
+        """Publish what the demonstration's hospital tells people; return the version."""
+        return await publish_demo_notice(self.network_dir)
 
     async def _count_peers(self) -> list[int]:
         """Return how many peers each node is in touch with, once all are with all (a quorum is ready a little sooner)."""
@@ -122,6 +129,7 @@ class Stage:
         words = self.wallets / f"{alias}.words"
         made = await self.wallet(alias, "new", "--fast-passphrase", "--words-file", str(words))
         registered = await self.wallet(alias, "register", code, "--purpose", self.purpose)
+        self.receipts[alias] = registered["receipt"]
         return bool(made["member"] == registered["member"])
 
     async def enrol_robot(self, name: str = "robot") -> str:

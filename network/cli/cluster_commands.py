@@ -17,6 +17,7 @@ from clients.sdk.terminal import console, home_folder, json_option, plain_errors
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster, NodeStatusReport
 from network.layout import create_network
+from network.notice_publishing import publish_demo_notice
 from network.removal import remove_network
 
 DEFAULT_BASE_PORT = 7272
@@ -52,6 +53,8 @@ folder_option = click.option(
 def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: bool, as_json: bool) -> None:
     """Start the local network, making it first if there is none. Its state survives down and up.
 
+    A new one publishes the demonstration hospital's privacy notice: blockrobot notice show.
+
     Example: blockrobot up --nodes 4
     """
     place = network_folder(folder)
@@ -84,7 +87,17 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
             remove_network(place)
             raise failure from None
         raise
+    if is_new:
+        _tell_people(place)
     report(asyncio.run(cluster.status()), place, as_json=as_json)
+
+
+def _tell_people(place: Path) -> None:
+    """Publish the demonstration's notice: nobody is asked for consent without one. A network runs without it, too."""
+    try:
+        asyncio.run(publish_demo_notice(place))
+    except (BlockRobotError, OSError) as error:
+        click.echo(f"The demonstration's privacy notice is not published: {error}", err=True)
 
 
 def _first_failure(cluster: Cluster, error: BaseException) -> BaseException:

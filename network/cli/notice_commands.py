@@ -13,7 +13,6 @@ from rich.markup import escape
 from clients.sdk.governance import read_membership
 from clients.sdk.http import NetworkClient
 from clients.sdk.notices import read_notice, read_version
-from clients.sdk.pin_file import PIN_FILE, open_pinned_client
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.records.notices import Notice, PublishedNotice, encode_notice, notice_digest, notice_from, tell_notice
@@ -28,7 +27,8 @@ from network.cli.governing import (
     take_seat,
     with_client,
 )
-from network.demo_notice import DEMO_ORGANISATION, demo_notice, demo_notice_text
+from network.demo_notice import DEMO_ORGANISATION, demo_notice_text
+from network.notice_publishing import publish_notice
 
 _new_file = click.Path(path_type=Path, dir_okay=False)
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
@@ -95,33 +95,11 @@ def check(file: Path, as_json: bool) -> None:
     )
 
 
-async def publish_notice(client: NetworkClient, seat: Seat, found: Notice) -> tuple[PublishedNotice, bool]:
-    """Publish a notice for the seat's organisation unless it is in force; tell whether it is new. Raises CALL_REFUSED."""
-    organisation = seat.organisation or await _own_organisation(client, seat)
-    before = await read_notice(client, organisation)
-    if before is not None and before.notice == found:
-        return before, False
-    await client.call(seat.key, "consent", "publish_notice", [encode_notice(found)])
-    after = await read_notice(client, organisation)
-    if after is None or after.notice != found:
-        raise BlockRobotError("NOTICE_NOT_FOUND", "Another version was published at the same time; look at it first.")
-    return after, True
-
-
 async def _own_organisation(client: NetworkClient, seat: Seat) -> str:
     name = await client.state_value("identity", b"admin/" + seat.key.public_key, seat.key)
     if not isinstance(name, str):
         raise BlockRobotError("GOVERNANCE_NOT_ADMIN")
     return name
-
-
-async def publish_demo_notice(seat: Seat) -> int:
-    """Publish the demonstration's notice where the organisation has none yet; return the version in force."""
-    async with open_pinned_client(seat.genesis, seat.folder / PIN_FILE) as client:
-        known = await read_notice(client, seat.organisation)
-        if known is None:
-            known, _ = await publish_notice(client, seat, demo_notice())
-        return known.row.version
 
 
 @notice.command()
@@ -140,7 +118,11 @@ def publish(file: Path, folder: Path | None, organisation: str | None, key_file:
     found = read_notice_file(file)
     encode_notice(found)
     seat = take_seat(folder, organisation, key_file)
-    published, is_new = with_client(seat, lambda client: publish_notice(client, seat, found))
+
+    async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
+        return await publish_notice(client, seat.key, seat.organisation or await _own_organisation(client, seat), found)
+
+    published, is_new = with_client(seat, work)
     row = published.row
     if as_json:
         told = {"organisation": row.organisation, "version": row.version, "hash": row.digest.hex()}

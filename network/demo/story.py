@@ -69,6 +69,7 @@ class Demo:
         self.state = DemoState()
         self.scenario: Scenario = published_run_1()
         self._tell = tell
+        self._notice_version = 0
         self.stage = Stage(options.out, store=options.store, base_port=options.base_port, purpose=PURPOSE)
 
     async def run(self) -> None:
@@ -112,11 +113,21 @@ class Demo:
         """Make and start four node processes of two organisations, and wait until each is ready."""
         started = time.monotonic()
         peers = await self.stage.start_network("demo")
+        self._notice_version = await self.stage.publish_notice()
         self.checks.add(
             "4 nodes of 2 organisations are ready",
             ok=len(peers) == 4 and min(peers) == 3,
             detail=f"each in touch with {min(peers, default=0)} peers over mutual TLS, "
             f"after {time.monotonic() - started:.1f} s",
+        )
+
+    def _check_told(self) -> None:
+        notice, signed = self._notice_version, [self.stage.receipts.get(patient) for patient in PATIENTS]
+        told = [each for each in signed if each is not None and each["notice_version"] == notice]
+        self.checks.add(
+            "patients were told before they consented, and hold receipts",
+            ok=notice == 1 and len(told) == len(PATIENTS),
+            detail=f"{len(told)} receipts under version {notice} of the hospital's notice, signed by both sides",
         )
 
     async def enrol(self) -> None:
@@ -127,6 +138,7 @@ class Demo:
             ok=all(held),
             detail="the key that the contract recovered from each signature is the wallet's own",
         )
+        self._check_told()
         self.state.robot_member = await self.stage.enrol_robot()
         rows = await self.stage.make_roster(self.state.robot_member)
         self.checks.add(
