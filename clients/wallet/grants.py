@@ -100,8 +100,9 @@ async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
     while True:
         count, grants = await _read_page(wallet, content.scanned_grants_count)
         for grant in grants:
-            if is_for(grant, wallet.keys, wallet.genesis.chain_id):
-                content.received_grants.append(ReceivedGrant(grant.grant_id, grant.owner, grant.ephemeral))
+            for era, keys in enumerate(wallet.eras):
+                if is_for(grant, keys, wallet.genesis.chain_id):
+                    content.received_grants.append(ReceivedGrant(grant.grant_id, grant.owner, grant.ephemeral, era))
         content.scanned_grants_count += len(grants)
         if content.scanned_grants_count >= count:
             break
@@ -119,7 +120,7 @@ def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
 
 def grantee_key(received: ReceivedGrant, wallet: Wallet) -> PrivateKey:
     """Derive the private key of a grant. It is never stored and never leaves this process."""
-    keys = wallet.keys
+    keys = wallet.eras[received.era]
     return derive_grantee_key(
         keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
     )
@@ -128,7 +129,9 @@ def grantee_key(received: ReceivedGrant, wallet: Wallet) -> PrivateKey:
 def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
     """Derive the salt that shows custodians for whose handle a grant is."""
     chain_id = wallet.genesis.chain_id
-    return derive_grant_salt(wallet.keys.view, received.ephemeral, chain_id=chain_id, owner=received.owner)
+    return derive_grant_salt(
+        wallet.eras[received.era].view, received.ephemeral, chain_id=chain_id, owner=received.owner
+    )
 
 
 def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:

@@ -95,15 +95,17 @@ def receipt_lines(receipt: Receipt) -> list[str]:
     meaning = PURPOSES.get(grant.purpose, grant.purpose)
     end = f"until {show_moment(grant.until_ms)}" if receipt.is_open else "over"
     lines = [f"{name}  {len(grant.records)} records of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
-    kinds = dict.fromkeys(notice.kind for notice in receipt.notices)
-    for kind in kinds:
-        told = [notice for notice in receipt.notices if notice.kind == kind]
+    news = [notice for notice in receipt.notices if not notice.confirmed]
+    for kind in dict.fromkeys(notice.kind for notice in news):
+        told = [notice for notice in news if notice.kind == kind]
         lines.append(f"  {len(told)} of {len(grant.records)} records: {WORDS[kind]}")
         if len(told) < len(grant.records):
             lines += [f"    {notice.record_id.hex()}" for notice in told]
     lines += [f"  a copy is in {place}" for place in copies_left(receipt, receipt.to_confirm)]
     if receipt.to_confirm:
         lines.append(f"  When nothing is left: blockrobot wallet confirm-deleted {name}")
+    elif len(news) < len(receipt.notices):
+        lines.append("  You have confirmed that your copies are deleted.")
     elif receipt.is_open:
         lines.append(f"  To look: blockrobot wallet look {name}")
     return lines

@@ -107,7 +107,10 @@ class Receiving:
         return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
-        """Return one grant as the chain has it now, with its notices. Raises PROOF_INVALID if it is gone."""
+        """Return one grant as the chain has it now, with its notices. Raises PROOF_INVALID if it is gone.
+
+        That its time is over is news only where pictures were written on this machine: everybody knew the end before.
+        """
         key = grantee_key(received, self._wallet)
         grants = await read_grants(self._wallet, [received.grant_id], key)
         if not grants:
@@ -115,9 +118,11 @@ class Receiving:
         (grant,) = grants
         now_ms = (await self._wallet.network.newest_header(key)).timestamp_ms
         is_open = grant.is_open(now_ms)
+        had = {copy.record_id for copy in received.copies}
         notices = [
             Notice(record_id, kind, record_id in grant.noticed or _mark(record_id, kind) in received.confirmed)
             for record_id, kind in await self._find_notices(grant, key, is_open=is_open)
+            if kind != KIND_ENDED or record_id in had
         ]
         return Receipt(grant, received, is_open, tuple(notices))
 
@@ -187,7 +192,8 @@ class Receiving:
             raise BlockRobotError("NOT_FOUND", "The chain has no such record of this visit.")
         if state["status"] != "active":
             raise BlockRobotError("CLIP_ERASED")
-        gathered = _Gathered(state, record_id, receipt.grant.grantee, self._wallet.keys.sealing)
+        sealing = self._wallet.eras[receipt.received.era].sealing
+        gathered = _Gathered(state, record_id, receipt.grant.grantee, sealing)
         refusal: BlockRobotError | None = None
         for node in self._wallet.network.custody.custodians:
             ask = SharedRequest(

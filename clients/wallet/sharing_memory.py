@@ -32,11 +32,13 @@ class SharedCopy(msgspec.Struct):
 class ReceivedGrant(msgspec.Struct):
     """A grant that this wallet found to be for it: what derives its key again, and where its pictures were written.
 
-    `confirmed` says of which records, after which notices (`<record id>:<kind>`), the owner was told that copies are gone.
+    `era` says which of the wallet's words it was made for, counted from its first. `confirmed` says of which records,
+    after which notices (`<record id>:<kind>`), the owner was told that copies are gone.
     """
 
     grant_id: bytes
     owner: bytes
     ephemeral: bytes
+    era: int = 0
     copies: list[SharedCopy] = msgspec.field(default_factory=list)
     confirmed: list[str] = msgspec.field(default_factory=list)

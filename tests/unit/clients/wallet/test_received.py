@@ -22,6 +22,7 @@ from clients.wallet.received import (
     Receiving,
 )
 from clients.wallet.rights import Chosen, Rights
+from clients.wallet.rotating import Rotating
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.sharing import GRANT_STEP_MS, SharedDownload
@@ -189,7 +190,10 @@ async def test_its_time_over_it_is_over(ward: SharedWard, doctor: Wallet, receiv
     ward.chain.time_ms += GRANT_STEP_MS
     ward.record_visit(1)  # a block passes
     receipt = await only(receiving)
-    assert (receipt.is_open, kinds(receipt)) == (False, {KIND_ENDED})
+    assert (receipt.is_open, receipt.notices) == (False, ()), "who has nothing has nothing to delete"
+    receiving.remember_copy(receipt, receipt.grant.records[0], "/somewhere")
+    receipt = await only(receiving)
+    assert (kinds(receipt), receipt.to_confirm) == ({KIND_ENDED}, list(receipt.grant.records))
 
 
 async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confirmed(
@@ -267,3 +271,41 @@ def test_a_grant_is_named_by_its_beginning() -> None:
     for start, code in (("0101", "REQUEST_INVALID"), ("01010101", "REQUEST_INVALID"), ("abababab", "NOT_FOUND")):
         with pytest.raises(BlockRobotError, match=code):
             find_by_prefix(ids, start)
+
+
+async def change_words(wallet: Wallet) -> None:
+    """Everything that `wallet rotate` does after a theft."""
+
+    rotating = Rotating(wallet)
+    rotating.prepare()
+    rotating.confirm_shown()
+    assert await rotating.rotate()
+    for visit in await rotating.exposed_visits():
+        await rotating.transfer(visit)
+
+
+async def test_who_has_new_words_since_still_opens_what_was_shared_before_and_after(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    _, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    await change_words(doctor)
+    await ward.share(doctor)
+    receipts = await receiving.inbox()
+    assert [receipt.received.era for receipt in receipts] == [0, 1]
+    for receipt in receipts:
+        access_id = await receiving.request_access(receipt, ids)
+        assert (await receiving.look(receipt, ids[0], access_id)).corrupted == []
+
+
+async def test_an_owner_with_new_words_still_sees_and_ends_what_she_shared(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    ward.record_visit(1)
+    await ward.share(doctor)
+    await change_words(ward.wallet)
+    await ward.share(doctor)
+    first, second = await ward.sharing.shares()
+    assert {share.name for share in (first, second)} == {"Dr Weber"}
+    await ward.sharing.revoke(first)
+    assert [receipt.is_open for receipt in await receiving.inbox()] == [False, True]
