@@ -1,0 +1,111 @@
+"""GDPR Article 13: what she is told where data come from herself, before they do, and when it changes.
+
+13(1): who, why, on what ground, who receives it, where to; 13(2): how long, rights, taking consent back, complaints,
+whether she has to, automated decisions; 13(3): a further purpose is told before.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.consenting import Consenting
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.notices import Notices
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.notices import RIGHTS_NAMED, Notice, encode_notice
+from consensus.records.vouchers import encode_card_code
+from network.demo_notice import demo_notice
+from tests.unit.clients.bundle.receipting import NoticeWard
+from tests.unit.clients.wallet.conftest import CHEAP
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> NoticeWard:
+    ward = NoticeWard(tmp_path)
+    ward.publish(demo_notice())
+    return ward
+
+
+def further_purpose() -> Notice:
+    teaching = msgspec.structs.replace(
+        demo_notice().purposes[0], code="teaching", words="Teaching and training of staff."
+    )
+    return msgspec.structs.replace(demo_notice(), purposes=[*demo_notice().purposes, teaching])
+
+
+async def told(ward: NoticeWard) -> str:
+    return "\n".join((await Notices(ward.wallet).current()).lines())
+
+
+async def test_13_1_before_the_first_word_she_is_told_who_why_on_what_ground_and_who_receives(
+    ward: NoticeWard, tmp_path: Path
+) -> None:
+    """Nothing of her is on the chain yet: no session, no handle, and what is read is proved."""
+    new = Wallet(Keystore.create(tmp_path / "new.wallet", draw_words(), "tea", CHEAP), ward.genesis)
+    new.network = ward.network  # type: ignore[assignment]
+    height = ward.chain.height
+    text = "\n".join((await Notices(new).for_card(encode_card_code(ward.chain.card("new")))).lines())
+    notice = demo_notice()
+    for words in (notice.controller.contact, notice.officer.contact, notice.third_countries):
+        assert words in text
+    for purpose in notice.purposes:
+        assert f"Purpose {purpose.code}: {purpose.words} Ground: {purpose.lawful_basis}" in text
+    assert "Art. 9(2)(a)" in text
+    assert all(each.who in text for each in notice.recipients)
+    assert ward.chain.height == height, "reading puts nothing on the chain"
+    assert not new.store.content.handle
+
+
+async def test_13_2_how_long_which_rights_where_to_complain_and_whether_she_has_to(ward: NoticeWard) -> None:
+    text = await told(ward)
+    for article in RIGHTS_NAMED:
+        assert f"Your right (Art. {article})" in text
+    for words in ("withdraw", demo_notice().authority.contact, demo_notice().obligation, "for as long as this chain"):
+        assert words in text
+    assert "Automated decisions: None." in text
+
+
+@pytest.mark.parametrize(
+    "field", ["controller", "officer", "authority", "withdrawal", "obligation", "automated_decisions"]
+)
+def test_13_what_leaves_any_of_it_out_is_never_published(field: str) -> None:
+    value = msgspec.to_builtins(demo_notice())
+    empty = {"name": "", "address": "", "contact": ""} if isinstance(value[field], dict) else ""
+    with pytest.raises(BlockRobotError) as caught:
+        encode_notice(msgspec.convert(value | {field: empty}, Notice))
+    assert caught.value.code == "NOTICE_INVALID"
+
+
+async def test_13_3_a_further_purpose_is_shown_before_she_consents_to_it(ward: NoticeWard) -> None:
+    notices = Notices(ward.wallet)
+    first = await notices.due()
+    assert first is not None
+    notices.note_shown(first)
+    word = await Consenting(ward.wallet).give(["care"], ["depth"])
+    receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
+    assert receipt.published is not None
+    notices.note_consented(receipt.published.row.version)
+    assert await notices.due() is None
+    assert await notices.changed_since_consent() is None
+    ward.publish(further_purpose())
+    due, changed = await notices.due(), await notices.changed_since_consent()
+    assert due is not None
+    assert changed is not None
+    assert (due.version, changed.version) == (2, 2)
+    (line,) = (await notices.current()).changes
+    assert line.startswith("+ Purpose teaching: Teaching and training of staff.")
+
+
+async def test_13_what_she_was_told_stands_in_her_receipt_and_cannot_be_changed_afterwards(ward: NoticeWard) -> None:
+    word = await Consenting(ward.wallet).give(["care"], ["depth"])
+    ward.publish(further_purpose())
+    receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
+    assert receipt.published is not None
+    assert (receipt.published.row.version, receipt.published.notice) == (1, demo_notice())
+    assert receipt.fields["privacy_notice"]["hash"] == receipt.published.row.digest.hex()
