@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from consensus.contract_refusals import find_next_step
+
 
 @dataclass(frozen=True, slots=True)
 class ErrorEntry:
@@ -48,14 +50,17 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("TRANSACTION_TOO_FAR_AHEAD", 400, "valid_until is more than ten minutes ahead.", "Choose a valid_until within ten minutes; check your clock."),
     ErrorEntry("TRANSACTION_REPLAYED", 409, "This transaction is already known.", "Nothing to do: look it up by its txid."),
     ErrorEntry("TRANSACTION_CONTRACT_UNKNOWN", 404, "There is no such contract or entry.", "See what there is with `blockrobot contract list` and `blockrobot contract show NAME --abi`."),
-    ErrorEntry("CALL_REFUSED", 409, "The contract refused the call.", "See the contract's own code in the detail."),
+    ErrorEntry("CALL_REFUSED", 409, "The contract refused the call.", "The sentence is the contract's own; `blockrobot contract show NAME --abi` shows what its entries take."),
     ErrorEntry("CONTRACT_NOT_FOUND", 404, "The chain has no such contract, or no such version of it.", "See what it has with `blockrobot contract list`; `blockrobot contract show NAME` names the versions."),
     ErrorEntry("CONTRACT_DISABLED", 409, "The organisations have disabled this contract.", "Wait until they activate a version again; `blockrobot contract show NAME` says since when it rests.", retryable=True),
     ErrorEntry("CONTRACT_CALL_OUTDATED", 409, "The version of the contract that is in force does not take this call.", "Use a client for that version; `blockrobot contract show NAME --abi` shows its entries, `blockrobot contract diff NAME` what changed."),
     ErrorEntry("SENDER_WITHOUT_STANDING", 403, "The sender is no member, no owner of a finalized visit, and holds no voucher.", "Register first, with the code on your card."),
     ErrorEntry("MEMPOOL_FULL", 503, "The node holds as many waiting transactions as it may.", "Try again in a few seconds.", retryable=True),
     ErrorEntry("SENDER_LIMIT", 429, "This sender has too many transactions waiting.", "Wait until some are final.", retryable=True),
-    ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "Look it up by its txid later; do not sign it again before it expires.", retryable=True),
+    ErrorEntry("PURPOSE_UNKNOWN", 400, "The network publishes no such purpose.", "Choose one of those that the sentence names."),
+    ErrorEntry("SENSOR_UNKNOWN", 400, "There is no such sensor.", "Choose one of those that the sentence names."),
+    ErrorEntry("ERASURE_NOT_CONFIRMED", 504, "The erasure is asked for, and not confirmed by all custodians yet.", "Nothing has to be asked again: custodians go on by themselves. See who has confirmed with `blockrobot wallet erasures`.", retryable=True),
+    ErrorEntry("TRANSACTION_NOT_FINAL_IN_TIME", 504, "The transaction was not final within the time given.", "It may still become final: wait ten minutes, see whether it did (`blockrobot wallet audit`, `blockrobot contract trace TXID`), and only then do it again. If nothing becomes final: `blockrobot doctor`.", retryable=True),
     # Governance
     ErrorEntry("GOVERNANCE_NOT_ADMIN", 403, "Only an admin of an active organisation may do that.", "Sign with the key of an admin who may: --as ORGANISATION; `blockrobot org list` shows the organisations."),
     ErrorEntry("GOVERNANCE_APPROVED_ALREADY", 409, "The organisation has said so already; each has one voice.", "Let an admin of another organisation approve."),
@@ -233,5 +238,7 @@ class BlockRobotError(Exception):
 
     @property
     def next_step(self) -> str:
-        """What the reader can do about it."""
-        return self.entry.next_step
+        """What the reader can do about it; of what a contract refused, by the contract's own code where that says more."""
+        if self.code != "CALL_REFUSED":
+            return self.entry.next_step
+        return find_next_step(str(self.context.get("contract_code", "")), self.detail) or self.entry.next_step

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.wallet.wallet import Wallet
-from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
 from consensus.records.consents import Step, find_consent, read_choices, row_key
+from consensus.records.purposes import require_published
 from consensus.records.sensors import SENSORS, require_sensor
 
 
@@ -95,10 +95,7 @@ class Consenting:
         return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
     def _check(self, purposes: list[str], sensors: list[str]) -> None:
-        known = self._wallet.genesis.purposes
-        for code in purposes:
-            if code not in known:
-                raise BlockRobotError("VALUE_INVALID", f"{code!r} is no purpose of this network: {', '.join(known)}.")
+        require_published(purposes, self._wallet.genesis.purposes)
         for code in sensors:
             require_sensor(code)
 

@@ -65,7 +65,7 @@ class Erasing:
         )
 
     async def wait_complete(self, visit: KnownVisit, erasure_ids: list[bytes], timeout_s: float) -> list[ErasureReport]:
-        """Wait until all requests are complete. Raises TRANSACTION_NOT_FINAL_IN_TIME, naming who is overdue."""
+        """Wait until all requests are complete. Raises ERASURE_NOT_CONFIRMED, saying how many receipts are missing."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
         while True:
@@ -74,7 +74,5 @@ class Erasing:
                 return reports
             if loop.time() > deadline:
                 waiting = sum(len(report.custodians) - len(report.receipts) for report in reports)
-                raise BlockRobotError(
-                    "TRANSACTION_NOT_FINAL_IN_TIME", f"{waiting} receipts of custodians are still missing."
-                )
+                raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{waiting} receipts of custodians are still missing.")
             await asyncio.sleep(_POLL_S)

@@ -17,6 +17,7 @@ import msgspec
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.purposes import require_published
 from consensus.records.rights import (
     CORRECTION_MAX_BYTES,
     CORRECTION_SALT_BYTES,
@@ -197,10 +198,8 @@ class Rights:
         return found[keys[1]] is None and not all(code in known for code in purposes)
 
     def _check(self, purposes: list[str]) -> None:
-        known = self._wallet.genesis.purposes
+        require_published(purposes, self._wallet.genesis.purposes)
         for code in purposes:
-            if code not in known:
-                raise BlockRobotError("VALUE_INVALID", f"{code!r} is no purpose of this network: {', '.join(known)}.")
             if code in OWN_PURPOSES:
                 raise BlockRobotError("VALUE_INVALID", f"{code!r} is your own: it would keep you from your records.")
 
@@ -228,6 +227,7 @@ _WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
     "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
     "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
+    "erased_by_officers": lambda data: f"{data['records']} records, by two officers together: {data['reason']}",
     "granted": lambda data: f"{data['records']} records for {data['purpose']}, grant {data['grant_id'].hex()[:12]}",
     "grant_revoked": lambda data: f"grant {data['grant_id'].hex()[:12]}",
     "grant_noticed": lambda data: f"copies of {len(data['records'])} records are deleted, says who had them",

@@ -16,6 +16,7 @@ from consensus.primitives.hashing import sha256
 from consensus.records.clips import ClipDownload, check_clip_download
 from consensus.records.commitments import commitment_leaf, derive_salt
 from consensus.records.envelopes import open_frame
+from consensus.records.purposes import require_published
 from consensus.records.renditions import Rendition, decode_rendition
 
 STATUS_OK = "ok"
@@ -73,6 +74,7 @@ class Viewing:
 
     async def request_access(self, entries: list[RecordEntry], purpose: str) -> bytes:
         """Put an access request of the owner key on the chain and wait until it is final. Returns the access id."""
+        require_published([purpose], self._wallet.genesis.purposes)
         ids = [entry.record_id for entry in entries]
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
 

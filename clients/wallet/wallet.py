@@ -24,6 +24,7 @@ from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key, open_metadata
 from consensus.records.metadata import RecordMetadata, find_chain_gaps
+from consensus.records.purposes import require_published
 from consensus.records.vouchers import decode_card_code
 
 T = TypeVar("T")
@@ -112,9 +113,11 @@ class Wallet:
     async def register(self, code: str, purposes: list[str]) -> Registration:
         """Register with the code on the card, consenting to the purposes. Doing it again with the same code is harmless.
 
-        Raises VOUCHER_INVALID for a damaged code, NOT_PERMITTED with the contract's code if the chain refuses.
+        Raises VOUCHER_INVALID for a damaged code, PURPOSE_UNKNOWN for what the network does not publish, NOT_PERMITTED
+        with the contract's code if the chain refuses.
         """
         card = decode_card_code(code)
+        require_published(purposes, self.genesis.purposes)
         known = await self.find_registration(self.keys)
         if known is not None and known["handle"] == card.handle:
             self._remember_registration(known)

@@ -6,6 +6,8 @@ genesis file names the codes that it uses.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from consensus.errors import BlockRobotError
 
 PURPOSE_MAX_CHARS = 32
@@ -25,8 +27,16 @@ PURPOSES: dict[str, str] = {
 
 
 def require_purpose(code: str) -> str:
-    """Return the plain sentence of a purpose. Raises VALUE_INVALID for a code that is not on the list."""
+    """Return the plain sentence of a purpose. Raises PURPOSE_UNKNOWN for a code that is not on the list."""
     sentence = PURPOSES.get(code)
     if sentence is None:
-        raise BlockRobotError("VALUE_INVALID", f"{code[:PURPOSE_MAX_CHARS]!r} is no purpose: {', '.join(PURPOSES)}.")
+        raise BlockRobotError("PURPOSE_UNKNOWN", f"{code[:PURPOSE_MAX_CHARS]!r} is no purpose: {', '.join(PURPOSES)}.")
     return sentence
+
+
+def require_published(codes: Iterable[str], published: Sequence[str]) -> None:
+    """Fail unless a network publishes all these purposes. Raises PURPOSE_UNKNOWN, naming those that it publishes."""
+    for code in codes:
+        if code not in published:
+            text = f"{code[:PURPOSE_MAX_CHARS]!r} is no purpose of this network. It publishes: {', '.join(published)}."
+            raise BlockRobotError("PURPOSE_UNKNOWN", text)

@@ -18,8 +18,8 @@ SENSORS: dict[str, str] = {
 
 
 def require_sensor(code: str) -> str:
-    """Return the plain sentence of a sensor. Raises VALUE_INVALID for a code that is not on the list."""
+    """Return the plain sentence of a sensor. Raises SENSOR_UNKNOWN for a code that is not on the list."""
     sentence = SENSORS.get(code)
     if sentence is None:
-        raise BlockRobotError("VALUE_INVALID", f"{code[:SENSOR_MAX_CHARS]!r} is no sensor: {', '.join(SENSORS)}.")
+        raise BlockRobotError("SENSOR_UNKNOWN", f"{code[:SENSOR_MAX_CHARS]!r} is no sensor: {', '.join(SENSORS)}.")
     return sentence

@@ -44,7 +44,7 @@ def make_genesis() -> Genesis:
         organisations=(Organisation(name="hospital", ca_certificate="", admins=(keys[0],), registrars=(keys[1],)),),
         nodes=(NodeEntry("node-1", "hospital", "127.0.0.1", 1, "http://127.0.0.1:2", keys[2], bytes(64), keys[3]),),
         contracts=(),
-        purposes=("demo",),
+        purposes=("demo", "own-access"),
         state_root=bytes(32),
     )
 

@@ -155,10 +155,13 @@ async def test_a_wallet_that_was_restored_can_take_back_too(house: House) -> Non
 
 async def test_a_wrong_code_is_refused_before_anything_is_signed(house: House) -> None:
     height = house.hospital.height
-    for purposes, sensors in ((["world-domination"], ["depth"]), (["care"], ["x-ray"])):
-        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+    for purposes, sensors, code in (
+        (["world-domination"], ["depth"], "PURPOSE_UNKNOWN"),
+        (["care"], ["x-ray"], "SENSOR_UNKNOWN"),
+    ):
+        with pytest.raises(BlockRobotError, match=code):
             await house.consenting.give(purposes, sensors)
-        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+        with pytest.raises(BlockRobotError, match=code):
             await house.consenting.refuse(purposes, sensors)
     assert house.hospital.height == height
 

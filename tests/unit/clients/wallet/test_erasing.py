@@ -114,7 +114,7 @@ def test_waiting_in_vain_says_how_many_receipts_are_missing(tmp_path: Path) -> N
         put_erasure(world, b"e" * 32, "requested", {b"a" * 33: {}})
         with pytest.raises(BlockRobotError) as caught:
             await Erasing(world.wallet).wait_complete(visit, [b"e" * 32], timeout_s=60)
-        assert caught.value.code == "TRANSACTION_NOT_FINAL_IN_TIME"
+        assert caught.value.code == "ERASURE_NOT_CONFIRMED"
         assert caught.value.detail.startswith("1 ")
 
     run_virtual(main())

@@ -209,7 +209,7 @@ def test_any_change_of_a_correction_changes_its_commitment() -> None:
         (lambda rights, chosen: rights.correct(chosen, "rumour", "x"), "VALUE_INVALID"),
         (lambda rights, chosen: rights.correct(chosen, "metadata", ""), "VALUE_INVALID"),
         (lambda rights, chosen: rights.correct(chosen, "metadata", "x" * 4097), "VALUE_INVALID"),
-        (lambda rights, _: rights.object_to_recording(["spying"]), "VALUE_INVALID"),
+        (lambda rights, _: rights.object_to_recording(["spying"]), "PURPOSE_UNKNOWN"),
     ],
 )
 async def test_what_cannot_be_said_is_not_sent(world: World, saying: Saying, act: Any, code: str) -> None:

@@ -1,0 +1,74 @@
+"""What to do when a contract that ships refuses a call: the next step by the contract's own code. Must never guess one.
+
+A refused call is `CALL_REFUSED`; which rule refused it stands in front of the contract's sentence. Where a code has no
+next step of its own the sentence has to do.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+_RECORDS = "See what there is with `blockrobot wallet records`."
+_BREACHES = "`blockrobot officer breaches` shows how far it is, and the next step."
+_LOST_KEYS = "`blockrobot officer lost-keys list` shows how far it is, and the next step."
+_CARD = "Ask the hospital's desk for a new card."
+_ENTRIES = "`blockrobot contract show NAME --abi` shows the entries and what they take."
+
+NEXT_STEPS: Mapping[str, str] = MappingProxyType(
+    {
+        # Purposes
+        "PURPOSE_UNKNOWN": "Choose one of the `purposes` that the network's genesis file names.",
+        "PURPOSE_OBJECTED": "You objected to this purpose for past visits; choose another, such as `own-access`.",
+        "PURPOSE_OWN": "Leave that purpose out: it is what lets you see your own records.",
+        # Records and visits
+        "RECORD_ERASED": f"It is gone, or going: nothing is left to do. {_RECORDS}",
+        "RECORD_UNKNOWN": _RECORDS,
+        "RECORD_RESTRICTED": "Only its owner can change that: `blockrobot wallet lift`, or look for `own-access`.",
+        "NOT_RESTRICTED": _RECORDS,
+        "RESTRICTED_WHOLE": "Lift the whole visit: `blockrobot wallet lift --visit NAME`.",
+        "RESTRICTION_STANDS": "Lift it first (`blockrobot wallet lift`), or restrict on the same kind of ground.",
+        "VISIT_QUARANTINED": "Wait until an officer has decided; `blockrobot wallet records` tells the outcome.",
+        "VISIT_TRANSFERRED": "Use the wallet that it was transferred to.",
+        "NOT_THE_OWNER": "Use the wallet of the person who was recorded.",
+        # Cards and members
+        "VOUCHER_EXPIRED": f"The card's code is too old. {_CARD}",
+        "HANDLE_TAKEN": f"Somebody registered with this card already. If that was not you: {_CARD[0].lower()}{_CARD[1:]}",
+        "CARD_SIGNATURE_WRONG": _CARD,
+        "NOT_A_REGISTRAR": _CARD,
+        "MEMBER_EXISTS": "This wallet is registered already: go on with `blockrobot wallet records`.",
+        "MEMBER_NOT_ACTIVE": f"The membership has ended. {_CARD}",
+        # Officers
+        "NOT_AN_OFFICER": "Use the wallet of an officer of the organisation whose robot it was: `officer --profile NAME`.",
+        "BREACH_NOT_ASSESSED": "Assess it first: `blockrobot officer assess`.",
+        "BREACH_NOT_NOTIFIED": "Tell those whom it concerns, and note it: `blockrobot officer notify`.",
+        "BREACH_CLOSED": "It is over: nothing is left to do. `blockrobot officer breaches --all` shows it.",
+        "BREACH_UNKNOWN": _BREACHES,
+        "NOTIFIED_ALREADY": _BREACHES,
+        "RISK_LOWERED": _BREACHES,
+        "DELAY_UNEXPLAINED": "Name the reason: --reason facts-came-late, or officer-unreachable.",
+        "RECORDS_LEFT": "More came meanwhile: say `blockrobot officer close` once more.",
+        "OFFICER_THE_SAME": "Let another officer approve it, with a wallet of her own.",
+        "OFFICER_GONE": "Two who are officers now propose and approve it anew: `blockrobot officer lost-keys propose`.",
+        "NOT_OF_THE_TWO": "Let one of the two officers who decided it do that.",
+        "NOT_APPROVED": _LOST_KEYS,
+        "PROPOSAL_DECIDED": _LOST_KEYS,
+        "PROPOSAL_LAPSED": "Propose it anew: `blockrobot officer lost-keys propose`.",
+        "SPAN_WRONG": "Name minutes that are over, an hour at most: see `blockrobot officer lost-keys preview`.",
+        "VISITS_TOO_MANY": "Propose the rest anew: `blockrobot officer lost-keys propose`.",
+        # Any contract
+        "ARGUMENTS_INVALID": _ENTRIES,
+        "ENTRY_UNKNOWN": _ENTRIES,
+        "CALL_INDIRECT": "Call the entry by a transaction of your own, not through another contract.",
+    }
+)
+
+_CODE = re.compile(r"([A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+)(?::|$)")
+
+
+def find_next_step(contract_code: str, detail: str) -> str:
+    """Return what to do about a refusal, by the contract's code or the one that its sentence begins with; or nothing."""
+    found = _CODE.match(detail)
+    code = contract_code or (found.group(1) if found else "")
+    return NEXT_STEPS.get(code, "")
