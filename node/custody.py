@@ -22,12 +22,14 @@ from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 from consensus.transaction import SALT_SIZE_BYTES, Transaction, sign_transaction
 from node.api.services import TransactionPool
 from node.finality import FinalityFeed
 from node.offchain.chain_facts import ChainFacts
 from node.offchain.custodian import Custodian
 from node.offchain.finalized import collect_events
+from node.offchain.grantees import require_grantee
 from node.offchain.store import Checkpoint, OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore, TransactionLocation
@@ -199,6 +201,23 @@ class Custody:
         await self._wait_serving()
         await self._wait_for(access_id)
         return await self._custodian.download(record_id, access_id, owner)
+
+    async def stage_part(self, upload: GrantUpload, owner: bytes) -> str:
+        """Keep this custodian's part of a shared record's key. Raises as the custodian does."""
+        status = await self._custodian.stage_part(upload, owner)
+        self._wake_outbox.set()
+        return status
+
+    async def download_shared(self, request: SharedRequest, grant_id: bytes, grantee: bytes) -> SharedDownload:
+        """Return a shared clip to the holder of a grant's one-time key, if she is of the staff or an officer still.
+
+        Both the newest final state and the custodian's own store have to agree. Raises as the custodian does.
+        """
+        await self._wait_serving()
+        await self._wait_for(request.access_id)
+        with self._ledger.snapshot() as snapshot:
+            require_grantee(snapshot, request, grant_id, grantee, self._clock())
+        return await self._custodian.download_shared(request, grant_id)
 
     async def put_background(self, digest: bytes, content: bytes) -> None:
         """Keep a recorded empty frame under its SHA-256."""

@@ -15,6 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 from consensus.primitives.trie import Proof
 from consensus.records.clips import ClipDownload, ClipUpload
+from consensus.records.sharing import GrantUpload, SharedDownload, SharedRequest
 
 PoolStatus = Literal["pending", "unknown", "expired"]
 
@@ -144,6 +145,21 @@ class CustodyService(Protocol):
         """Return a clip to its owner under a final access transaction of hers.
 
         Raises NOT_FOUND, ACCESS_NOT_GRANTED, CLIP_NOT_CONFIRMED, CLIP_ERASED, STORE_UNAVAILABLE.
+        """
+        ...
+
+    async def stage_part(self, upload: GrantUpload, owner: bytes) -> str:
+        """Keep this custodian's part of a shared record's key for the visit with this first owner key; return its status.
+
+        Raises UPLOAD_INVALID, UPLOAD_CONFLICT, CLIP_NOT_CONFIRMED, CLIP_ERASED, CLIP_QUARANTINED, NOT_PERMITTED,
+        GRANT_ENDED, TRANSACTION_EXPIRED, RATE_LIMITED, STORE_UNAVAILABLE.
+        """
+        ...
+
+    async def download_shared(self, request: SharedRequest, grant_id: bytes, grantee: bytes) -> SharedDownload:
+        """Return a shared clip to the holder of a grant's one-time key, under a final request of hers.
+
+        Raises as `download`, and GRANT_ENDED, GRANT_PARTS_MISSING, GRANTEE_NOT_A_MEMBER.
         """
         ...
 

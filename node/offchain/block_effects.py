@@ -18,6 +18,8 @@ from node.offchain.erasing import (
     compute_expiry_subject,
 )
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
+from node.offchain.share_store import read_share
+from node.offchain.sharing import Shares, may_release
 from node.offchain.standing import STANDING_EVENTS, find_standing, follow_event, hold, is_void, settle
 from node.offchain.store import BlockEffects, ClipRow, CustodyStore, Grant, OutboxRow, RecordFacts, VisitStanding
 
@@ -53,8 +55,11 @@ class EffectsOfBlock:
     Confirmations of neighbouring events are written together; before anything that looks at clips they are flushed.
     """
 
-    def __init__(self, store: CustodyStore, eraser: Eraser, member: bytes, block: FinalizedEvents) -> None:
+    def __init__(
+        self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, block: FinalizedEvents
+    ) -> None:
         self._store = store
+        self._shares = shares
         self._eraser = eraser
         self._member = member
         self._block = block
@@ -76,6 +81,10 @@ class EffectsOfBlock:
                 case "access.requested":
                     await self._flush()
                     await self._on_access(event.data)
+                case "access.granted":
+                    await self._shares.take_grant(read_share(event.data["grant_id"], event.data, self._block.height))
+                case "access.revoked":
+                    await self._shares.end_grant(event.data["grant_id"])
                 case "erasure.requested":
                     await self._flush()
                     await self._on_erasure(event.data)
@@ -125,7 +134,7 @@ class EffectsOfBlock:
 
     async def _on_access(self, data: dict[str, Any]) -> None:
         named = tuple(data["records"])
-        grant = Grant(data["access_id"], data["owner"], named, self._block.height)
+        grant = Grant(data["access_id"], data["owner"], named, self._block.height, data.get("grant", b""))
         if is_void(grant, await find_standing(self._store, grant.owner)):
             await self._store.apply(BlockEffects(grants=(grant,)))
             return
@@ -133,12 +142,15 @@ class EffectsOfBlock:
         if named:
             own = set(held)
             held = [record_id for record_id in named if record_id in own]
+        has_clips = bool(held)
+        held = [record_id for record_id in held if await may_release(self._store, grant, record_id)]
         batches = range(0, len(held), RECORDS_A_CALL_MAX_COUNT)
         owed = [
             _release(grant, held[start : start + RECORDS_A_CALL_MAX_COUNT], part) for part, start in enumerate(batches)
         ]
         if named and not held and not await self._awaits_any(named):
-            arguments = encode_value([grant.access_id, "CLIP_ERASED"])
+            code = "GRANT_PARTS_MISSING" if has_clips else "CLIP_ERASED"
+            arguments = encode_value([grant.access_id, code])
             owed = [OutboxRow(REFUSED_KIND, grant.access_id, 0, "access", "refused", arguments, grant.height)]
         await self._store.apply(BlockEffects(outbox=tuple(owed), grants=(grant,)))
 
@@ -147,6 +159,8 @@ class EffectsOfBlock:
         owner = event.data["owner"]
         before = await find_standing(self._store, owner) or VisitStanding(owner)
         self._standings[owner] = await settle(self._store, follow_event(before, event, self._block.height))
+        if self._standings[owner].quarantined:
+            await self._shares.deny_visit(owner)
 
     async def _awaits_any(self, record_ids: Sequence[bytes]) -> bool:
         for record_id in record_ids:

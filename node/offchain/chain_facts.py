@@ -15,11 +15,13 @@ from msgspec import structs
 
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
+from node.offchain.share_store import ShareRow, read_share
 from node.offchain.standing import prolong, read_restriction, with_natural
 from node.offchain.store import Checkpoint, RecordFacts, VisitStanding
 
 RECORD_PREFIX = b"records\x00record/"
 ACCESS_PREFIX = b"access\x00access/"
+GRANT_PREFIX = b"access\x00grant/"
 RELEASE_PREFIX = b"access\x00release/"
 ERASURE_PREFIX = b"erasure\x00erasure/"
 AUDIT_PREFIX = b"audit\x00entry/"
@@ -66,6 +68,7 @@ class AccessFacts:
     records: tuple[bytes, ...]
     height: int
     refused: dict[bytes, str]
+    share: bytes = b""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +169,19 @@ class ChainFacts:
         """Yield every request for access."""
         for access_id, entry in self._rows(ACCESS_PREFIX):
             height = self._audited.requested.get(access_id, self.point.height)
-            yield AccessFacts(access_id, entry["owner"], tuple(entry["records"]), height, entry["refused"])
+            share, records = entry.get("grant", b""), tuple(entry["records"])
+            yield AccessFacts(access_id, entry["owner"], records, height, entry["refused"], share)
+
+    def shares(self) -> tuple[dict[bytes, ShareRow], set[bytes]]:
+        """Return the grants that stand at this block, by id, and the ids of those that were revoked or are over."""
+        standing: dict[bytes, ShareRow] = {}
+        ended: set[bytes] = set()
+        for grant_id, entry in self._rows(GRANT_PREFIX):
+            if entry["status"] == "active" and entry["until_ms"] > self.point.timestamp_ms:
+                standing[grant_id] = read_share(grant_id, entry, entry["height"])
+            else:
+                ended.add(grant_id)
+        return standing, ended
 
     def erasures(self) -> Iterator[ErasureFacts]:
         """Yield every request for erasure."""

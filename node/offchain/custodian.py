@@ -26,8 +26,10 @@ from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.reconciling import Reconciliation
+from node.offchain.sharing import Shares, grant_covers, may_release
+from node.offchain.sharing_desk import SharingDesk
 from node.offchain.standing import find_standing, is_void, require_release
-from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, Grant, OutboxRow, RecordFacts
+from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, OutboxRow, RecordFacts
 
 CLOCK_SLACK_MS = 60_000
 LAPSED_AT_ONCE_COUNT = 64
@@ -64,14 +66,7 @@ def _wrap(
     ]
 
 
-def grant_covers(grant: Grant, clip: ClipRow) -> bool:
-    """Tell whether a final access request covers a confirmed clip: same owner, and named or part of the whole visit."""
-    if grant.owner != clip.owner:
-        return False
-    return clip.record_id in grant.records if grant.records else clip.height <= grant.height
-
-
-class Custodian:
+class Custodian(SharingDesk):
     """One custodian over its store and its erase keys.
 
     `member` is its own key on the chain (33 bytes), by which it knows its receipts again; `clock_ms` is the node's wall
@@ -85,6 +80,7 @@ class Custodian:
         self._store = store
         self._keys = erase_keys
         self._eraser = Eraser(store, erase_keys)
+        self._shares = Shares(store, self._eraser, erase_keys)
         self._member = member
         self._clock_ms = clock_ms
         self._writing = asyncio.Lock()
@@ -215,7 +211,8 @@ class Custodian:
             return
         standing = await find_standing(self._store, facts.owner)
         asked = [grant for grant in await self._store.grants_of_owner(facts.owner) if not is_void(grant, standing)]
-        grants = [grant for grant in asked if grant_covers(grant, clip)]
+        covering = [grant for grant in asked if grant_covers(grant, clip)]
+        grants = [grant for grant in covering if await may_release(self._store, grant, clip.record_id)]
         owed = tuple([await build_release(self._store, grant, [clip.record_id]) for grant in grants])
         await self._store.apply(BlockEffects(outbox=owed, confirmed=(facts,)))
 
@@ -223,7 +220,7 @@ class Custodian:
 
     def reconciliation(self, facts: ChainFacts) -> Reconciliation:
         """Return what brings this custodian's store to a state; only `at_rest`."""
-        return Reconciliation(self._store, self._eraser, self._member, facts)
+        return Reconciliation(self._store, self._eraser, self._shares, self._member, facts)
 
     @property
     def eraser(self) -> Eraser:
@@ -284,7 +281,7 @@ class Custodian:
             if not await self._is_next(block):
                 return
             await self._eraser.finish()
-            await EffectsOfBlock(self._store, self._eraser, self._member, block).bring_about()
+            await EffectsOfBlock(self._store, self._eraser, self._shares, self._member, block).bring_about()
             await self._close_block(block.checkpoint)
 
     async def reconcile(self, facts: ChainFacts) -> None:
@@ -298,13 +295,14 @@ class Custodian:
             if known is not None and known.height >= point.height:
                 return
             await self._eraser.finish()
-            await Reconciliation(self._store, self._eraser, self._member, facts).bring_about()
+            await Reconciliation(self._store, self._eraser, self._shares, self._member, facts).bring_about()
             await self._close_block(point)
 
     async def _close_block(self, point: Checkpoint) -> None:
         """Do what time demands at a block: drop what lapsed, erase what expired; then write the checkpoint."""
         while lapsed := await self._store.lapsed(point.timestamp_ms, LAPSED_AT_ONCE_COUNT):
             await self._eraser.drop_staged(lapsed)
+        await self._shares.close_block(point.timestamp_ms)
         await self._eraser.erase_expired(point.timestamp_ms, point.height)
         await self._eraser.finish()
         await self._store.apply(BlockEffects(checkpoint=point))
@@ -342,7 +340,7 @@ class Custodian:
         fetched), NOT_FOUND.
         """
         grant = await self._store.grant(access_id)
-        if grant is None or grant.owner != owner or (grant.records and record_id not in grant.records):
+        if grant is None or grant.share or grant.owner != owner or (grant.records and record_id not in grant.records):
             raise BlockRobotError("ACCESS_NOT_GRANTED")
         clip = await self._confirmed_clip(record_id)
         if not grant_covers(grant, clip):

@@ -15,6 +15,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import tagged_hash
 from node.offchain.erase_keys import ErasableKeys
+from node.offchain.share_store import PartPlace
 from node.offchain.store import ClipRow, CustodyStore, ErasurePart, ErasurePlan, FramePlace, OutboxRow
 
 RECEIPT_KIND = "erasure.receipt"
@@ -69,6 +70,7 @@ class Eraser:
         self, erasure_id: bytes, record_ids: Sequence[bytes], frames: Sequence[int], height: int
     ) -> None:
         """Erase whole records, or frames of them, and owe the chain a receipt that names what remains and until when."""
+        await self._destroy_parts_of(record_ids, height if frames else None)
         clips = await self._store.clips(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), frames)
         kept_until = [clip.expires_at_ms for clip in clips.values() if clip.status == "confirmed"]
@@ -80,6 +82,7 @@ class Eraser:
     async def erase_expired(self, at_ms: int, height: int) -> None:
         """Erase every confirmed clip whose time is over (`expires_at_ms <= at_ms`) and owe the chain the reports."""
         while record_ids := await self._store.expired(at_ms, RECORDS_A_CALL_MAX_COUNT):
+            await self._destroy_parts_of(record_ids)
             clips = await self._store.clips(record_ids)
             parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
             arguments = [record_ids, compute_erasure_digest(parts, clips)]
@@ -87,6 +90,7 @@ class Eraser:
 
     async def erase_again(self, record_ids: Sequence[bytes]) -> None:
         """Erase whole records that a store holds though the chain has their erasure behind it: nothing more is owed."""
+        await self._destroy_parts_of(record_ids)
         parts = _parts(record_ids, await self._store.frame_places(record_ids), ())
         slots = [slot for part in parts for slot in part.slots]
         await asyncio.to_thread(self._keys.destroy, slots)
@@ -118,6 +122,30 @@ class Eraser:
         for record_id in record_ids:
             await self._store.drop_staged(record_id)
         await self.destroy_unused(slots)
+
+    async def destroy_parts(self, places: Sequence[PartPlace]) -> None:
+        """Destroy what is held of shared keys: the erase keys first, then the rows, then read back.
+
+        There is no plan of it, since nothing is owed: after a crash the rows that are still there name it again.
+        """
+        slots = [place.slot for place in places]
+        if not slots:
+            return
+        await asyncio.to_thread(self._keys.destroy, slots)
+        self._is_swept = False
+        await self._store.erase_parts(slots)
+        left = await self._store.parts_of("grant_id", sorted({place.grant_id for place in places}))
+        if {place.slot for place in left} & set(slots):
+            raise BlockRobotError("STORE_UNAVAILABLE", "The store still returns parts of keys after they were deleted.")
+        await asyncio.to_thread(self._keys.release, slots)
+
+    async def _destroy_parts_of(self, record_ids: Sequence[bytes], up_to_height: int | None = None) -> None:
+        """Destroy what is held of the keys of records that were shared, by grants up to a height if one is named.
+
+        Frames that are erased of a record have their keys in its packages, so they go whole: it may be shared again.
+        """
+        places = await self._store.parts_of("record_id", record_ids)
+        await self.destroy_parts([p for p in places if up_to_height is None or p.height <= up_to_height])
 
     async def destroy_unused(self, slots: Sequence[int]) -> None:
         """Destroy and free keys to which no row refers."""

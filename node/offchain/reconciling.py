@@ -17,6 +17,7 @@ from node.offchain.block_effects import RELEASED_KIND, EffectsOfBlock, matches_r
 from node.offchain.chain_facts import AccessFacts, ChainFacts, ErasureFacts
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvent, FinalizedEvents
+from node.offchain.sharing import Shares
 from node.offchain.standing import settle, with_natural
 from node.offchain.store import BlockEffects, CustodyStore, RecordFacts, VisitStanding
 
@@ -26,8 +27,9 @@ RECORDS_AT_ONCE_COUNT = 256
 class Reconciliation:
     """One custodian's store against one version of the state. The checkpoint is the caller's."""
 
-    def __init__(self, store: CustodyStore, eraser: Eraser, member: bytes, facts: ChainFacts) -> None:
+    def __init__(self, store: CustodyStore, eraser: Eraser, shares: Shares, member: bytes, facts: ChainFacts) -> None:
         self._store = store
+        self._shares = shares
         self._eraser = eraser
         self._member = member
         self._facts = facts
@@ -42,6 +44,7 @@ class Reconciliation:
                 batch = []
         await self._take_records(batch)
         await self._take_standings()
+        await self._take_shares()
         for access in self._facts.accesses():
             await self._take_access(access)
         for erasure in self._facts.erasures():
@@ -78,9 +81,21 @@ class Reconciliation:
         for row in standing.values():
             await settle(self._store, row)
 
+    async def _take_shares(self) -> None:
+        """Heed the grants that stand, and let go of what is held for those that do not, or for records that are gone."""
+        standing, ended = self._facts.shares()
+        denied = {row.owner for row in self._facts.standings() if row.quarantined}
+        await self._shares.reconcile(standing, ended, denied)
+        at_ms = self._facts.point.timestamp_ms
+        shared = {place.record_id async for place in self._store.all_parts()}
+        found = ((record_id, self._facts.record(record_id)) for record_id in sorted(shared))
+        gone = [record_id for record_id, record in found if record is None or not record.is_kept(at_ms)]
+        await self._eraser.destroy_parts(await self._store.parts_of("record_id", gone))
+
     async def _take_access(self, access: AccessFacts) -> None:
         if await self._store.grant(access.access_id) is None:
             data = {"access_id": access.access_id, "owner": access.owner, "records": list(access.records)}
+            data["grant"] = access.share
             await self._replay(access.height, access.access_id, "access", "requested", data)
         if self._member in access.refused:
             told = {"access_id": access.access_id, "custodian": self._member}
@@ -112,4 +127,4 @@ class Reconciliation:
         event = FinalizedEvent(txid, contract, name, data)
         point = self._facts.point
         block = FinalizedEvents(height, point.block_id, point.timestamp_ms, (event,))
-        await EffectsOfBlock(self._store, self._eraser, self._member, block).bring_about()
+        await EffectsOfBlock(self._store, self._eraser, self._shares, self._member, block).bring_about()

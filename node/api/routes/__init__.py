@@ -18,6 +18,7 @@ from node.api.routes import (
     proofs,
     queries,
     sessions,
+    shares,
     transactions,
 )
 from node.api.routing import Route
@@ -36,6 +37,7 @@ ROUTES: tuple[Route, ...] = (
     *events.ROUTES,
     *event_pages.ROUTES,
     *clips.ROUTES,
+    *shares.ROUTES,
     *backgrounds.ROUTES,
     *blocks.ROUTES,
     *contracts.ROUTES,

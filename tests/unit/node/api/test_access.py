@@ -40,6 +40,8 @@ ALLOWED = {
     "listEvents": MEMBERS,
     "uploadClip": {"robot"},
     "downloadClip": {"owner key"},
+    "uploadKeyPart": {"owner key"},
+    "downloadSharedClip": {"grantee's key"},
     "putBackground": {"robot"},
     "getBackground": EVERYBODY_KNOWN,
     "listBlocks": MEMBERS,
