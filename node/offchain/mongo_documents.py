@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from bson.int64 import Int64
 from pymongo import ReplaceOne, UpdateOne
+from pymongo.errors import PyMongoError
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode, u32
@@ -220,3 +221,9 @@ def checkpoint_document(point: Checkpoint) -> Document:
 def checkpoint_row(found: Document) -> Checkpoint:
     """Return the checkpoint of a document."""
     return Checkpoint(found["height"], found["block_id"], found["timestamp_ms"])
+
+
+def is_passing(cause: BaseException | None) -> bool:
+    """Tell whether a transaction failed by what the next attempt need not meet."""
+    labels = ("TransientTransactionError", "UnknownTransactionCommitResult")
+    return isinstance(cause, PyMongoError) and any(cause.has_error_label(label) for label in labels)

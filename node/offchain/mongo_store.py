@@ -11,7 +11,7 @@ server has, these open nothing. The same code serves a replica set or a sharded 
 from __future__ import annotations
 
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from types import TracebackType
 from typing import Any, Self
@@ -28,7 +28,7 @@ from pymongo.write_concern import WriteConcern
 
 from consensus.errors import BlockRobotError
 from node.offchain import mongo_documents as documents
-from node.offchain.mongo_documents import STAGING, Document, rows
+from node.offchain.mongo_documents import STAGING, Document, is_passing, rows
 from node.offchain.mongo_shares import SHARES_INDEXES, MongoShares
 from node.offchain.store import (
     BlockEffects,
@@ -88,12 +88,6 @@ def _answering() -> Iterator[None]:
     except (PyMongoError, BSONError) as error:
         # The message of the driver may quote the URI, which may hold a password.
         raise BlockRobotError("STORE_UNAVAILABLE", f"The store's server failed ({type(error).__name__}).") from error
-
-
-def _is_passing(cause: BaseException | None) -> bool:
-    """Tell whether a transaction failed by what the next attempt need not meet."""
-    labels = ("TransientTransactionError", "UnknownTransactionCommitResult")
-    return isinstance(cause, PyMongoError) and any(cause.has_error_label(label) for label in labels)
 
 
 def _tells_of_transactions(hello: Mapping[str, Any]) -> bool:
@@ -161,6 +155,7 @@ class MongoStore(MongoShares):
         """Name the server and the database by a URI: `mongodb://host:port/database`."""
         self._uri = uri
         self.has_transactions = False
+        self._abandoned: list[Mapping[str, Any]] = []
         self._client: AsyncMongoClient[Document] | None = None
         self._database: AsyncDatabase[Document] | None = None
 
@@ -204,31 +199,39 @@ class MongoStore(MongoShares):
             await self._collection(name).delete_many(where, session=_SESSION.get())
 
     async def _together(self, write: Callable[[], Awaitable[None]]) -> None:
-        """Do several writes in one transaction, where the server has them, and in their order elsewhere.
-
-        A transaction that another one, or a failover, cut off is begun again: its writes are idempotent.
-        """
+        """Do several writes in one transaction, begun again if cut off; in their order where the server has none."""
         if not self.has_transactions or self._client is None:
             await write()
             return
         for attempt in range(1, TRANSACTION_ATTEMPTS_MAX_COUNT + 1):
             try:
                 with _answering():
+                    await self._end_abandoned(self._client)
                     async with self._client.start_session() as session:
                         await self._in_transaction(session, write)
                 return
             except BlockRobotError as error:
-                if attempt == TRANSACTION_ATTEMPTS_MAX_COUNT or not _is_passing(error.__cause__):
+                if attempt == TRANSACTION_ATTEMPTS_MAX_COUNT or not is_passing(error.__cause__):
                     raise
+
+    async def _end_abandoned(self, client: AsyncMongoClient[Document]) -> None:
+        """End what a server may not know to be over: its locks would last as long as it lets a transaction, a minute."""
+        if doomed := self._abandoned[:]:
+            with suppress(OperationFailure):  # it is known to be over, or the server does not let us: time ends it
+                await client.admin.command("killSessions", doomed)
+            self._abandoned = [session for session in self._abandoned if session not in doomed]
 
     async def _in_transaction(self, session: AsyncClientSession, write: Callable[[], Awaitable[None]]) -> None:
         options = {"read_concern": _MAJORITY, "write_concern": _DURABLE, "read_preference": ReadPreference.PRIMARY}
-        async with await session.start_transaction(**options):  # type: ignore[arg-type]
-            token = _SESSION.set(session)
-            try:
+        token = _SESSION.set(session)
+        try:
+            async with await session.start_transaction(**options):  # type: ignore[arg-type]
                 await write()
-            finally:
-                _SESSION.reset(token)
+        except BaseException:
+            self._abandoned.append(session.session_id)
+            raise
+        finally:
+            _SESSION.reset(token)
 
     async def _one(self, name: str, key: Any) -> list[Document]:
         return await self._many(name, {"_id": key})
