@@ -42,12 +42,14 @@ def find_base_port(nodes: int) -> int:
 class NetworkUnderTest:
     """A cluster and one HTTP client."""
 
-    def __init__(self, folder: Path, nodes: int, store: str = "sqlite", network: str = "blockrobot") -> None:
+    def __init__(
+        self, folder: Path, nodes: int, store: str = "sqlite", network: str = "blockrobot", organisations: int = 2
+    ) -> None:
         self.folder = folder
         self.genesis = create_network(
             folder,
             nodes=nodes,
-            organisations=min(2, nodes),
+            organisations=min(organisations, nodes),
             base_port=find_base_port(nodes),
             store=store,
             network=network,
