@@ -1,7 +1,7 @@
 """How a whole robot keeps up: frames from a recording at the camera's pace, and each found again by its owner.
 
 Real robots, real nodes, real wallets, each robot a process of its own. Must never call a run good in which a frame was
-lost, doubled, or found by an owner without the robot's having kept it.
+lost, doubled, found by an owner without the robot's having kept it, or shows somebody else than who found it.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ from network.bench.conditions import build_result, measure_conditions, percentil
 from network.bench.fresh_network import find_base_port
 from network.bench.robot_counts import LoggedFrames, caught_up_at_ms, read_frames, reckon, untouched_by_cut
 from network.bench.robot_owners import OwnFrames, find_own_frames
-from network.bench.robot_scene import PEOPLE, loop_seconds, make_scene
+from network.bench.robot_scene import PEOPLE, is_in_place, loop_seconds, make_scene
 from network.demo.processes import LongCommand
 from network.faults.actions import Heal, Pause
 from network.faults.control import FaultControl
@@ -201,7 +202,8 @@ async def _look(stage: Stage) -> list[OwnFrames]:
     found = []
     for alias in PEOPLE:
         passphrase = (stage.wallets / f"{alias}.passphrase").read_text(encoding="utf-8").strip()
-        found.append(await find_own_frames(stage.wallets / f"{alias}.wallet", passphrase, stage.cluster.genesis))
+        wallet, is_hers = stage.wallets / f"{alias}.wallet", partial(is_in_place, alias)
+        found.append(await find_own_frames(wallet, passphrase, stage.cluster.genesis, is_hers))
     return found
 
 
@@ -233,6 +235,7 @@ def make_figures(
         "frames_never_arrived": options.frames * options.robots - published,
         "frames_doubled": sum(one.doubled for one in reckonings),
         "frames_unexplained": sum(one.unexplained for one in reckonings) + strange,
+        "frames_misplaced": sum(owner.misplaced_frames for owner in owners),
         "frames_unreadable": sum(owner.bad_frames for owner in owners),
         "records": sum(summary["records"] for _, summary, _ in robots),
         "records_found": sum(owner.record_count for owner in owners),
@@ -252,15 +255,16 @@ def make_figures(
 
 
 def is_good(figures: dict[str, Any]) -> bool:
-    """Tell whether something was kept, and every kept frame was found exactly once, all of one tag by one owner.
+    """Tell whether something was kept, and every kept frame was found exactly once by its owner, and by no other.
 
-    Which owner that is, is not checked: two who were exchanged altogether look the same.
+    Whose a frame is, the scene says, and no robot: two people who stand on different sides of it.
     """
     wrong = (
         "frames_lost",
         "frames_never_arrived",
         "frames_doubled",
         "frames_unexplained",
+        "frames_misplaced",
         "frames_unreadable",
         "records_missing",
         "visits_unclosed",

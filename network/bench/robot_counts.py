@@ -78,7 +78,7 @@ def reckon(logged: LoggedFrames, found: Sequence[Counter[int]]) -> Reckoning:
     """Compare a robot's log with what each owner found of that robot.
 
     The log's aliases are drawn anew for each run and name nobody: they are given to owners in the way in which most
-    frames agree. That two owners were exchanged altogether cannot be seen here.
+    frames agree. That two owners were exchanged altogether cannot be seen here, but by what their pictures show.
     """
     unsettled = sum(
         (_set_of(frames) - _set_of(logged.kept.get(alias)) - _set_of(logged.withheld.get(alias))).total()

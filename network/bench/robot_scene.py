@@ -15,6 +15,7 @@ from clients.robot.events import Depth, Frame, Sighting, SourceEvent
 from clients.robot.scenario import Scenario, parse_scenario
 from clients.robot.sources.rosbag import BagSource
 from clients.robot.sources.source import Clock, play_events
+from consensus.records.renditions import Rendition
 
 LOOP_MAX_S = 20
 PEOPLE = ("subject-a", "subject-b")
@@ -53,6 +54,13 @@ readings_s = [{first:.2f}, {last:.2f}]
 also_every_s = {every}
 """
 _PLACES = (((-0.90, 2.05), (-0.95, 2.50)), ((0.85, 3.50), (1.05, 4.30)))  # (x, z) in metres, to and fro
+
+
+def is_in_place(alias: str, picture: Rendition) -> bool:
+    """Tell whether what a picture shows stands on that person's side of the scene, which nobody leaves."""
+    stands_left = all(x < 0 for x, _ in _PLACES[PEOPLE.index(alias)])
+    shows_left = 2 * picture.x + picture.box_width < picture.width
+    return stands_left == shows_left
 
 
 def loop_seconds(seconds: float) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import sys
 import time
 from typing import Any
@@ -11,6 +10,7 @@ import click
 from rich.table import Table
 
 from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option, plain_errors, print_json
+from network.bench.ending import run_to_end
 
 LOCAL_MONGO_URI = "mongodb://127.0.0.1:27017"
 _TELL_PERSON_EVERY_S, _TELL_FILE_EVERY_S = 0.2, 15.0
@@ -39,7 +39,7 @@ def tx(clients: int, seconds: float, nodes: int, batch: int, as_json: bool) -> N
     from network.bench.tx import LoadOptions, run_tx_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
     options = LoadOptions(clients=clients, seconds=seconds, nodes=nodes, batch=batch)
-    _finish(asyncio.run(run_tx_benchmark(options)), as_json=as_json)
+    _finish(run_to_end(run_tx_benchmark(options)), as_json=as_json)
 
 
 @bench.command()
@@ -54,7 +54,7 @@ def latency(count: int, nodes: int, as_json: bool) -> None:
     """
     from network.bench.latency import run_latency_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
-    _finish(asyncio.run(run_latency_benchmark(count=count, nodes=nodes)), as_json=as_json)
+    _finish(run_to_end(run_latency_benchmark(count=count, nodes=nodes)), as_json=as_json)
 
 
 @bench.command()
@@ -69,7 +69,7 @@ def faults(repeats: int, nodes: int, as_json: bool) -> None:
     """
     from network.bench.faults import run_faults_benchmark  # noqa: PLC0415 - a node's code, only when it is needed
 
-    _finish(asyncio.run(run_faults_benchmark(repeats=repeats, nodes=nodes)), as_json=as_json)
+    _finish(run_to_end(run_faults_benchmark(repeats=repeats, nodes=nodes)), as_json=as_json)
 
 
 @bench.command()
@@ -119,7 +119,7 @@ def sync_command(seconds: float, rate: int, nodes: int, new: bool, as_json: bool
     from network.bench.sync import SyncOptions, run_sync_benchmark  # noqa: PLC0415 - only when it is needed
 
     options = SyncOptions(seconds=seconds, rate=rate, nodes=nodes, new=new)
-    _finish(asyncio.run(run_sync_benchmark(options)), as_json=as_json)
+    _finish(run_to_end(run_sync_benchmark(options)), as_json=as_json)
 
 
 @bench.command("custody")
@@ -144,7 +144,7 @@ def custody_command(store: str, erasures: int, behind: int, as_json: bool) -> No
 
     uri = LOCAL_MONGO_URI if store == "mongodb" else store
     options = CustodyOptions(store=uri, erasures=erasures, behind=behind)
-    _finish(asyncio.run(run_custody_benchmark(options, _Teller())), as_json=as_json)
+    _finish(run_to_end(run_custody_benchmark(options, _Teller())), as_json=as_json)
 
 
 @bench.command("hiding")
@@ -262,7 +262,7 @@ def robot_command(seconds: float, robots: int, fps: int, cut: float, seed: int, 
     options = RobotOptions(
         seconds=seconds, robots=robots, fps=fps, cut_s=cut, seed=seed, cache=home_folder() / "recordings"
     )
-    _finish(asyncio.run(run_robot_benchmark(options, _Teller())), as_json=as_json)
+    _finish(run_to_end(run_robot_benchmark(options, _Teller())), as_json=as_json)
 
 
 def _finish(result: dict[str, Any], *, as_json: bool) -> None:

@@ -63,6 +63,7 @@ def test_a_run_in_which_owners_found_all_is_good() -> None:
         ("frames_lost", lambda found: found[0].frames[ROBOT].clear()),
         ("frames_doubled", lambda found: found[1].frames[ROBOT].update([1])),
         ("frames_unexplained", lambda found: found[0].frames.update({b"\x03" * 33: Counter([7])})),
+        ("frames_misplaced", lambda found: setattr(found[0], "misplaced_frames", 1)),
         ("frames_unreadable", lambda found: setattr(found[0], "bad_frames", 1)),
         ("records_missing", lambda found: setattr(found[0], "missing_records", 1)),
         ("visits_unclosed", lambda found: setattr(found[0], "unclosed_visits", 1)),

@@ -11,7 +11,10 @@ import pytest
 
 from clients.robot.events import Frame, Refused, Sighting, SourceEvent
 from clients.robot.sources.rosbag import BagSource
-from network.bench.robot_scene import LOOP_MAX_S, PEOPLE, LoopedSource, loop_seconds, make_scene
+from clients.robot.synthetic.render import Renderer
+from consensus.records.renditions import ENCODING_PNG16, RENDITION_VERSION, Rendition
+from network.bench.robot_owners import OwnFrames
+from network.bench.robot_scene import LOOP_MAX_S, PEOPLE, LoopedSource, is_in_place, loop_seconds, make_scene
 
 DEPTH = np.zeros((2, 2), np.uint16)
 
@@ -82,3 +85,42 @@ def test_the_seed_draws_people_and_noise() -> None:
     assert make_scene(4, 10, 1) == make_scene(4, 10, 1)
     assert make_scene(4, 10, 1).digest != make_scene(4, 10, 2).digest
     assert make_scene(4, 10, 1).people[0].height_m != make_scene(4, 10, 2).people[0].height_m
+
+
+def pictures(number: int, seed: int) -> list[Rendition]:
+    """What a robot without fault shows of one person, now and then: the box of her pixels, as the renderer knows it."""
+    scene = make_scene(4, 10, seed)
+    renderer, found = Renderer(scene), []
+    for sequence in range(0, scene.frame_count, 7):
+        rows, columns = np.nonzero(renderer.truth(sequence).labels == number + 1)
+        box = (int(columns.min()), int(rows.min()), int(np.ptp(columns)) + 1, int(np.ptp(rows)) + 1)
+        found.append(
+            Rendition(
+                version=RENDITION_VERSION,
+                captured_at_ms=1,
+                sequence=sequence,
+                width=scene.width,
+                height=scene.height,
+                x=box[0],
+                y=box[1],
+                box_width=box[2],
+                box_height=box[3],
+                background_id=bytes(32),
+                encoding=ENCODING_PNG16,
+                pixels=b"",
+            )
+        )
+    return found
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_owners_who_are_exchanged_altogether_are_noticed(seed: int) -> None:
+    """Each finds as many frames as the robot kept for one tag; that they show the other one, the scene knows."""
+    shown = [pictures(number, seed) for number in range(len(PEOPLE))]
+    for order, misplaced in (((0, 1), 0), ((1, 0), len(shown[0]))):
+        for alias, place in zip(PEOPLE, order, strict=True):
+            found = OwnFrames()
+            for picture in shown[place]:
+                found.note(b"robot", picture, is_hers=is_in_place(alias, picture))
+            assert found.frames[b"robot"].total() == len(shown[0]) > 3
+            assert found.misplaced_frames == misplaced
