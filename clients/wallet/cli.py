@@ -5,7 +5,6 @@ How a wallet is opened: `clients.wallet.opening`; the commands about consent: `c
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.keys import derive_keys, draw_words
-from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.keystore import Keystore, PassphraseCost, WalletContent
 from clients.wallet.linking import tell_linked
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.notices import Notices
@@ -28,6 +27,8 @@ from clients.wallet.opening import place_wallet, read_passphrase, run_opened, sh
 from clients.wallet.pictures import write_pictures
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
+from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
+from clients.wallet.rotating_commands import print_words, words_json, write_words
 from clients.wallet.standing_words import print_standing, standing_json
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.visits import find_record
@@ -69,7 +70,7 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
     passphrase = read_passphrase(confirm=True)
     Keystore.create(path, words, passphrase, _cost(fast_passphrase))
     if words_file:
-        _write_secret(words_file, words + "\n")
+        write_words(words_file, words)
     else:
         console.print("Your 24 words. Write them down now; they are shown this once:\n")
         console.print(words, style="bold")
@@ -85,6 +86,8 @@ wallet.add_command(register)
 wallet.add_command(notice)
 for right in RIGHTS_COMMANDS:
     wallet.add_command(right)
+for command in ROTATING_COMMANDS:
+    wallet.add_command(command)
 wallet.add_command(export)
 wallet.add_command(erasures)
 
@@ -95,20 +98,24 @@ def _cost(fast: bool) -> PassphraseCost | None:
     return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
 
 
-def _write_secret(path: Path, text: str) -> None:
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(text)
-
-
 @wallet.command()
 @click.option("--words-file", type=click.Path(path_type=Path, exists=True, dir_okay=False), help="Read the words here.")
+@click.option(
+    "--former",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    multiple=True,
+    help="Words that were replaced, in a file; oldest first if there are several.",
+)
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
 @json_option
 @click.pass_context
 @plain_errors
-def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
+def restore(
+    ctx: click.Context, words_file: Path | None, former: tuple[Path, ...], fast_passphrase: bool, as_json: bool
+) -> None:
     """Make the wallet again from its 24 words. Your visits are found again on the chain.
+
+    If you ever changed them (wallet rotate), former words are needed to open what was recorded before.
 
     Example: blockrobot wallet restore --words-file words.txt
     """
@@ -120,7 +127,11 @@ def restore(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, 
     else:
         raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
     keys = derive_keys(words)
-    Keystore.create(path, " ".join(words.lower().split()), read_passphrase(confirm=True), _cost(fast_passphrase))
+    replaced = [" ".join(file.read_text(encoding="utf-8").lower().split()) for file in former]
+    for each in replaced:
+        derive_keys(each)
+    words = " ".join(words.lower().split())
+    Keystore.create(path, words, read_passphrase(confirm=True), _cost(fast_passphrase), former=replaced)
     if as_json:
         print_json({"ok": True, "wallet": str(path), "member": keys.identity.public_key.hex()})
     else:
@@ -177,14 +188,17 @@ def records(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot wallet records --json
     """
 
-    async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None]:
-        return await opened.records(), await Notices(opened).changed_since_consent()
+    async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None, WalletContent]:
+        reports, content = await opened.records(), opened.store.content
+        return reports, None if content.left else await Notices(opened).changed_since_consent(), content
 
-    reports, changed = run_opened(ctx, action)
+    reports, changed, content = run_opened(ctx, action)
     if as_json:
         version = None if changed is None else changed.version
-        print_json({"ok": True, "notice_changed_to": version, "visits": [_report_json(report) for report in reports]})
+        visits = [_report_json(report) for report in reports]
+        print_json({"ok": True, "notice_changed_to": version, "visits": visits, **words_json(content)})
         return
+    print_words(content)
     if changed is not None:
         console.print(
             f"What {escape(changed.organisation)} tells you changed since you consented: blockrobot wallet notice"

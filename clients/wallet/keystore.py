@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import secrets
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -88,6 +89,7 @@ class WalletContent(msgspec.Struct):
     former: list[str] = msgspec.field(default_factory=list)
     next_words: str = ""
     next_words_shown: bool = False
+    transfers_due: bool = False
     left: bool = False
 
     def __repr__(self) -> str:
@@ -153,15 +155,20 @@ class Keystore:
         return f"Keystore({self._path})"
 
     @classmethod
-    def create(cls, path: Path, words: str, passphrase: str, cost: PassphraseCost | None = None) -> Keystore:
-        """Make a new wallet file, mode 0600. Raises WALLET_EXISTS rather than overwrite one."""
+    def create(
+        cls, path: Path, words: str, passphrase: str, cost: PassphraseCost | None = None, *, former: Sequence[str] = ()
+    ) -> Keystore:
+        """Make a new wallet file, mode 0600. `former` are words that were replaced, oldest first.
+
+        Raises WALLET_EXISTS rather than overwrite one.
+        """
         if path.exists():
             raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         cost = cost or PassphraseCost()
         salt = secrets.token_bytes(_SALT_BYTES)
         header = _MAGIC + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])
-        store = cls(path, _derive_key(passphrase, salt, cost), header, WalletContent(words=words))
+        store = cls(path, _derive_key(passphrase, salt, cost), header, WalletContent(words=words, former=list(former)))
         store.save()
         return store
 

@@ -18,8 +18,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.owner_keys import VisitKeys, open_visit_keys
 from consensus.records.vouchers import sign_rotation
 
-SPREAD_MAX_MS = 4_000
-Tell = Callable[[int, int], None]
+Tell = Callable[[int, int, float], None]
 Sleep = Callable[[float], Awaitable[None]]
 _EPHEMERAL_BYTES = 32
 _KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
@@ -85,6 +84,7 @@ class Rotating:
                     raise
         content.former.append(content.words)
         content.words, content.next_words, content.next_words_shown = content.next_words, "", False
+        content.transfers_due = True
         wallet.store.save()
         wallet.load_keys()
         return True
@@ -133,19 +133,23 @@ class Rotating:
             robot=visit.robot,
         )
 
-    async def transfer_all(self, *, at_once: bool, tell: Tell) -> Transferred:
-        """Transfer every visit that former words still decide of, in an order and after pauses that chance decides.
+    async def transfer_all(self, over_s: float, tell: Tell) -> Transferred:
+        """Transfer every visit that former words still decide of, in an order and at moments that chance decides.
 
+        The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
         The first refusal ends it, unless the key was replaced already: by this wallet before a cut, or by somebody else.
         """
         order = await self.exposed_visits()
-        secrets.SystemRandom().shuffle(order)
+        chance = secrets.SystemRandom()
+        chance.shuffle(order)
+        moments = sorted(chance.random() * over_s for _ in order)
         done: list[KnownVisit] = []
         refusal = None
         for number, visit in enumerate(order):
-            tell(number, len(order))
-            if number and not at_once:
-                await self._sleep(secrets.randbelow(SPREAD_MAX_MS) / 1000)
+            pause_s = moments[number] - (moments[number - 1] if number else 0.0)
+            tell(number, len(order), pause_s)
+            if over_s:
+                await self._sleep(pause_s)
             try:
                 await self.transfer(visit)
             except BlockRobotError as error:
@@ -155,6 +159,9 @@ class Rotating:
                     refusal = error
                     break
             done.append(visit)
+        if refusal is None:
+            self._wallet.store.content.transfers_due = False
+            self._wallet.store.save()
         taken = tuple(visit for visit in self._wallet.store.content.visits if visit.taken)
         lost = {visit.owner for visit in taken}
         return Transferred(tuple(visit for visit in done if visit.owner not in lost), taken, refusal)

@@ -79,7 +79,7 @@ class Final:
 class Chain:
     """What the network client does for a wallet, on the hospital's state. A session is given by the node's own rule."""
 
-    pinned = b"pinned"
+    pinned = b""
 
     def __init__(self, hospital: Hospital, power: Power) -> None:
         self.hospital, self.power = hospital, power

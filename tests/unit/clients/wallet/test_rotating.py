@@ -23,7 +23,7 @@ async def no_pause(_: float) -> None:
     """Chance decides how long; here nobody waits."""
 
 
-def no_words(_: int, __: int) -> None:
+def no_words(_: int, __: int, ___: float) -> None:
     """Nobody looks at the progress."""
 
 
@@ -45,7 +45,7 @@ async def rotate(wallet: Wallet) -> Rotating:
         if rotating.must_show:
             rotating.confirm_shown()
         await rotating.rotate()
-    done = await rotating.transfer_all(at_once=False, tell=no_words)
+    done = await rotating.transfer_all(600.0, no_words)
     assert done.refusal is None
     return rotating
 
@@ -169,7 +169,7 @@ async def test_a_visit_that_comes_late_to_the_old_words_is_found_and_moved(story
     rotating = Rotating(wallet, sleep=no_pause)
     assert [visit.owner for visit in await rotating.exposed_visits()] == [late.owner]
     assert len((await wallet.records())[2].records) == 2
-    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    done = await rotating.transfer_all(0.0, no_words)
     assert ([visit.owner for visit in done.done], done.taken, done.refusal) == ([late.owner], (), None)
     assert await rotating.exposed_visits() == []
 
@@ -203,7 +203,7 @@ async def test_words_can_be_changed_again_and_again(story: Story) -> None:
         rotating.prepare()
         rotating.confirm_shown()
         assert await rotating.rotate()
-        await rotating.transfer_all(at_once=True, tell=no_words)
+        await rotating.transfer_all(0.0, no_words)
     reports = await story.open().records()
     assert [(report.visit.era, len(report.records)) for report in reports] == [(3, 2), (3, 2)]
 
@@ -218,7 +218,7 @@ async def test_what_a_thief_has_taken_first_is_told_and_hides_nothing_else(story
     assert [visit.owner for visit in await wallet.scan()] == [other.owner]
     assert [visit.owner for visit in wallet.store.content.visits if visit.taken] == [mine.owner]
     rotating = await rotate(wallet)
-    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    done = await rotating.transfer_all(0.0, no_words)
     assert (done.done, [visit.owner for visit in done.taken]) == ((), [mine.owner])
     assert story.current(other) != other.owner
 
@@ -233,15 +233,20 @@ async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
     rotating.confirm_shown()
     await rotating.rotate()
 
-    async def steal(_: float) -> None:
+    waited: list[float] = []
+
+    async def steal(pause_s: float) -> None:
         """While the wallet waits before the second visit, the thief takes it."""
+        waited.append(pause_s)
         for number, visit in enumerate(visits):
-            if story.current(visit) == visit.owner:
+            if len(waited) == 2 and story.current(visit) == visit.owner:
                 arguments = story.hospital.transfer_arguments(thief, number)[1]
                 story.hospital.must(old[visit.owner], "records", "transfer", *arguments)
 
-    done = await Rotating(wallet, sleep=steal).transfer_all(at_once=False, tell=no_words)
+    done = await Rotating(wallet, sleep=steal).transfer_all(600.0, no_words)
     assert (len(done.done), len(done.taken), done.refusal) == (1, 1, None)
+    assert 0 <= sum(waited) <= 600
+    assert min(waited) >= 0
 
 
 async def test_a_refusal_ends_it_and_says_what_is_done(story: Story) -> None:
@@ -260,9 +265,12 @@ async def test_a_refusal_ends_it_and_says_what_is_done(story: Story) -> None:
         return await real(*arguments)  # type: ignore[arg-type]
 
     story.chain.call = fail_second  # type: ignore[method-assign,assignment]
-    done = await rotating.transfer_all(at_once=True, tell=no_words)
+    done = await rotating.transfer_all(0.0, no_words)
     assert (len(done.done), done.refusal is not None) == (1, True)
     assert len(await rotating.exposed_visits()) == 1
+    assert story.open().store.content.transfers_due
+    assert (await rotating.transfer_all(0.0, no_words)).refusal is None
+    assert not story.open().store.content.transfers_due
 
 
 async def test_who_leaves_keeps_what_was_recorded_of_her(story: Story) -> None:

@@ -1,0 +1,231 @@
+"""`blockrobot wallet rotate|transfer|leave`: after a theft, and when one goes. Must never take words as an argument."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.keys import WORDS_COUNT
+from clients.wallet.keystore import WalletContent
+from clients.wallet.linking import tell_linked
+from clients.wallet.opening import run_opened
+from clients.wallet.rotating import Rotating, Transferred
+from clients.wallet.wallet import Wallet
+
+SPREAD_DEFAULT_MINUTES = 10
+SPREAD_MAX_MINUTES = 7 * 24 * 60
+_HOW_TO = "docs/how-to/when-your-wallet-is-stolen.md"
+
+
+def _spread(command: Any) -> Any:
+    over = click.option(
+        "--over-minutes",
+        type=click.IntRange(0, SPREAD_MAX_MINUTES),
+        default=SPREAD_DEFAULT_MINUTES,
+        show_default=True,
+        help="Move the visits within this time, at moments that chance decides.",
+    )
+    now = click.option(
+        "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
+    )
+    return over(now(command))
+
+
+def write_words(path: Path, words: str) -> None:
+    """Write words to a new file that only its owner reads; one that holds them already will do. Raises UsageError."""
+    try:
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        if path.read_text(encoding="utf-8").strip() == words:
+            return
+        raise click.UsageError(f"{path} exists already: name a new file.") from None
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        file.write(words + "\n")
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _show_words(words: str, words_file: Path | None) -> None:
+    """Hand the words over, and go on only once they are in a file or were written down."""
+    if words_file is not None:
+        write_words(words_file, words)
+        return
+    console.print("Your 24 new words. Write them down now, and keep the old ones too; they are shown this once:\n")
+    console.print(words, style="bold")
+    wanted = secrets.randbelow(WORDS_COUNT)
+    while (
+        click.prompt(f"\nFrom what you wrote down: word number {wanted + 1}").strip().lower() != words.split()[wanted]
+    ):
+        console.print("That is not this word. Look again; nothing is changed yet.")
+
+
+def _ask_or_say(question: str, *, yes: bool) -> None:
+    if not yes:
+        if not sys.stdin.isatty():
+            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        click.confirm(question, abort=True)
+
+
+def _tell_progress(number: int, count: int, pause_s: float) -> None:
+    click.echo(f"Visit {number + 1} of {count} gets its new key in {pause_s:.0f} s ...", err=True)
+
+
+async def _transfer(rotating: Rotating, over_minutes: int, *, now: bool, as_json: bool) -> Transferred:
+    count = len(await rotating.exposed_visits())
+    if now and not as_json:
+        tell_linked(count)
+    return await rotating.transfer_all(0.0 if now else over_minutes * 60.0, _tell_progress)
+
+
+def _transferred_json(done: Transferred) -> dict[str, Any]:
+    return {
+        "transferred": [visit.owner.hex() for visit in done.done],
+        "taken_visits": [visit.owner.hex() for visit in done.taken],
+    }
+
+
+def _tell_transferred(done: Transferred) -> None:
+    console.print(f"{len(done.done)} visits have a key of your present words.")
+    print_taken(len(done.taken))
+    if done.refusal is not None:
+        console.print("[red]It was ended early; run the same command again to go on.[/red]")
+        raise done.refusal
+
+
+def print_taken(count: int) -> None:
+    """Say, if so, that visits obey somebody else's key."""
+    if count:
+        console.print(
+            f"[red]{count} visits were given a key that is not of your words, by somebody who had their key: they are"
+            f" out of this wallet's reach. Tell the hospital's data protection officer; see {_HOW_TO}.[/red]"
+        )
+
+
+def words_json(content: WalletContent) -> dict[str, Any]:
+    """Return what is to be known of visits that the present words do not decide of, for a program."""
+    return {
+        "taken_visits": [visit.owner.hex() for visit in content.visits if visit.taken],
+        "exposed_visits": [visit.owner.hex() for visit in exposed(content)],
+    }
+
+
+def exposed(content: WalletContent) -> list[Any]:
+    """Return the visits of which a key from former words still decides, as far as the wallet has read."""
+    return [visit for visit in content.visits if visit.era != len(content.former) and not visit.taken]
+
+
+def print_words(content: WalletContent) -> None:
+    """Say what is to be known of visits that the present words do not decide of."""
+    if exposed(content):
+        console.print(
+            f"[red]{len(exposed(content))} visits still obey your former words. Run: blockrobot wallet transfer[/red]"
+        )
+    print_taken(sum(visit.taken for visit in content.visits))
+
+
+@click.command()
+@click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@_spread
+@json_option
+@click.pass_context
+@plain_errors
+def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes: int, now: bool, as_json: bool) -> None:
+    """Get new words after a theft: whoever has the old ones sees, decides and erases nothing any more.
+
+    Your membership gets its new key at once, then each visit, one by one. Cut off anywhere, run it again: it goes on.
+
+    Example: blockrobot wallet rotate
+    """
+
+    async def action(opened: Wallet) -> Transferred:
+        rotating, content = Rotating(opened), opened.store.content
+        if not content.next_words and not content.transfers_due:
+            if words_file is None and not sys.stdin.isatty():
+                raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+            await opened.scan()
+            _ask_or_say("You get 24 new words, and the old ones decide of nothing any more. Go on?", yes=yes)
+            rotating.prepare()
+        if rotating.must_show:
+            if words_file is None and not sys.stdin.isatty():
+                raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+            _show_words(rotating.prepare(), words_file)
+            rotating.confirm_shown()
+        await rotating.rotate()
+        return await _transfer(rotating, over_minutes, now=now, as_json=as_json)
+
+    done = run_opened(ctx, action)
+    if as_json:
+        if done.refusal is not None:
+            raise done.refusal
+        print_json({"ok": True, "words_file": str(words_file) if words_file else None, **_transferred_json(done)})
+        return
+    _tell_transferred(done)
+    console.print(
+        "The new words are in force. Keep the old ones too: only together they restore this wallet with its old pictures\n"
+        "(blockrobot wallet restore --former FILE). Where a robot was cut off, visits may come late under the old words:\n"
+        "blockrobot wallet records says so."
+    )
+
+
+@click.command()
+@_spread
+@json_option
+@click.pass_context
+@plain_errors
+def transfer(ctx: click.Context, over_minutes: int, now: bool, as_json: bool) -> None:
+    """Give visits that came late, under former words, a key of the present ones.
+
+    Example: blockrobot wallet transfer
+    """
+
+    async def action(opened: Wallet) -> Transferred:
+        return await _transfer(Rotating(opened), over_minutes, now=now, as_json=as_json)
+
+    done = run_opened(ctx, action)
+    if as_json:
+        if done.refusal is not None:
+            raise done.refusal
+        print_json({"ok": True, **_transferred_json(done)})
+        return
+    _tell_transferred(done)
+
+
+_LEAVING = """\
+If you leave:
+  - No robot records you any more, from the next block on; all you consented to ends.
+  - Your keys are taken out of the registry. Your handle stays there, marked as left; a new card makes you a new member.
+  - What was recorded stays until it expires, and stays yours: this wallet shows and erases it as before.
+    To have it erased first: blockrobot wallet erase --all
+  - What a robot that was cut off brings later is not found by this wallet any more."""
+
+
+@click.command()
+@click.option("--yes", is_flag=True, help="Do not ask.")
+@json_option
+@click.pass_context
+@plain_errors
+def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
+    """End your membership. Says what stays and what goes, and asks.
+
+    Example: blockrobot wallet leave
+    """
+    if not as_json:
+        console.print(_LEAVING)
+    _ask_or_say("Leave?", yes=yes)
+    height = run_opened(ctx, lambda opened: Rotating(opened).leave())
+    if as_json:
+        print_json({"ok": True, "height": height or None})
+    elif height:
+        console.print(f"You have left, as of block {height}. Your records: blockrobot wallet records")
+    else:
+        console.print("You had left already. Your records: blockrobot wallet records")
+
+
+COMMANDS = (rotate, transfer, leave)
