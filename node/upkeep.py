@@ -81,6 +81,8 @@ class Upkeep:
             "clips_missing": counts.missing,
             "clips_erased": counts.erased,
             "frames": counts.frames,
+            "shares": counts.shares,
+            "key_parts": counts.parts,
             "owed": counts.owed,
             "erasures_under_way": counts.owed_erasures,
             "slots_used": held,
@@ -152,6 +154,10 @@ def describe_scrub(report: ScrubReport) -> dict[str, Any]:
         "other_facts": _ids(report.other_facts),
         "corrupted": _frames(report.corrupted),
         "unclaimed_frames": _ids(report.unclaimed_frames),
+        "parts_held_though_ended": [
+            {"grant": grant_id.hex(), "record": record_id.hex()}
+            for grant_id, record_id in report.parts_held_though_ended[:_LISTED_MAX_COUNT]
+        ],
         "unclaimed_keys": report.unclaimed_keys[:_LISTED_MAX_COUNT],
         "dirty_slots_count": report.dirty_slots_count,
         "log_bytes": report.leftovers.log_bytes,

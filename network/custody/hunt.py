@@ -122,9 +122,9 @@ def explain(place: str, what: str, *, is_gone: bool) -> str:
     if what == "id" and place == "log":
         return _ALARM
     if is_gone:
-        return _MARK if (what, place) == ("id", "store") else ""
+        return _MARK if (what, place) == ("id", "store") else ""  # rows of requests and shares name ids too
     if place == "store":
-        return _WHILE_KEPT if what in {"id", "leaf", "root", "ciphertext", "wrapped-key"} else ""
+        return _WHILE_KEPT if what in {"id", "leaf", "root", "ciphertext", "wrapped-key", "wrapped-part"} else ""
     return _WHILE_KEPT if (place, what) == ("erase-keys", "erase-key") else ""
 
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import msgspec
@@ -32,6 +33,7 @@ from node.offchain.erase_keys import (
     unwrap_key,
 )
 from node.offchain.open_store import MONGO_SCHEMES
+from node.offchain.sharing import PART_PLACE, HeldPart
 from node.offchain.sqlite_store import DATABASE_FILE_NAME
 from node.storage.ledger_store import LedgerSnapshot
 
@@ -44,7 +46,8 @@ _PAGE_BYTES = PAGE_SLOTS_COUNT * (1 + ERASE_KEY_BYTES)
 
 @dataclass
 class Trace:
-    """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key, plaintext.
+    """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key, plaintext,
+    and where it was shared wrapped-part, package, key-part.
 
     `status` is what the finalized state says of the record: active, erasing, erased, expired, or unknown.
     """
@@ -136,6 +139,21 @@ def trace_store(trace: Trace, config: NodeConfig) -> None:
         except BlockRobotError:
             continue
         trace.add("sealed-key", sealed_key[-PREFIX_BYTES:])
+    for slot, wrapped in (_read_mongo_parts if is_mongo else _read_sqlite_parts)(config, trace.record_id):
+        _trace_part(trace, _read_erase_key(config, slot), wrapped)
+
+
+def _trace_part(trace: Trace, erase_key: bytes, wrapped: bytes) -> None:
+    """Take what a custodian keeps because the record was shared: its row, the package in it, and the parts of the key."""
+    trace.add("wrapped-part", wrapped[-PREFIX_BYTES:])
+    trace.add("erase-key", erase_key[:PREFIX_BYTES])
+    try:
+        held = decode(unwrap_key(erase_key, trace.record_id, PART_PLACE, wrapped), HeldPart)
+    except BlockRobotError:
+        return
+    trace.add("package", held.package[-PREFIX_BYTES:])
+    for part in held.parts:
+        trace.add("key-part", part.value[:PREFIX_BYTES])
 
 
 def _read_erase_key(config: NodeConfig, slot: int) -> bytes:
@@ -157,6 +175,29 @@ def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], li
     except sqlite3.Error as error:
         raise BlockRobotError("STORE_UNAVAILABLE", f"The store of {config.name} cannot be read: {error}.") from None
     return frames, [joined[start : start + 32] for start in range(0, len(joined), 32)]
+
+
+def _read_sqlite_parts(config: NodeConfig, record_id: bytes) -> list[tuple[int, bytes]]:
+    """Return slot and bytes of each part; a store of a former format has none."""
+    path = config.custody_dir / DATABASE_FILE_NAME
+    try:
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
+            if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'parts'").fetchone():
+                return []
+            return database.execute("SELECT slot, wrapped FROM parts WHERE record_id = ?", (record_id,)).fetchall()
+    except sqlite3.Error as error:
+        raise BlockRobotError("STORE_UNAVAILABLE", f"The store of {config.name} cannot be read: {error}.") from None
+
+
+def _read_mongo_parts(config: NodeConfig, record_id: bytes) -> list[tuple[int, bytes]]:
+    try:
+        with MongoClient[dict[str, Any]](config.custody_store, serverSelectionTimeoutMS=SERVER_MAX_MS) as client:
+            database = client[urlsplit(config.custody_store).path.lstrip("/")]
+            return [(row["slot"], row["wrapped"]) for row in database["parts"].find({"record_id": record_id})]
+    except PyMongoError as error:
+        raise BlockRobotError(
+            "STORE_UNAVAILABLE", f"The store's server of {config.name} failed ({type(error).__name__})."
+        ) from None
 
 
 def _read_mongo(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], list[bytes]]:

@@ -88,8 +88,8 @@ class Reconciliation:
         await self._shares.reconcile(standing, ended, denied)
         at_ms = self._facts.point.timestamp_ms
         shared = {place.record_id async for place in self._store.all_parts()}
-        found = ((record_id, self._facts.record(record_id)) for record_id in sorted(shared))
-        gone = [record_id for record_id, record in found if record is None or not record.is_kept(at_ms)]
+        records = ((record_id, self._facts.record(record_id)) for record_id in sorted(shared))
+        gone = [record_id for record_id, record in records if record is None or not record.is_kept(at_ms)]
         await self._eraser.destroy_parts(await self._store.parts_of("record_id", gone))
 
     async def _take_access(self, access: AccessFacts) -> None:

@@ -41,7 +41,8 @@ class ScrubReport:
     """What a scrub found, by record id and frame.
 
     `corrupted`: frames whose bytes no longer make their leaf, or are gone though nobody erased them. `unclaimed_frames`:
-    records of which there are frames and no clip. `unclaimed_keys`: erase keys that no frame names. `dirty_slots_count`:
+    records of which there are frames and no clip. `parts_held_though_ended`: grant and record of what is still held of a
+    shared key. `unclaimed_keys`: erase keys that no frame names. `dirty_slots_count`:
     slots of the erase-key file that hold bytes and no key.
     """
 
@@ -56,6 +57,7 @@ class ScrubReport:
     other_facts: list[bytes] = field(default_factory=list)
     corrupted: list[tuple[bytes, int]] = field(default_factory=list)
     unclaimed_frames: list[bytes] = field(default_factory=list)
+    parts_held_though_ended: list[tuple[bytes, bytes]] = field(default_factory=list)
     unclaimed_keys: list[int] = field(default_factory=list)
     dirty_slots_count: int = 0
     leftovers: Leftovers = field(default_factory=lambda: Leftovers(None, None))
@@ -65,7 +67,7 @@ class ScrubReport:
         """Tell whether no byte and no key is here of what the chain has erased, or never had."""
         held = (self.held_though_erased, self.frames_held_though_erased, self.unknown_to_chain, self.unclaimed_frames)
         files = (self.unclaimed_keys, self.dirty_slots_count, self.leftovers.log_bytes, self.leftovers.dirty_bytes)
-        return not any(held) and not any(files)
+        return not any(held) and not any(files) and not self.parts_held_though_ended
 
     @property
     def is_clean(self) -> bool:
@@ -169,6 +171,7 @@ async def scrub(
             await judge.compare(record_id, facts.record(record_id), clips.get(record_id), report)
         report.compared_count, report.frames_count = seen.compared_count, seen.frames_count
         report.unclaimed_frames = await find_unclaimed_frames(store)
+        report.parts_held_though_ended = await find_ended_parts(store, facts)
         report.unclaimed_keys = await find_unclaimed_keys(store, keys, in_flight)
         report.dirty_slots_count = await asyncio.to_thread(keys.check_destroyed)
         report.leftovers = await store.leftovers()
@@ -234,6 +237,20 @@ async def find_unclaimed_frames(store: CustodyStore) -> list[bytes]:
         if len(batch) >= RECORDS_AT_ONCE_COUNT:
             await check()
     await check()
+    return found
+
+
+async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple[bytes, bytes]]:
+    """Return grant and record of parts of shared keys that are not to be kept any more; only while nothing moves."""
+    standing, ended = facts.shares()
+    denied = {row.owner for row in facts.standings() if row.quarantined}
+    found: list[tuple[bytes, bytes]] = []
+    async for place in store.all_parts():
+        was_final = place.status == "confirmed" or place.grant_id in ended
+        record = facts.record(place.record_id)
+        is_kept = record is not None and record.is_kept(facts.point.timestamp_ms)
+        if not is_kept or place.owner in denied or (was_final and place.grant_id not in standing):
+            found.append((place.grant_id, place.record_id))
     return found
 
 

@@ -23,7 +23,7 @@ PARTS_STAGED_MAX_COUNT = 1024
 """How many parts of grants that are not final yet one visit may have here."""
 PARTS_AT_ONCE_COUNT = 64
 CLOCK_SLACK_MS = 60_000
-_PLACE = 0xFFFF_FFFF
+PART_PLACE = 0xFFFF_FFFF
 """Where a frame would have its index: a wrapped part is no frame's key."""
 
 
@@ -121,7 +121,7 @@ class Shares:
         if not judged.is_known:
             slot, erase_key = taken
             content = encode(HeldPart(upload.grant_txid, upload.package, upload.parts))
-            row = replace(row, slot=slot, wrapped=wrap_key(erase_key, upload.record_id, _PLACE, content))
+            row = replace(row, slot=slot, wrapped=wrap_key(erase_key, upload.record_id, PART_PLACE, content))
         await self._store.put_part(row)
 
     # Release
@@ -144,7 +144,7 @@ class Shares:
         if erase_key is None:
             return None
         try:
-            held = decode(unwrap_key(erase_key, row.record_id, _PLACE, row.wrapped), HeldPart)
+            held = decode(unwrap_key(erase_key, row.record_id, PART_PLACE, row.wrapped), HeldPart)
         except BlockRobotError:
             return None  # of another slot's time: a store put back beside the keys of today
         return held if held.grant_id == row.grant_id else None

@@ -49,6 +49,19 @@ class State:
         self.rows[b"access\x00access/" + ACCESS_ID] = entry | {"released": {}, "refused": {}} | changes
         self._audit(owner, "access_requested", {"access_id": ACCESS_ID}, height)
 
+    def grant(self, grant_id: bytes, *clips: RecordedClip, owner: bytes = ALICE, **changes: Any) -> None:
+        entry = {
+            "owner": owner,
+            "records": [clip.record_id for clip in clips],
+            "until_ms": EXPIRES_MS,
+            "height": 6,
+            "status": "active",
+        }
+        self.rows[b"access\x00grant/" + grant_id] = entry | changes
+
+    def quarantine(self, owner: bytes = ALICE) -> None:
+        self.rows[b"rights\x00quarantine/" + owner] = bytes(32)
+
     def released(self, *clips: RecordedClip, custodian: bytes = CUSTODIAN) -> None:
         told = sha256(custodian + b"".join(clip.record_id for clip in clips))
         self.rows[b"access\x00release/" + ACCESS_ID + told] = True
