@@ -6,6 +6,7 @@ How a wallet is opened: `clients.wallet.opening`; the commands about consent: `c
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
+from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost, WalletContent
 from clients.wallet.linking import tell_linked
@@ -29,6 +31,9 @@ from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
 from clients.wallet.rotating_commands import print_words, words_json, write_words
+from clients.wallet.sharing import Share, Sharing
+from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
+from clients.wallet.sharing_commands import share_json, tell_recipients
 from clients.wallet.standing_words import print_standing, standing_json
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.visits import find_record
@@ -84,7 +89,7 @@ def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_j
 wallet.add_command(consent)
 wallet.add_command(register)
 wallet.add_command(notice)
-for right in RIGHTS_COMMANDS:
+for right in (*RIGHTS_COMMANDS, *SHARING_COMMANDS, *INBOX_COMMANDS):
     wallet.add_command(right)
 for command in ROTATING_COMMANDS:
     wallet.add_command(command)
@@ -395,11 +400,11 @@ def erase(
             "The pictures will be gone for everyone, for ever. The trail of what happened stays. Erase?", abort=True
         )
 
-    async def action(opened: Wallet) -> list[ErasureReport]:
+    async def action(opened: Wallet) -> tuple[list[ErasureReport], list[Share]]:
         chosen = await _chosen(opened, () if everything else record_ids)
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = _tell_linked(active, as_json=as_json)
-        erasing = Erasing(opened)
+        erasing, recipients = Erasing(opened), await Sharing(opened).recipients(active)
         reports: list[ErasureReport] = []
         for owner in dict.fromkeys(entry.visit.owner for entry in entries):
             part = [entry for entry in entries if entry.visit.owner == owner]
@@ -408,9 +413,9 @@ def erase(
                 reports.extend(await erasing.wait_complete(part[0].visit, ids, ERASE_WAIT_S))
             else:
                 reports.extend([await erasing.report(part[0].visit, erasure_id) for erasure_id in ids])
-        return reports
+        return reports, recipients
 
-    reports = run_opened(ctx, action)
+    reports, recipients = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -421,7 +426,8 @@ def erase(
             }
             for report in reports
         ]
-        print_json({"ok": True, "erasures": rows})
+        now_ms = time.time_ns() // 1_000_000
+        print_json({"ok": True, "erasures": rows, "recipients": [share_json(each, now_ms) for each in recipients]})
         return
     if not reports:
         console.print("There is nothing left to erase.")
@@ -430,6 +436,7 @@ def erase(
             f"Erasure {report.erasure_id.hex()[:16]}: {report.status}, "
             f"confirmed by {len(report.receipts)} of {len(report.custodians)} custodians."
         )
+    tell_recipients(recipients)
 
 
 @wallet.command(hidden=True)
