@@ -117,7 +117,7 @@ def give(
         word = await Consenting(opened).give(
             list(purposes), list(chosen), from_ms=from_ms, until_ms=until_ms, height=height
         )
-        return told, (word, await take_receipt(opened, word.txid))
+        return told, (word, await take_receipt(opened, word.txid, gave=True))
 
     told, word = run_opened(ctx, action)
     period = f" from {show_moment(from_ms)}" if from_ms else ""

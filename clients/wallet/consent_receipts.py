@@ -21,6 +21,7 @@ from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.records.consent_receipts import sign_as_person
+from consensus.records.consents import GIVEN
 
 ASK_PAUSE_S = 0.25
 ASK_PASSES_COUNT = 12
@@ -70,6 +71,9 @@ class ConsentReceipts:
         self._check(entry, signed=True)
         content.receipts.append(msgspec.json.encode(entry))
         content.receipts_due.remove(txid)
+        if checked.word.status == GIVEN and checked.published is not None:
+            version = checked.published.row.version
+            content.notice_consented_version = max(content.notice_consented_version, version)
         self._wallet.store.save()
         return checked
 

@@ -17,7 +17,6 @@ from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.records.consents import GIVEN
 
 
 def show_told(told: Told) -> None:
@@ -62,15 +61,17 @@ class Receipted:
         return f"The receipt is in your wallet, signed by {self.receipt.organisation} and by you, {notice}."
 
 
-async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
-    """Fetch the receipt of a word that is final. A word counts without it: nothing is raised."""
+async def take_receipt(opened: Wallet, txid: bytes, *, gave: bool = False) -> Receipted:
+    """Fetch the receipt of a word that is final. A word counts without it: nothing is raised.
+
+    Who `gave` and has no receipt yet counts as having consented under what was on her screen last.
+    """
     try:
-        receipt = await ConsentReceipts(opened).obtain(txid)
+        return Receipted(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:
+        if gave:
+            Notices(opened).note_consented()
         return Receipted(None, error)
-    if receipt.word.status == GIVEN and receipt.published is not None:
-        Notices(opened).note_consented(receipt.published.row.version)
-    return Receipted(receipt, None)
 
 
 @click.command()
@@ -134,7 +135,7 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: 
         told = await notices.for_card(code)
         tell_first(notices, told, _ask_of(purposes), as_json=as_json)
         done = await opened.register(code, list(purposes))
-        return told, done, await take_receipt(opened, done.txid) if purposes and done.txid else None
+        return told, done, await take_receipt(opened, done.txid, gave=True) if purposes and done.txid else None
 
     told, done, receipted = run_opened(ctx, action)
     if as_json:

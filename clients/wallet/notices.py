@@ -116,9 +116,10 @@ class Notices:
         content.notice_shown_version = max(content.notice_shown_version, told.version)
         self._wallet.store.save()
 
-    def note_consented(self, version: int) -> None:
-        """Remember under which version she consented last, as her receipt tells it."""
-        self._wallet.store.content.notice_consented_version = version
+    def note_consented(self) -> None:
+        """Remember that she consented under what was on her screen last; a receipt remembers it more exactly."""
+        content = self._wallet.store.content
+        content.notice_consented_version = max(content.notice_consented_version, content.notice_shown_version)
         self._wallet.store.save()
 
     async def _organisation(self) -> str:

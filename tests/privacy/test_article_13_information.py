@@ -90,7 +90,6 @@ async def test_13_3_a_further_purpose_is_shown_before_she_consents_to_it(ward: N
     word = await Consenting(ward.wallet).give(["care"], ["depth"])
     receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
     assert receipt.published is not None
-    notices.note_consented(receipt.published.row.version)
     assert await notices.due() is None
     assert await notices.changed_since_consent() is None
     ward.publish(further_purpose())

@@ -155,3 +155,28 @@ def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path
     path.write_text(path.read_text().replace('\\"given\\"', '\\"taken\\"', 1))
     forged = CliRunner().invoke(verify, [str(path), "--json"])
     assert (forged.exit_code, json.loads(forged.output)["error"]["code"]) == (1, "CONSENT_RECEIPT_INVALID")
+
+
+def test_a_notice_that_cannot_be_read_stands_in_the_way_of_a_yes_and_never_of_a_no(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    ok("register", desk.code, "--purpose", "care")
+    desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", b"what nobody can read")
+    given = run("consent", "give", "--purpose", "demo", "--json")
+    assert (given.exit_code, json.loads(given.output)["error"]["code"]) == (1, "NOTICE_INVALID")
+    told = json.loads(run("consent", "withdraw", "--json").output)
+    assert (told["ok"], told["status"], told["receipt"], told["receipt_error"]) == (
+        True,
+        "withdrawn",
+        None,
+        "NOTICE_INVALID",
+    )
+    assert json.loads(run("records", "--json").output)["notice_changed_to"] == 2
+
+
+def test_a_yes_whose_receipt_is_late_is_still_one_under_the_words_that_were_shown(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    desk.ward.network.custody.custodians = ()
+    told = ok("register", desk.code, "--purpose", "care")
+    assert "Your receipt is not here yet" in told
+    desk.ward.publish(other_words())
+    assert "changed since you consented" in ok("records")
