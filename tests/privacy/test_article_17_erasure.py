@@ -3,7 +3,7 @@
 (1) she alone asks, for all of it or a part, and every custodian confirms; (2) keys go first and bytes with them: no file of
 the custodian has either afterwards; (3) the chain's own state of the record loses what pointed at it; (4) a custodian that
 was away erases before it serves; (5) its time over, it goes unasked; (6) what she needs for a claim stays, because she said
-so (paragraph 3(e)).
+so (paragraph 3(e)); (7) who has lost her key for good is not kept from it: two officers do it, by robot and minutes.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def test_1_and_3_every_custodian_confirms_and_the_chain_forgets_what_pointed_at_
 def test_1_nobody_else_asks(hospital: Hospital, visit: Visit) -> None:
     officer = hospital.enrol("officer", "officer").identity
     for key in (officer, hospital.admin, hospital.registrar, hospital.robot.identity, *hospital.custodians):
-        assert hospital.send(key, "erasure", "request", visit.records, []).code == "NOT_THE_OWNER"
+        assert hospital.send(key, "erasure", "request", visit.records, []).code == "VISIT_UNKNOWN"
 
 
 @pytest.mark.parametrize("make_store", ["sqlite"], indirect=True)
@@ -102,3 +102,41 @@ def test_6_what_she_needs_for_a_claim_stays_because_she_said_so(hospital: Hospit
     hospital.time_ms += 31 * DAY_MS
     assert hospital.send(hospital.custodians[0], "erasure", "expired", [kept], bytes(32)).code == "RECORD_RESTRICTED"
     hospital.must(hospital.custodians[0], "erasure", "expired", [gone], bytes(32))
+
+
+def erase_together(hospital: Hospital, visit: Visit, visits: list[Visit]) -> list[str]:
+    """Two officers erase what the robot of a visit opened in its five minutes; return how the chain answers for each."""
+    first, second = (hospital.enrol(name, "officer").identity for name in ("eva", "max"))
+    span = [visit.robot.identity.public_key, visit.bucket_ms, visit.bucket_ms + 300_000]
+    hospital.time_ms = span[2]
+    proposal_id = hospital.must(first, "officers", "propose", *span, "key-lost", len(visits)).txid
+    early = [hospital.send(first, "officers", "erase", proposal_id, one.owner, one.records) for one in visits]
+    assert {receipt.code for receipt in early} == {"NOT_APPROVED"}, "one alone does not"
+    hospital.must(second, "officers", "approve", proposal_id)
+    ordered = [hospital.send(second, "officers", "erase", proposal_id, one.owner, one.records) for one in visits]
+    for receipt in ordered:
+        if receipt.ok:
+            hospital.receipts_of_all(receipt.txid)
+    return [receipt.code for receipt in ordered]
+
+
+def test_7_a_lost_key_does_not_keep_her_from_it(hospital: Hospital, visit: Visit) -> None:
+    assert erase_together(hospital, visit, [visit]) == ["OK"]
+    for record_id in visit.records:
+        record = hospital.view("records", "get", record_id)
+        assert (record["status"], record["sealed_metadata"]) == ("erased", b"")
+
+
+def test_7_what_somebody_needs_stays_and_everybody_hit_is_told(hospital: Hospital, visit: Visit) -> None:
+    needed, bystander = hospital.open_visit(hospital.enrol("ben")), hospital.open_visit(hospital.enrol("cleo"))
+    for one in (needed, bystander):
+        hospital.record(one)
+    hospital.must(needed.key, "rights", "restrict", [], "legal-claim")
+    answers = erase_together(hospital, visit, [visit, needed, bystander])
+    assert answers == ["OK", "RECORD_RESTRICTED", "OK"]
+    assert hospital.view("records", "get", needed.records[0])["status"] == "active"
+    for one, times in ((visit, 1), (needed, 0), (bystander, 1)):
+        told = [event for event in hospital.view("audit", "events", one.owner, 0, 50) if "reason" in event["data"]]
+        assert [(event["kind"], event["data"]["reason"]) for event in told] == [
+            ("erased_by_officers", "key-lost")
+        ] * times
