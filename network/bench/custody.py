@@ -40,6 +40,8 @@ NODES_COUNT = 4
 BLOCK_RECORDS_COUNT = 50
 EXPIRES_AFTER_MS = 30 * 24 * 3_600_000
 SCANNED_COUNT = 2_000
+HOSPITAL_DAY_VISITS_COUNT = 20_000
+"""What is taken for a day of a large hospital: five thousand people, whom robots meet four times each."""
 _START_MS = 1_800_000_000_000
 
 Tell = Callable[[str], None]
@@ -59,8 +61,8 @@ class CustodyOptions:
 class _Custody:
     """One custodian over a store of its own, and the blocks that it is told."""
 
-    def __init__(self, store: CustodyStore, keys: EraseKeys) -> None:
-        self.store, self.keys = store, keys
+    def __init__(self, store: CustodyStore, keys: EraseKeys, uri: str) -> None:
+        self.store, self.keys, self.uri = store, keys, uri
         self.custodian = Custodian(store, keys, member=secrets.token_bytes(33), clock_ms=lambda: _START_MS)
 
     name = "other"
@@ -77,7 +79,7 @@ async def _open_custody(uri: str, folder: Path) -> AsyncIterator[_Custody]:
     try:
         async with open_store(own, folder / "custody") as store:
             with EraseKeys(folder / "erase-keys") as keys:
-                yield _Custody(store, keys)
+                yield _Custody(store, keys, own)
     finally:
         if own != uri:
             with MongoClient[dict[str, Any]](own) as client:
@@ -118,7 +120,7 @@ async def _measure_following(options: CustodyOptions, folder: Path, tell: Tell) 
             hook_s += time.perf_counter() - started_s
         caught_up_s = await _measure_catching_up(blocks, awake, away, options.behind, tell)
         held = [(await custody.store.counts()).confirmed for custody in (awake, away)]
-        stored_bytes = await _stored_bytes(folder / "a", awake.store)
+        stored_bytes = await _stored_bytes(folder / "a", awake)
     return {
         "hook_records_per_s": round(options.behind / hook_s, 1),
         "catchup_s": round(caught_up_s, 2),
@@ -141,11 +143,15 @@ async def _measure_catching_up(
     return time.perf_counter() - started_s
 
 
-async def _stored_bytes(folder: Path, store: CustodyStore) -> int | None:
-    """Return what the store and the erase keys take up, None if the store does not say."""
-    await store.sweep()
+async def _stored_bytes(folder: Path, custody: _Custody) -> int | None:
+    """Return what the store and the erase keys take up; of a server, what it says of the database and its indexes."""
+    await custody.store.sweep()
     keys = sum(path.stat().st_size for path in (folder / "erase-keys").iterdir())
-    size_bytes = (await store.counts()).size_bytes
+    size_bytes = (await custody.store.counts()).size_bytes
+    if size_bytes is None and custody.uri.startswith(MONGO_SCHEMES):
+        with MongoClient[dict[str, Any]](custody.uri) as client:
+            told = client.get_default_database().command("dbStats")
+        size_bytes = int(told["storageSize"]) + int(told["indexSize"])
     return None if size_bytes is None else size_bytes + keys
 
 
@@ -189,8 +195,9 @@ async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _te
 
     Figures: `erase_p50_ms` and `erase_p95_ms` from a request to all receipts final, one erasure at a time;
     `hook_records_per_s`, confirmations of staged clips in blocks of fifty; `catchup_s`, a custodian `behind` records
-    behind that has none of their clips follows the blocks and fetches every clip; `scan_records_per_s`;
-    `store_overhead`, bytes on disk a byte of ciphertext, erase keys too (None for a server that does not say). `ok` is
+    behind that has none of their clips follows the blocks and fetches every clip; `scan_records_per_s`, announcements
+    that a wallet tries on one core, and `hospital_day_scan_s`, what all of a day cost it, proofs and network apart;
+    `store_overhead`, bytes on disk a byte of ciphertext, erase keys too (of a server: what its `dbStats` says). `ok` is
     False after any error, or if a clip is not where it should be.
     """
     conditions = measure_conditions(
@@ -200,6 +207,7 @@ async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _te
         behind=options.behind,
         frames_a_clip=options.frames,
         frame_bytes=options.frame_bytes,
+        hospital_day_visits=HOSPITAL_DAY_VISITS_COUNT,
     )
     folder = Path(tempfile.mkdtemp(prefix="blockrobot-bench-custody-"))
     try:
@@ -208,11 +216,13 @@ async def run_custody_benchmark(options: CustodyOptions, tell: Tell = lambda _te
     finally:
         await asyncio.to_thread(shutil.rmtree, folder, ignore_errors=True)
     tell("scanning")
+    scanned_per_s = await asyncio.to_thread(_measure_scanning)
     figures = {
         "erase_p50_ms": round(percentile(took_ms, 0.50), 1),
         "erase_p95_ms": round(percentile(took_ms, 0.95), 1),
         **figures,
-        "scan_records_per_s": round(await asyncio.to_thread(_measure_scanning), 1),
+        "scan_records_per_s": round(scanned_per_s, 1),
+        "hospital_day_scan_s": round(HOSPITAL_DAY_VISITS_COUNT / scanned_per_s, 2),
         "errors": sum(errors.values()),
         "error_codes": dict(sorted(errors.items())),
     }

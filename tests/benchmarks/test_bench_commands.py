@@ -92,4 +92,5 @@ def test_what_custody_costs() -> None:
     assert (figures["errors"], figures["clips_lost"]) == (0, 0)
     assert 0 < figures["erase_p50_ms"] <= figures["erase_p95_ms"]
     assert all(figures[name] > 0 for name in ("hook_records_per_s", "catchup_s", "scan_records_per_s"))
+    assert figures["hospital_day_scan_s"] == pytest.approx(20_000 / figures["scan_records_per_s"], rel=0.01)
     assert 1 < figures["store_overhead"] < 2
