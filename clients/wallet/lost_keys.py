@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from clients.sdk.announcements import Announcement
 from clients.sdk.receipts import FinalReceipt
 from clients.wallet.auditing import RECORDED_KIND
 from clients.wallet.wallet import Wallet
@@ -19,6 +20,7 @@ from consensus.primitives.encoding import u32, u64
 from consensus.records.lost_keys import SPAN_MAX_MS
 
 ID_PREFIX_MIN_CHARS = 8
+_HALVING_PAGE_COUNT = 8
 RECORDS_A_CALL_MAX_COUNT = 64
 LATE_MAX_MS = 24 * 3600 * 1000 + 2 * TIME_BUCKET_MS
 """How much later than its bucket a visit may come to the chain: a robot's spool outlasts a day's cut of the network."""
@@ -26,7 +28,6 @@ _COUNT_KEY = b"officers\x00proposal-count"
 _NUMBER = b"officers\x00proposal-number/"
 _PROPOSAL = b"officers\x00proposal/"
 _TOUCHED = b"officers\x00touched/"
-_VISIT = b"records\x00visit/"
 _RECORD = b"records\x00record/"
 _RESTRICTION = b"rights\x00restriction/"
 _QUARANTINE = b"rights\x00quarantine/"
@@ -163,35 +164,43 @@ class LostKeys:
         number = await self._first_number(span.from_ms - LATE_MAX_MS)
         while True:
             page = await network.announcements(number, self._key)
-            within = [item for item in page.items if span.from_ms <= item.bucket_ms < span.until_ms]
+            opened = [item for item in page.items if not item.root]
+            within = [item for item in opened if span.from_ms <= item.bucket_ms < span.until_ms]
             found += [(item.owner, item.bucket_ms, item.robot) for item in within]
             number = page.next_number
-            over = any(item.bucket_ms >= span.until_ms + LATE_MAX_MS for item in page.items)
+            over = any(item.bucket_ms >= span.until_ms + LATE_MAX_MS for item in opened)
             if over or number >= page.count:
                 return found
 
     async def _first_number(self, before_ms: int) -> int:
-        """Return a number before which every announcement is older than a day after `before_ms`, by halving."""
-        network = self._wallet.network
-        low, high = 0, (await network.announcements(0, self._key, 1)).count
+        """Return a number before which every visit was opened more than a day before the span, by halving."""
+        low, high = 0, (await self._wallet.network.announcements(0, self._key, 1)).count
         while high - low > 1:
             middle = (low + high) // 2
-            (item,) = (await network.announcements(middle, self._key, 1)).items
-            if item.bucket_ms < before_ms:
-                low = middle
+            found = await self._first_opening(middle, high)
+            if found is not None and found.bucket_ms < before_ms:
+                low = found.number
             else:
                 high = middle
         return low
 
+    async def _first_opening(self, number: int, end: int) -> Announcement | None:
+        """Return the first announcement from a number on that opens a visit: transfers carry the time of long ago."""
+        while number < end:
+            page = await self._wallet.network.announcements(number, self._key, _HALVING_PAGE_COUNT)
+            for item in page.items:
+                if not item.root:
+                    return item if item.number < end else None
+            number = page.next_number
+        return None
+
     async def _judge(self, span: Span, opened: Sequence[tuple[bytes, int, bytes]]) -> Preview:
         """Look at each visit: its records by its proven audit, what its owner said, and what is gone already."""
         owners = [owner for owner, _, _ in opened]
-        places = (_VISIT, _RESTRICTION, _QUARANTINE)
+        places = (_RESTRICTION, _QUARANTINE)
         rows = await self._wallet.values([place + owner for owner in owners for place in places], self._key)
         visits = []
         for owner, bucket_ms, _ in opened:
-            if rows[_VISIT + owner] is None:
-                continue  # a later key of a visit that was transferred: it stands under its first
             active = await active_records(self._wallet, owner)
             row, denied = rows[_RESTRICTION + owner], rows[_QUARANTINE + owner] is not None
             bound = [known for known in active if row is not None and (row["whole"] or known in row["records"])]

@@ -145,6 +145,21 @@ async def test_only_announcements_near_the_span_are_read(house: House) -> None:
     assert house.wire.pages < 15, "61 announcements in pages of four would be 16, and the halving takes six"
 
 
+async def test_visits_that_were_transferred_since_hide_nothing_and_count_once(house: House) -> None:
+    """A transfer is announced late with the visit's old time: halving must not be led past the span by it."""
+    chain, ben = house.chain, house.chain.enrol("ben")
+    old = [chain.open_visit(ben, number) for number in range(4)]
+    chain.time_ms += 3 * DAY_MS
+    lost = house.lost("cleo")
+    span = house.pass_span()
+    chain.time_ms += 3 * DAY_MS
+    for number, visit in enumerate(old):
+        chain.transfer(visit, ben, 50 + number)
+    chain.transfer(lost, ben, 60)
+    found = await LostKeys(house.officers[0]).preview(house.robot.hex()[:8], *span)
+    assert [(visit.owner, len(visit.erasable)) for visit in found.visits] == [(lost.owner, 1)]
+
+
 async def test_two_officers_erase_and_whoever_is_hit_is_told(house: House) -> None:
     mine = house.ward.open_visit()
     kept_id = house.ward.record(mine)
