@@ -15,6 +15,7 @@ _SCRUB_FINDINGS = {
     "held_though_erased": ("{count} records are held though the chain has erased them: {ids}.", _REBUILD),
     "frames_held_though_erased": ("{count} frames are held though they were erased: {ids}.", _REBUILD),
     "unclaimed_frames": ("{count} records have frames that no clip claims: {ids}.", _REBUILD),
+    "parts_held_though_ended": ("{count} parts of keys are held of shares that have ended: {ids}.", _REBUILD),
     "unclaimed_keys": ("{count} erase keys belong to no frame.", _REBUILD),
     "corrupted": ("{count} frames are damaged or gone: {ids}.", _REBUILD + ", which takes another custodian's copy"),
     "other_facts": ("{count} records are kept with another owner, time or root than the chain's: {ids}.", _REBUILD),
@@ -64,9 +65,15 @@ def status_sentences(
     return told
 
 
+def _name(found: Any) -> str:
+    if not isinstance(found, dict):
+        return str(found)
+    return f"{found['record']} frame {found['frame']}" if "frame" in found else str(found["record"])
+
+
 def _shown(found: Sequence[Any]) -> str:
     """Return the first record ids, whole: they are what `custody hunt` takes."""
-    ids = [f"{each['record']} frame {each['frame']}" if isinstance(each, dict) else str(each) for each in found]
+    ids = [_name(each) for each in found]
     return ", ".join(ids[:_SHOWN_COUNT]) + (", ..." if len(ids) > _SHOWN_COUNT else "")
 
 

@@ -19,12 +19,19 @@ _BY_KEY: Order = (("_id", ASCENDING),)
 _BY_END: Order = (("until_ms", ASCENDING), ("_id", ASCENDING))
 _BY_VALID_UNTIL: Order = (("status", ASCENDING), ("valid_until_ms", ASCENDING))
 _BY_SLOT: Order = (("slot", ASCENDING),)
+
+
+def _by(field: str) -> Order:
+    """Return the order in which the parts of one field's values are read."""
+    return ((field, ASCENDING), ("_id", ASCENDING))
+
+
 SHARES_INDEXES: Mapping[str, Sequence[Order]] = {
     "shares": (_BY_END,),
     "parts": (
-        (("grant_id", ASCENDING),),
-        (("record_id", ASCENDING),),
-        (("owner", ASCENDING),),
+        _by("grant_id"),
+        _by("record_id"),
+        _by("owner"),
         _BY_VALID_UNTIL,
         _BY_SLOT,
     ),
@@ -112,7 +119,7 @@ class MongoShares:
     async def parts_of(self, field: PartField, keys: Sequence[bytes]) -> list[PartPlace]:
         """See `ShareStore.parts_of`."""
         where: Document = {field: {"$in": list(keys)}}
-        found = rows(_place, await self._many("parts", where, fields=_PLACE_FIELDS) if keys else [])
+        found = rows(_place, await self._many("parts", where, sort=_by(field), fields=_PLACE_FIELDS) if keys else [])
         return sorted(found, key=lambda place: (place.grant_id, place.record_id))
 
     async def lapsed_parts(self, at_ms: int, limit: int) -> list[PartPlace]:
