@@ -206,6 +206,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("BUNDLE_INVALID", 400, "The file is no export bundle, or it is damaged or was changed.", "Check the file as `blockrobot wallet export` wrote it: not unpacked and packed again, and copied whole."),
     ErrorEntry("BUNDLE_UNPROVEN", 409, "Something in the export bundle does not follow from its proofs.", "Believe nothing of this file; ask whoever gave it to you for the bundle as it was exported."),
     ErrorEntry("BUNDLE_OTHER_CHAIN", 409, "The export bundle is of another network than the one you named.", "Compare the network's name and its genesis file with whoever runs the network."),
+    ErrorEntry("SHARE_NOT_POSSIBLE", 400, "This cannot be shared so.", "See with whom, for what and for how long one can: `blockrobot wallet share --help`."),
     ErrorEntry("SHARE_WITH_NON_MEMBER", 403, "Records are shared with active members of the staff and with officers only.", "Have the other read the handle out again: `blockrobot wallet handle`."),
     ErrorEntry("SHARE_CUSTODIANS_MISSING", 503, "Too few custodians took their parts of the key, so nothing was shared.", "Try again when they are back; `blockrobot status` shows who is away.", retryable=True),
     ErrorEntry("COPIES_REMAIN", 409, "Pictures that were shared are still on this machine.", "Delete them, or give --delete, and confirm then."),

@@ -105,8 +105,8 @@ def receipt_lines(receipt: Receipt) -> list[str]:
     if receipt.to_confirm:
         lines.append(f"  When nothing is left: blockrobot wallet confirm-deleted {name}")
     elif len(news) < len(receipt.notices):
-        lines.append("  You have confirmed that your copies are deleted.")
-    elif receipt.is_open:
+        lines.append("  You have confirmed that your copies of what is gone are deleted.")
+    if receipt.is_open:
         lines.append(f"  To look: blockrobot wallet look {name}")
     return lines
 

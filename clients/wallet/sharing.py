@@ -111,29 +111,29 @@ class Share:
 
 
 def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
-    """Raise VALUE_INVALID unless records can be shared for this purpose."""
+    """Raise SHARE_NOT_POSSIBLE unless records can be shared for this purpose."""
     if purpose not in known or purpose == OWN_ACCESS:
         free = ", ".join(code for code in known if code != OWN_ACCESS)
-        raise BlockRobotError("VALUE_INVALID", f"{purpose!r} is nothing to share for: {free}.")
+        raise BlockRobotError("SHARE_NOT_POSSIBLE", f"{purpose!r} is nothing to share for: {free}.")
 
 
 def place_end(until_ms: int, now_ms: int) -> int:
-    """Return the full five minutes at or after a moment. Raises VALUE_INVALID for the past, or beyond 366 days."""
+    """Return the full five minutes at or after a moment. Raises SHARE_NOT_POSSIBLE for the past, or beyond 366 days."""
     end_ms = -(-until_ms // GRANT_STEP_MS) * GRANT_STEP_MS
     if not now_ms < end_ms <= now_ms + GRANT_MAX_MS:
-        raise BlockRobotError("VALUE_INVALID", "Something is shared until a moment to come, within 366 days.")
+        raise BlockRobotError("SHARE_NOT_POSSIBLE", "Something is shared until a moment to come, within 366 days.")
     return end_ms
 
 
 def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], purpose: str) -> list[RecordEntry]:
     """Return the records that are meant, of one visit, as the chain would let them be shared.
 
-    Raises VALUE_INVALID for records of several visits (side by side, two grants would tell that they are one person's),
-    NOT_FOUND if none is left, CALL_REFUSED with the code by which the chain would refuse.
+    Raises SHARE_NOT_POSSIBLE for records of several visits (side by side, two grants would tell that they are one
+    person's), NOT_FOUND if none is left, CALL_REFUSED with the code by which the chain would refuse.
     """
     if len(chosen) != 1:
         raise BlockRobotError(
-            "VALUE_INVALID",
+            "SHARE_NOT_POSSIBLE",
             "Share records of one visit at a time, and others hours later: side by side on the ledger, two grants tell"
             " that they are one person's.",
         )
@@ -168,13 +168,13 @@ class Sharing:
         """Return the member with this handle (64 hexadecimal digits), or of a name under which one was shared before.
 
         Asked in the member session: anybody may look up a member. Raises SHARE_WITH_NON_MEMBER unless she is an active
-        member of the staff or an officer, of an organisation that is still there; VALUE_INVALID for what is no handle.
+        member of the staff or an officer, of an organisation that is still there; SHARE_NOT_POSSIBLE for what is no handle.
         """
         handle, known = self._read_handle(wanted)
         wallet, session = self._wallet, self._wallet.keys.identity
         await wallet.require_registered()
         if handle == wallet.store.content.handle:
-            raise BlockRobotError("VALUE_INVALID", "That is you: you see your records yourself.")
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", "That is you: you see your records yourself.")
         member = (await wallet.values([_HANDLE + handle], session))[_HANDLE + handle]
         entry = None if member is None else (await wallet.values([_MEMBER + member], session))[_MEMBER + member]
         if entry is None or entry["status"] != "active" or entry["handle"] != handle:
@@ -199,7 +199,7 @@ class Sharing:
             handle = b""
         if len(handle) != HANDLE_BYTES:
             raise BlockRobotError(
-                "VALUE_INVALID",
+                "SHARE_NOT_POSSIBLE",
                 f"{wanted!r} is neither a handle (64 digits, by `blockrobot wallet handle`) nor a name that you gave.",
             )
         known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
@@ -214,7 +214,7 @@ class Sharing:
         custodians take their parts, NOT_FOUND if nothing can be shared, CALL_REFUSED with the contract's code.
         """
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
-            raise BlockRobotError("VALUE_INVALID", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
         visit = entries[0].visit
         tell("fetching the keys")
         data_keys = await self._open_keys(entries)

@@ -70,7 +70,7 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
         f"  until  {show_moment(until_ms)}.{early}\n"
         "\n"
         "What the other sees: you, as the robot took you, the empty room behind you, when and by which robot. Not your"
-        " name, not your other visits. Every time stands in `blockrobot wallet shares`, before a picture is handed out.\n"
+        " name, not your other visits. Each look stands in `blockrobot wallet shares` before a picture is handed out.\n"
         "You can end it at any time: blockrobot wallet revoke. Nobody gets anything by it from then on.\n"
         "What cannot be undone: whoever has looked can have kept a copy, as with any picture. And the ledger shows for"
         " ever that something of this visit was shared, when, for what and until when; not with whom."

@@ -106,9 +106,9 @@ async def test_an_officer_may_be_shared_with_and_a_stranger_or_oneself_not(ward:
     assert (await ward.grantee(ward.come_in("officer", "officer"))).role == "officer"
     with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
         await ward.sharing.find_grantee("ab" * 32)
-    with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+    with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
         await ward.sharing.find_grantee("Dr Nobody")
-    with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+    with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
         await ward.sharing.find_grantee(ward.wallet.store.content.handle.hex())
 
 
@@ -204,12 +204,12 @@ def test_an_end_is_on_five_full_minutes_ahead_and_within_a_year() -> None:
     assert place_end(now_ms + 1, now_ms) == 11 * GRANT_STEP_MS
     assert place_end(12 * GRANT_STEP_MS, now_ms) == 12 * GRANT_STEP_MS
     for wrong in (now_ms - GRANT_STEP_MS, now_ms + GRANT_MAX_MS + GRANT_STEP_MS):
-        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+        with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
             place_end(wrong, now_ms)
 
 
 def test_ones_own_access_is_nothing_to_share_for() -> None:
     require_purpose_to_share("care", tuple(PURPOSES))
     for wrong in ("own-access", "gossip"):
-        with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+        with pytest.raises(BlockRobotError, match="SHARE_NOT_POSSIBLE"):
             require_purpose_to_share(wrong, tuple(PURPOSES))
