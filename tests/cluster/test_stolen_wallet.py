@@ -1,0 +1,141 @@
+"""A stolen wallet on real nodes: a thief with the old words looks in, she changes them, and he is refused everywhere.
+
+She sees what was recorded before and after, erases of it, takes it along, and a stranger can check that.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clients.robot.identity import load_identity
+from clients.wallet.auditing import audit_all
+from clients.wallet.consenting import Consenting
+from clients.wallet.erasing import Erasing
+from clients.wallet.keystore import Keystore
+from clients.wallet.rights import Chosen, Rights
+from clients.wallet.rotating import Rotating
+from clients.wallet.viewing import Viewing
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.test_rights import Ward, settle
+from tests.cluster.test_taking_data_along import run
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.walking_alone import UID
+
+
+def quiet(_: int, __: int, ___: float) -> None:
+    """Nobody looks at the progress."""
+
+
+async def begin(ward: Ward, ann: Wallet) -> VisitReport:
+    await ann.register(ward.desk.issue(UID, "subject"), [])
+    await Consenting(ann).give(["demo"], ["depth"])
+    await ward.prepare_robot()
+    assert (await ward.record())["kept"] > 0
+    (report,) = await ann.records()
+    return report
+
+
+async def renew_roster(ward: Ward) -> None:
+    """Let the desk tell the robot anew whom there is to record."""
+    sealed, _ = await ward.desk.make_roster(load_identity(ward.robot).identity.public_key)
+    (ward.robot / "roster.sealed").write_bytes(sealed)
+
+
+async def change_words(ann: Wallet) -> None:
+    rotating = Rotating(ann)
+    rotating.prepare()
+    rotating.confirm_shown()
+    assert await rotating.rotate()
+    done = await rotating.transfer_all(0.0, quiet)
+    assert (len(done.done), done.taken, done.refusal) == (1, (), None)
+
+
+async def look(wallet: Wallet, entry: RecordEntry) -> str:
+    """Ask anew, fetch and check one record; return the verdict."""
+    viewing = Viewing(wallet)
+    return (await viewing.view(entry, await viewing.request_access([entry], "own-access"))).verdict
+
+
+async def refuse_the_thief(thief: Wallet, report: VisitReport, early: bytes) -> None:
+    """Whatever the old words sign is refused, and what he had asked for before is not handed out."""
+    entry, visit = report.records[0], report.visit
+    await settle(thief, entry, early, "SESSION_REFUSED")
+    with pytest.raises(BlockRobotError, match="MEMBER_NO_MORE"):
+        await thief.records()
+    for work in (
+        Viewing(thief).request_access([entry], "own-access"),
+        Erasing(thief).request(visit, [entry.record_id], []),
+        Rights(thief).restrict(Chosen(visit), "accuracy"),
+        Rights(thief).deny(visit),
+        Rotating(thief).transfer(visit),
+        thief.network.call(thief.keys.identity, "identity", "leave", [thief.store.content.handle]),
+    ):
+        with pytest.raises(BlockRobotError, match="SENDER_WITHOUT_STANDING"):
+            await work
+    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+        await thief.visit_report(visit)
+
+
+async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
+    network: NetworkUnderTest, tmp_path: Path
+) -> None:
+    ward = Ward(network, tmp_path)
+    async with ward.wallet("ann") as ann:
+        report = await begin(ward, ann)
+        words = ann.store.content.words
+        copied = Keystore.create(tmp_path / "thief.wallet", words, "tea", CHEAP)
+        async with Wallet(copied, network.genesis) as thief:
+            (seen,) = await thief.records()
+            early = await Viewing(thief).request_access(list(seen.records[:1]), "own-access")
+            await settle(thief, seen.records[0], early, "RELEASED")
+
+            await change_words(ann)
+            await refuse_the_thief(thief, seen, early)
+
+            (again,) = await ann.records()
+            assert [entry.record_id for entry in again.records] == [entry.record_id for entry in report.records]
+            assert again.missing_count == 0
+            await settle(ann, again.records[0], early, "ACCESS_ENDED")
+            assert await look(ann, again.records[0]) == "verified"
+
+            assert (await ward.record())["kept"] == 0, "a roster with the old keys records nobody"
+            await renew_roster(ward)
+            assert (await ward.record())["kept"] > 0, "and a new one records her under the new keys"
+            first, second = await ann.records()
+            assert (first.visit.era, second.visit.era, second.visit.current) == (1, 1, b"")
+            assert await look(ann, second.records[0]) == "verified"
+            with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+                await thief.network.announcements(0, thief.keys.identity)
+
+        erasing = Erasing(ann)
+        ids = await erasing.request(first.visit, [first.records[-1].record_id], [])
+        await erasing.wait_complete(first.visit, ids, timeout_s=30)
+        kinds = [entry.kind for entry in await audit_all(ann) if entry.owner == first.visit.owner]
+        assert kinds.count("transferred") == 1
+        assert kinds[-1] == "erasure_complete"
+        new_words = ann.store.content.words
+    restored = Keystore.create(tmp_path / "again.wallet", new_words, "tea", CHEAP, former=[words])
+    async with Wallet(restored, network.genesis) as later:
+        reports = await later.records()
+        assert [len(each.records) for each in reports] == [len(first.records) - 1, len(second.records)]
+        assert await look(later, reports[0].records[0]) == "verified"
+    await take_along(network, tmp_path, records=sum(len(each.records) for each in reports))
+
+
+async def take_along(network: NetworkUnderTest, folder: Path, records: int) -> None:
+    """The bundle is signed by the keys that decide now, and says whose metadata the ledger's key does not prove."""
+    home, bundle, genesis = folder / "home", folder / "mine.zip", folder / "genesis.json"
+    home.mkdir()
+    (home / "passphrase").write_text("tea\n")
+    genesis.write_bytes((network.folder / "genesis.json").read_bytes())
+    place = ("wallet", "--genesis", genesis, "--wallet-dir", folder, "--profile", "again")
+    code, exported = await run(*place, "export", bundle, "--yes", "--now", "--json", home=home)
+    assert (code, exported["ok"], exported["problems"]) == (0, True, []), exported
+    code, told = await run("verify", bundle, "--genesis", genesis, "--json", home=home)
+    assert (code, told["is_anchored"], told["is_complete"]) == (0, True, True), told
+    assert told["records"] == records + 1
+    assert 0 < told["metadata_proved"] < records
