@@ -133,7 +133,7 @@ def test_defect_03_anyone_deletes_any_user() -> None:
 def test_defect_04_any_patient_erases_anothers_data() -> None:
     """The record's tag hash was never compared with the caller. Here the record's owner key signs, or nothing happens."""
     hospital, _, ben, of_anna, of_ben = _two_patients()
-    for key, code in ((of_ben.key, "NOT_THE_OWNER"), (ben.identity, "NOT_THE_OWNER")):
+    for key, code in ((of_ben.key, "NOT_THE_OWNER"), (ben.identity, "VISIT_UNKNOWN")):
         for frames in ([], [0]):
             receipt = hospital.send(key, "erasure", "request", of_anna.records[:1], frames)
             assert receipt.code == code
