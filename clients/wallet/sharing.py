@@ -7,8 +7,9 @@ neither who the owner is nor with whom she shares.
 
 from __future__ import annotations
 
+import asyncio
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,6 +43,10 @@ OWN_ACCESS = "own-access"
 GRANT_LIFETIME_MS = 5 * 60_000
 """How long the grant's transaction may take, with the uploads before it."""
 UPLOADED_MIN_COUNT = 2
+UPLOAD_ATTEMPTS_MAX_COUNT = 20
+UPLOAD_PAUSE_S = 0.25
+_NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED"})
+"""What a custodian says that follows the chain a moment late, or has too much to do."""
 _NONCE_BYTES = 24
 _MEMBER = b"identity\x00member/"
 _HANDLE = b"identity\x00handle/"
@@ -51,6 +56,7 @@ _CUSTODIAN = b"identity\x00custodian/"
 _SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
 """After these the grant is not on the chain, and will not be."""
 Tell = Callable[[str], None]
+Sleep = Callable[[float], Awaitable[None]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,12 +163,18 @@ class Sharing:
     """What one wallet's person shares."""
 
     def __init__(
-        self, wallet: Wallet, *, viewing: Viewing | None = None, draw: Callable[[int], bytes] = secrets.token_bytes
+        self,
+        wallet: Wallet,
+        *,
+        viewing: Viewing | None = None,
+        draw: Callable[[int], bytes] = secrets.token_bytes,
+        sleep: Sleep = asyncio.sleep,
     ) -> None:
         """`draw` makes random bytes."""
         self._wallet = wallet
         self._viewing = viewing or Viewing(wallet)
         self._draw = draw
+        self._sleep = sleep
 
     async def find_grantee(self, wanted: str, label: str = "") -> Grantee:
         """Return the member with this handle (64 hexadecimal digits), or of a name under which one was shared before.
@@ -310,7 +322,7 @@ class Sharing:
                 if node is None:
                     raise BlockRobotError("NODE_UNREACHABLE", f"The address of {name} is not known here.")
                 for upload in (upload for to, upload in uploads if to == custodian):
-                    await self._wallet.network.custody.upload_grant(node, upload, key)
+                    await self._upload(node, upload, key)
             except BlockRobotError as error:
                 absent.append(name)
                 failure = f"{name}: {error.detail}"
@@ -321,6 +333,17 @@ class Sharing:
             text = f"{len(held)} of {len(custodians)} custodians took their parts of the key, and {needed} have to."
             raise BlockRobotError("SHARE_CUSTODIANS_MISSING", f"{text} {failure}")
         return tuple(held), tuple(absent)
+
+    async def _upload(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
+        """Give one custodian its parts of one record, waiting a few seconds for one that is a moment behind."""
+        for _ in range(UPLOAD_ATTEMPTS_MAX_COUNT - 1):
+            try:
+                return await self._wallet.network.custody.upload_grant(node, upload, key)
+            except BlockRobotError as error:
+                if error.code not in _NOT_YET:
+                    raise
+            await self._sleep(UPLOAD_PAUSE_S)
+        return await self._wallet.network.custody.upload_grant(node, upload, key)
 
     def _remember(self, given: GivenGrant) -> None:
         self._wallet.store.content.given_grants.append(given)

@@ -20,7 +20,7 @@ from tests.unit.contracts.privacy.hospital import Hospital, Visit
 
 RIGHTS = {
     "audit": 15, "records": 15, "view": 15, "correct": 16, "erase": 17, "restrict": 18, "lift": 18, "export": 20,
-    "object": 21, "wrong-person": 33, "consent": 7,
+    "inbox": 19, "shares": 19, "object": 21, "wrong-person": 33, "consent": 7,
 }  # fmt: skip
 
 

@@ -48,6 +48,7 @@ class SharedCustody(Custodians):
     uploaders: list[bytes] = field(default_factory=list)
     lie: Callable[[str, SharedDownload], SharedDownload] = lambda _, answer: answer
     asked_frames: list[bool] = field(default_factory=list)
+    not_yet: int = 0
 
     def __post_init__(self) -> None:
         super().__init__()
@@ -59,6 +60,9 @@ class SharedCustody(Custodians):
 
     async def upload_grant(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:
         self._require_there(node)
+        if self.not_yet:
+            self.not_yet -= 1
+            raise BlockRobotError("CLIP_NOT_CONFIRMED")
         check_grant_upload(upload)
         self.parts[node.name, upload.grant_txid, upload.record_id] = upload
         self.uploaders.append(key.public_key)
@@ -126,8 +130,12 @@ class SharedWard(Ward):
         self.custody = self.network.custody = custody
         self.wire = SharingWire(self.chain, custody)
         self.wallet.network = self.wire  # type: ignore[assignment]
-        self.sharing = Sharing(self.wallet)
+        self.pauses_s: list[float] = []
+        self.sharing = Sharing(self.wallet, sleep=self._pause)
         self.told: list[str] = []
+
+    async def _pause(self, seconds: float) -> None:
+        self.pauses_s.append(seconds)
 
     def come_in(self, name: str, role: str) -> Wallet:
         """Somebody new with a wallet, registered."""

@@ -123,6 +123,18 @@ async def test_with_one_of_two_custodians_away_nothing_is_shared_and_nothing_rem
     assert ward.wallet.store.content.given_grants == []
 
 
+async def test_a_custodian_that_is_a_moment_behind_is_waited_for_and_one_that_stays_so_is_not(
+    ward: SharedWard, doctor: Wallet
+) -> None:
+    ward.record_visit(1)
+    ward.custody.not_yet = 3
+    assert (await ward.share(doctor)).absent == ()
+    assert len(ward.pauses_s) == 3
+    ward.custody.not_yet = 1000
+    with pytest.raises(BlockRobotError, match="SHARE_CUSTODIANS_MISSING"):
+        await ward.share(doctor)
+
+
 async def test_a_refusal_of_the_chain_is_forgotten_and_an_open_end_is_not(ward: SharedWard, doctor: Wallet) -> None:
     ward.record_visit()
     with pytest.raises(BlockRobotError, match="PURPOSE_OWN"):
