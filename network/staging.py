@@ -129,7 +129,7 @@ class Stage:
         words = self.wallets / f"{alias}.words"
         made = await self.wallet(alias, "new", "--fast-passphrase", "--words-file", str(words))
         registered = await self.wallet(alias, "register", code, "--purpose", self.purpose)
-        self.receipts[alias] = registered["receipt"]
+        self.receipts[alias] = registered.get("receipt")
         return bool(made["member"] == registered["member"])
 
     async def enrol_robot(self, name: str = "robot") -> str:

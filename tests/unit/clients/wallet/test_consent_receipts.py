@@ -235,3 +235,22 @@ async def test_a_receipt_that_could_not_be_had_is_fetched_later(ward: NoticeWard
     ward.network.custody.custodians = custodians
     found = await kept.all()
     assert ([each.word.txid for each in found.checked], found.missing) == ([txid], ())
+
+
+async def test_no_byte_of_a_file_is_changed_without_showing(ward: NoticeWard, tmp_path: Path) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    await kept.obtain(await say(ward))
+    content = file.encode_file(ward.genesis, kept.epochs(), (await kept.all()).entries)
+    path, good = tmp_path / "receipts.json", json.loads(content)
+    for place in range(0, len(content), 211):
+        flipped = bytearray(content)
+        flipped[place] ^= 1
+        path.write_bytes(flipped)
+        try:
+            if json.loads(flipped) == good:
+                continue
+        except ValueError:
+            pass
+        with pytest.raises(BlockRobotError) as caught:
+            file.check_file(path)
+        assert caught.value.code == "CONSENT_RECEIPT_INVALID", place
