@@ -135,18 +135,21 @@ class LostKeys:
     async def preview(self, robot: str, from_ms: int, until_ms: int) -> Preview:
         """Say what would be erased of the visits that a robot (the beginning of its key, hexadecimal) opened then.
 
-        Raises REQUEST_INVALID for a wrong span or a name that is too short or fits several, NOT_FOUND if no such robot
-        opened a visit then.
+        No name is enough where one robot alone opened visits then. Raises REQUEST_INVALID for a wrong span or a name that
+        is too short or fits several, NOT_FOUND if no such robot opened a visit then.
         """
-        if len(robot) < ID_PREFIX_MIN_CHARS:
+        if 0 < len(robot) < ID_PREFIX_MIN_CHARS:
             raise BlockRobotError("REQUEST_INVALID", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
         span = make_span(b"", from_ms, until_ms)
         found = [item for item in await self._opened(span) if item[2].hex().startswith(robot.lower())]
         robots = {item[2] for item in found}
         if len(robots) != 1:
-            code = "REQUEST_INVALID" if robots else "NOT_FOUND"
-            text = f"{len(robots) or 'No'} robots whose key begins with {robot} opened a visit in that span."
-            raise BlockRobotError(code, text)
+            named = f" whose key begins with {robot}" if robot else ""
+            if not robots:
+                raise BlockRobotError("NOT_FOUND", f"No robot{named} opened a visit in that span.")
+            keys = ", ".join(sorted(key.hex()[:10] for key in robots))
+            text = f"{len(robots)} robots{named} opened visits in that span: {keys}. Name one with --robot."
+            raise BlockRobotError("REQUEST_INVALID", text)
         return await self._judge(Span(robots.pop(), span.from_ms, span.until_ms), found)
 
     async def preview_span(self, span: Span) -> Preview:

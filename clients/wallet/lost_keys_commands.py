@@ -45,7 +45,9 @@ def _span_options(command: Any) -> Any:
         click.option(
             "--from", "from_ms", callback=_moment, required=True, help='When it begins, as "2026-03-01 09:30".'
         ),
-        click.option("--robot", required=True, help="The robot, by the beginning of its key (8 characters or more)."),
+        click.option(
+            "--robot", default="", help="The robot, by the beginning of its key. [default: the one that was there]"
+        ),
     ):
         command = option(command)
     return command

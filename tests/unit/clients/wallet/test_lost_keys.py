@@ -241,6 +241,20 @@ async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house:
         assert refusal.value.code == code
 
 
+async def test_a_robot_needs_no_name_where_it_was_alone_and_is_named_where_it_was_not(house: House) -> None:
+    chain, handling = house.chain, LostKeys(house.officers[0])
+    other = chain.enrol("robot-2", "robot")
+    house.lost()
+    first = house.pass_span()
+    assert (await handling.preview("", *first)).span.robot == house.robot
+    visits = [chain.open_visit(chain.enrol(name), 1, robot) for name, robot in (("cleo", chain.robot), ("dan", other))]
+    second = house.pass_span()
+    with pytest.raises(BlockRobotError) as refusal:
+        await handling.preview("", *second)
+    assert refusal.value.code == "REQUEST_INVALID"
+    assert all(visit.robot.identity.public_key.hex()[:10] in refusal.value.detail for visit in visits)
+
+
 def test_a_span_is_widened_to_whole_buckets() -> None:
     span = make_span(b"r", BUCKET_MS + 1, 2 * BUCKET_MS + 1)
     assert (span.from_ms, span.until_ms) == (BUCKET_MS, 3 * BUCKET_MS)
