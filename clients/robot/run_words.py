@@ -34,11 +34,12 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
 def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:
     if not unknown["readings"]:
         return
+    tags = "a tag that is" if unknown["tags"] == 1 else f"{unknown['tags']} tags that are"
     more = "more than " if unknown["more_tags"] else ""
     yield (
-        f"{unknown['readings']} readings were of {more}{unknown['tags']} tags that are not on the roster; nothing is kept "
-        "for them. Is one of them a participant's? Then its card must be issued for the UID exactly as the reader tells "
-        "it, and the roster made again after that."
+        f"Readings of {more}{tags} not on the roster: {unknown['readings']}; nothing is kept for them. Is one of them a "
+        "participant's? Then its card must be issued for the UID exactly as the reader tells it, and the roster made "
+        "again after that."
     )
 
 

@@ -29,7 +29,6 @@ SEEN_MAX_MS = 60_000
 TIME_UNITS_NS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 LENGTH_UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 RSSI_UNITS_DBM = {"dBm": 1.0, "cdBm": 0.01}
-STAMP_PATH = "header.stamp"
 
 _PATH = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(\[\])?(\.[A-Za-z_][A-Za-z0-9_]*(\[\])?)*")
 _MISSING = object()

@@ -54,7 +54,6 @@ DURATION_DEFAULT_S = 12.0
 FRAME_RATE_DEFAULT = 10
 NEAREST_M, FARTHEST_M = 1.7, 4.6
 VIEW_SHARE = 0.42  # of the depth to either side that is surely in the picture
-STEP_S = 0.1
 THIRD_SHARE = 0.3
 TAGGED_SHARE = 0.5
 HOLES = (0.004, 0.012, 0.025)

@@ -52,7 +52,8 @@ def test_what_could_not_be_used_is_told_by_reason(replay: Any) -> None:
 def test_tags_that_are_not_on_the_roster_are_told_by_number(replay: Any) -> None:
     assert "not on the roster" not in replay().output
     told = replay(unknown=(37, 2)).output
-    assert "37 readings were of 2 tags that are not on the roster; nothing is kept for them." in told
+    assert "Readings of 2 tags that are not on the roster: 37; nothing is kept for them." in told
+    assert "Readings of a tag that is not on the roster: 9;" in replay(unknown=(9, 1)).output
     assert json.loads(replay("--json", unknown=(37, 2)).stdout)["intake"]["unknown_tags"]["tags"] == 2
 
 
