@@ -74,7 +74,7 @@ _INDEXES: Mapping[str, Sequence[Order]] = {
     ),
     "frames": (_rising("record_id", "index"), _rising("slot")),
     "grants": (_rising("owner", "_id"),),
-    "missing": (_NEWEST_FIRST, _rising("expires_at_ms")),
+    "missing": (_NEWEST_FIRST, _rising("expires_at_ms"), _rising("owner", "_id")),
     "standings": (),
     "outbox": (_rising("status", "height", "kind", "subject", "part"), _rising("kind", "subject", "part")),
     **SHARES_INDEXES,

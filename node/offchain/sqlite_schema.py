@@ -10,6 +10,7 @@ FORMAT_VERSION = 3
 
 _STANDINGS = "CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;"
 
+_MISSING_BY_OWNER = "CREATE INDEX missing_by_owner ON missing (owner, record_id);"
 SCHEMA = f"""
 CREATE TABLE clips (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, valid_until_ms INTEGER NOT NULL,
     status TEXT NOT NULL, commitment_leaves BLOB NOT NULL, ciphertext_leaves BLOB NOT NULL,
@@ -25,6 +26,7 @@ CREATE TABLE missing (record_id BLOB PRIMARY KEY, txid BLOB NOT NULL, owner BLOB
     height INTEGER NOT NULL, erased_frames BLOB NOT NULL) WITHOUT ROWID;
 CREATE INDEX missing_by_height ON missing (height, record_id);
 CREATE INDEX missing_by_expiry ON missing (expires_at_ms);
+{_MISSING_BY_OWNER}
 CREATE TABLE grants (access_id BLOB PRIMARY KEY, owner BLOB NOT NULL, records BLOB NOT NULL,
     height INTEGER NOT NULL, share BLOB NOT NULL DEFAULT x'') WITHOUT ROWID;
 CREATE INDEX grants_by_owner ON grants (owner, access_id);
@@ -41,7 +43,7 @@ CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER
 
 MIGRATIONS: Mapping[int, str] = {
     1: _STANDINGS,
-    2: f"ALTER TABLE grants ADD COLUMN share BLOB NOT NULL DEFAULT x''; {SHARES_SCHEMA}",
+    2: f"ALTER TABLE grants ADD COLUMN share BLOB NOT NULL DEFAULT x''; {_MISSING_BY_OWNER} {SHARES_SCHEMA}",
 }
 """What makes the next format of a store of this one. Earlier formats lack tables and columns, and nothing else."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -99,6 +100,16 @@ def test_another_name_is_refused(name: str, tmp_path: Path) -> None:
     assert refusal.value.code == "CONFIGURATION_INVALID"
 
 
+BY_KEY_ALONE = {
+    *("add_outbox", "remove_outbox", "mark_outbox_ready", "put_background"),
+    *("stage", "correct", "extend_staged", "erase_frames"),
+    *("confirm_parts", "erase_parts", "forget_share", "part", "put_part", "put_share", "share"),
+}
+"""What reads and writes single documents by their ids, or by the slots of their keys."""
+LOOK_AT_ALL = {"counts", "leftovers", "sweep", "all_parts", "all_shares"}
+"""What an operator asks for, and what walks over everything at a start."""
+
+
 async def _drain(found: Any) -> None:
     async for _ in found:
         pass
@@ -117,6 +128,7 @@ QUERIES: Mapping[str, Query] = {
     "lapsed": lambda store: store.lapsed(5000, 10),
     "expired": lambda store: store.expired(5000, 10),
     "missing": lambda store: store.missing(10),
+    "missing_of_owner": lambda store: store.missing_of_owner(OWNER),
     "missing_clip": lambda store: store.missing_clip(RECORD_ID),
     "apply": lambda store: store.apply(BlockEffects(checkpoint=Checkpoint(5, TXID, 5000))),
     "grant": lambda store: store.grant(TXID),
@@ -183,6 +195,11 @@ async def test_every_query_goes_by_an_index(
         if where and "_id" not in where:  # the test server says COLLSCAN of ranges of the primary key
             assert "IXSCAN" in _stages(database, name, where)
             assert "COLLSCAN" not in _stages(database, name, where)
+
+
+def test_no_method_of_the_store_is_left_out() -> None:
+    public = {name for name, value in inspect.getmembers(MongoStore, callable) if not name.startswith("_")}
+    assert public - {name.split()[0] for name in QUERIES} == BY_KEY_ALONE | LOOK_AT_ALL
 
 
 def test_a_query_without_an_index_would_be_noticed(database: Database[Document]) -> None:

@@ -122,6 +122,7 @@ def make_older(path: Path, version: int) -> None:
     """Take out of an embedded store what a former format did not have."""
     with sqlite3.connect(path / DATABASE_FILE_NAME) as database:
         database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
+        database.execute("DROP INDEX missing_by_owner")
         if version == 1:
             database.executescript("DROP TABLE standings;")
         database.execute(f"PRAGMA user_version = {version}")
@@ -141,6 +142,10 @@ async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_p
             await store.apply(BlockEffects(standings=(VisitStanding(OWNER),)))
             assert await store.standings([OWNER]) == {OWNER: VisitStanding(OWNER)}
             assert (await store.counts()).parts == 1
+    with sqlite3.connect(tmp_path / DATABASE_FILE_NAME) as database:
+        asked_for = "EXPLAIN QUERY PLAN SELECT * FROM missing WHERE owner = x'' ORDER BY record_id"
+        assert "missing_by_owner" in str(database.execute(asked_for).fetchall())
+    database.close()
 
 
 @pytest.mark.parametrize("version", [1, 2])
