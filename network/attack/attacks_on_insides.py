@@ -13,6 +13,7 @@ from typing import Any
 from consensus.records.envelopes import open_data_key, open_frame
 from network.attack.custody import CustodyStory
 from network.attack.evidence import Evidence
+from network.attack.grants import GRANT_PREFIX, link_grants, name_grantees, read_grants
 from network.attack.insiders import (
     Opened,
     StoredFrame,
@@ -56,6 +57,7 @@ def attack_insides(
     }
     plain = _open_plain(evidence, before, keys_before, folder)
     rates = {name: _rates(found, plain) for name, found in attempts.items()}
+    rates["grant_names"] = {OURS: _attack_grants(evidence, custody)}
     left = sum(frame.record_id in erased for frame in after)
     found_bytes = find_bytes(custody.after.database, [frame.ciphertext[:64] for frame in gone])
     rates["erased_bytes_left"] = {OURS: count_rate(max(left, found_bytes), len(gone), 0.0)}
@@ -97,6 +99,20 @@ def _owners(evidence: Evidence, frames: list[StoredFrame]) -> list[Any]:
     people = {record.record_id: visit.owner for visit in evidence.visits for record in visit.records}
     numbers = {evidence.played.person_of(people[frame.record_id]) for frame in frames}
     return [evidence.played.holders[number] for number in sorted(numbers)]
+
+
+def _attack_grants(evidence: Evidence, custody: CustodyStory) -> Rate:
+    """Name from the chain alone with whom things were shared; a grant that is joined with another counts as named."""
+    played = evidence.played
+    numbers = sorted(played.holders)
+    keys = [played.holders[number].keys for number in numbers]
+    people = [(each.identity.public_key, each.spend.public_key, each.view.public_key) for each in keys]
+    handles = [played.holders[number].handle for number in numbers]
+    grants = read_grants(dict(played.chain.state.scan(GRANT_PREFIX, len(custody.grantees) + 1)))
+    named = name_grantees(grants, people, handles, played.chain.chain_id)
+    right = {grant_id for grant_id, place in named.items() if custody.grantees[grant_id] == numbers[place]}
+    right.update(grant_id for pair in link_grants(grants) for grant_id in pair)
+    return count_rate(len(right), len(grants), 1 / max(1, len(people)))
 
 
 def _attack_robot(evidence: Evidence) -> Rates:

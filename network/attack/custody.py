@@ -1,18 +1,20 @@
 """The custodian of the attacked hospital: the real one, over SQLite and a file of erase keys. Must never be opened twice.
 
-It follows the last day of the chain, is copied as a backup would copy it, erases what some people ask to be erased, and is
-copied again. The copies are what thieves get.
+It follows the last day of the chain, is copied as a backup would copy it, hears of what some people share, erases what
+some ask to be erased, and is copied again. The copies are what thieves get.
 """
 
 from __future__ import annotations
 
 import asyncio
+import secrets
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from consensus.records.owner_keys import derive_owner_key
+from consensus.records.sharing import GRANT_STEP_MS, hash_grant_member, open_grant_keys
 from network.attack.chain import Block
 from network.attack.days import Played, day_of
 from network.attack.ledger_view import VisitSeen, read_ledger
@@ -24,7 +26,9 @@ from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, Checkpoint
 
 DATABASE_FOLDER, KEYS_FOLDER = "database", "erase-keys"
+PURPOSE = "care"
 ERASED_VISITS_COUNT = 20
+GRANTS_COUNT = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,12 +41,16 @@ class Backup:
 
 @dataclass(frozen=True, slots=True)
 class CustodyStory:
-    """Backups from before and after the erasure, which records are there, and which were erased in between."""
+    """Backups from before and after the erasure, which records are there, and which were erased in between.
+
+    `grantees` are the numbers of the people with whom something was shared, by grant.
+    """
 
     before: Backup
     after: Backup
     record_ids: tuple[bytes, ...]
     erased_ids: tuple[bytes, ...]
+    grantees: dict[bytes, int]
 
 
 def keep_last_day(played: Played, folder: Path) -> CustodyStory:
@@ -56,12 +64,33 @@ def keep_last_day(played: Played, folder: Path) -> CustodyStory:
         before = _copy(folder, "before")
         chosen = visits[:: max(2, len(visits) // ERASED_VISITS_COUNT)]
         erasing_from = len(played.chain.blocks)
+        grantees: dict[bytes, int] = {}
+        played.run(_share(played, visits, grantees))
         played.run(_ask(played, chosen))
         asyncio.run(_follow(played, folder, erasing_from))
         after = _copy(folder, "after")
     kept = tuple(record.record_id for visit in visits for record in visit.records)
     erased = tuple(record.record_id for visit in chosen for record in visit.records)
-    return CustodyStory(before, after, kept, erased)
+    return CustodyStory(before, after, kept, erased, grantees)
+
+
+async def _share(played: Played, visits: Sequence[VisitSeen], grantees: dict[bytes, int]) -> None:
+    """Owners share their first records, each with somebody else in turn, as wallets do; note with whom."""
+    numbers, chain_id = sorted(played.holders), played.chain.chain_id
+    for turn in range(GRANTS_COUNT):
+        visit, number = visits[turn % len(visits)], numbers[turn % len(numbers)]
+        owner, grantee = played.holders[played.person_of(visit.owner)].keys, played.holders[number]
+        key = derive_owner_key(owner.spend, owner.view, visit.ephemeral, chain_id=chain_id, robot=visit.robot)
+        public = (grantee.keys.view.public_key, grantee.keys.spend.public_key)
+        made = open_grant_keys(secrets.token_bytes(32), *public, chain_id=chain_id, owner=visit.owner)
+        member_hash = hash_grant_member(secrets.token_bytes(32), grantee.handle)
+        until_ms = played.chain.now_ms() + GRANT_STEP_MS * 12
+        words = [[visit.records[0].record_id], made.owner, made.ephemeral, made.view_tag, member_hash, PURPOSE]
+        call = played.chain.sign(key, "access", "grant", [*words, until_ms - until_ms % GRANT_STEP_MS])
+        final = await played.chain.submit(call)
+        if not final.ok:
+            raise AssertionError(f"the chain refused a grant: {final.code}")
+        grantees[call.txid] = number
 
 
 async def _ask(played: Played, visits: Sequence[VisitSeen]) -> None:

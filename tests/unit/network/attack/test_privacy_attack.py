@@ -60,7 +60,7 @@ def test_a_small_run_from_the_command_line() -> None:
     assert figures["attacks_too_weak"] == []
     assert figures["dictionary_salted_success_rate"] == 1.0
     assert figures["link_key_peppered_success_rate"] == 1.0
-    for name in ("dictionary", "name", "custodian_opens", "backup_with_keys_opens", "robot_names_past"):
+    for name in ("dictionary", "name", "custodian_opens", "backup_with_keys_opens", "robot_names_past", "grant_names"):
         assert figures[f"{name}_ours_success_rate"] == 0.0
     # So few people show nothing: the bounds are too wide, and the run says so.
     assert not result["ok"]
