@@ -93,12 +93,18 @@ async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
 async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
     """Read the grants that are new since last time and return all that are for this wallet, remembered.
 
-    Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
+    Who has left reads no more grants, and has what she knew: copies may have to go after that too. Raises PROOF_INVALID
+    if one is left out, NOT_REGISTERED.
     """
     await wallet.require_registered()
     content = wallet.store.content
     while True:
-        count, grants = await _read_page(wallet, content.scanned_grants_count)
+        try:
+            count, grants = await _read_page(wallet, content.scanned_grants_count)
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED" or not content.left:
+                raise
+            break
         for grant in grants:
             for era, keys in enumerate(wallet.eras):
                 if is_for(grant, keys, wallet.genesis.chain_id):

@@ -16,6 +16,7 @@ from clients.wallet.consenting import Consenting
 from clients.wallet.erasing import Erasing
 from clients.wallet.received import Receipt, Receiving
 from clients.wallet.rights import Chosen, Rights
+from clients.wallet.rotating import Rotating
 from clients.wallet.sharing import Share, Shared, Sharing, place_end
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
@@ -112,6 +113,7 @@ async def test_a_patient_shares_with_a_doctor_who_sees_what_she_may_and_hears_wh
         await _lose_custodians(network, sides, shared)
         await _revoke(sides, shared)
         await _erase_and_confirm(sides, entries)
+        await _leave(sides, entries[1:])
 
 
 async def _bar_and_lift(sides: Sides, shared: Shared) -> None:
@@ -170,3 +172,18 @@ async def _erase_and_confirm(sides: Sides, entries: list[RecordEntry]) -> None:
     await sides.receiving.confirm_deleted(receipt, receipt.to_confirm)
     assert (await sides.received(shared)).to_confirm == []
     assert (await sides.own(shared)).confirmed == {gone.record_id}
+
+
+async def _leave(sides: Sides, entries: list[RecordEntry]) -> None:
+    """Who leaves the staff gets nothing from the next block on, also under an open request; nothing more is shared."""
+    shared = await sides.share(entries)
+    receipt = await sides.received(shared)
+    access_id = await sides.receiving.request_access(receipt, shared.records)
+    assert "ok" in await sides.look(shared, access_id)
+    await Rotating(sides.doctor).leave()
+    with pytest.raises(BlockRobotError, match="GRANTEE_NOT_A_MEMBER"):
+        await sides.receiving.look(receipt, shared.records[0], access_id)
+    with pytest.raises(BlockRobotError, match="SHARE_WITH_NON_MEMBER"):
+        await sides.share(entries)
+    await sides.sharing.revoke(await sides.own(shared))
+    assert (await sides.received(shared)).to_confirm == list(shared.records), "she is still told"

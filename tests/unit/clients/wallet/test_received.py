@@ -102,6 +102,29 @@ async def test_a_page_that_leaves_a_grant_out_is_refused(
         await receiving.inbox()
 
 
+async def test_who_has_left_still_hears_what_became_of_what_she_knew(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    visit, ids = ward.record_visit(1)
+    await ward.share(doctor)
+    await only(receiving)
+    await ward.erase(visit, ids)
+    honest, member = doctor.values, doctor.keys.identity.public_key
+
+    async def refuse_member(keys: Any, session: Any) -> dict[bytes, Any]:
+        if session.public_key == member:
+            raise BlockRobotError("SESSION_REFUSED")
+        return await honest(keys, session)
+
+    monkeypatch.setattr(doctor, "values", refuse_member)
+    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+        await receiving.inbox()
+    doctor.store.content.left = True
+    receipt = await only(receiving)
+    await receiving.confirm_deleted(receipt, receipt.to_confirm)
+    assert (await only(receiving)).to_confirm == []
+
+
 async def test_what_concerns_a_grant_is_asked_in_its_own_session(
     ward: SharedWard, doctor: Wallet, receiving: Receiving
 ) -> None:
