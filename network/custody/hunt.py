@@ -29,7 +29,9 @@ _UNTIL_CUT = "blocks that the node voted on, until its journal is cut"
 _UNTIL_NEXT_SNAPSHOT = "the chain's state at an older block, until the next snapshot takes its place"
 _ON_CHAIN = frozenset({"id", "root", "metadata"})
 _WHILE_KEPT = "the record is kept"
-_MARK = "the mark that the record was erased: its id alone, so that it is never kept again"
+_MARK = (
+    "its id alone: the mark that it was erased, so that it is never kept again; and requests and shares that named it"
+)
 _ALARM = "a line that tells of a fault, until the log is removed"
 
 _PLACES = (("ledger", "ledger"), ("journal", "journal"), ("snapshots", "snapshots"), ("snapshots.fetched", "snapshots"))
@@ -122,7 +124,7 @@ def explain(place: str, what: str, *, is_gone: bool) -> str:
     if what == "id" and place == "log":
         return _ALARM
     if is_gone:
-        return _MARK if (what, place) == ("id", "store") else ""  # rows of requests and shares name ids too
+        return _MARK if (what, place) == ("id", "store") else ""
     if place == "store":
         return _WHILE_KEPT if what in {"id", "leaf", "root", "ciphertext", "wrapped-key", "wrapped-part"} else ""
     return _WHILE_KEPT if (place, what) == ("erase-keys", "erase-key") else ""
