@@ -1,4 +1,7 @@
-"""The robot's side of the network: signs, uploads to custodians, submits. Must never wait for one node alone."""
+"""The robot's side of the network: signs, uploads to custodians, submits. Must never call an upload done too early.
+
+An upload ends with the last custodian's answer, though fewer are required: a copy that is on its way is not broken off.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The options by which a user says what stands where in a recording. Must never read the recording itself."""
+"""The options by which a user says what stands where in a recording. Must never read a message of it.
+
+Only the type of the topic that `--tags` names is looked up.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from importlib import resources
 from typing import Any
 
@@ -84,7 +85,9 @@ def test_a_silhouette_that_the_picture_cuts_off_says_so() -> None:
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 2), (5, 60), (200, 150)])
 def test_any_shape_has_finite_cues(shape: tuple[int, int]) -> None:
-    cues_of(block(*shape), left=0, top=0)
+    cues = cues_of(block(*shape), left=0, top=0)
+    assert tuple(cues) == CUES
+    assert all(math.isfinite(value) for value in cues.values())
 
 
 def test_trees_add_up_the_leaves_that_the_cues_lead_to() -> None:
