@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from consensus.primitives.keys import PrivateKey
 from tests.unit.contracts.privacy.hospital import Hospital, Visit, data_of
 
 
@@ -100,6 +101,19 @@ def test_a_custodian_confirms_once_and_within_limits(hospital: Hospital, visit: 
     assert again.code == "RECEIPT_EXISTS"
     assert hospital.view("erasure", "get", asked.txid)["status"] == "requested"
     assert hospital.send(custodian, "erasure", "receipt", bytes(32), 1, "", 0, bytes(32)).code == "ERASURE_UNKNOWN"
+
+
+def test_nobody_forges_a_receipt_and_no_custodian_speaks_for_another(hospital: Hospital, visit: Visit) -> None:
+    asked = hospital.must(visit.key, "erasure", "request", visit.records[:1], [])
+    said = (asked.txid, 3, "nothing", 0, bytes(32))
+    for stranger in (visit.key, hospital.admin, PrivateKey(b"\x07" * 32)):
+        assert hospital.send(stranger, "erasure", "receipt", *said).code == "NOT_A_CUSTODIAN"
+    first = hospital.custodians[0]
+    hospital.must(first, "erasure", "receipt", *said)
+    assert hospital.send(first, "erasure", "receipt", *said).code == "RECEIPT_EXISTS"
+    entry = hospital.view("erasure", "get", asked.txid)
+    assert list(entry["receipts"]) == [first.public_key]
+    assert entry["status"] == "requested", "the others have not spoken"
 
 
 def test_expired_records_are_reduced_and_erased_by_all_custodians(hospital: Hospital, visit: Visit) -> None:
