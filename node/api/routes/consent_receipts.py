@@ -37,6 +37,12 @@ ROUTES = (
         _issue,
         Answer(JSON, ConsentReceiptAnswer, "The receipt and its signature. Asking again gives the same bytes."),
         Body(JSON, ConsentReceiptRequest, "The transaction."),
-        errors=("CONSENT_RECEIPT_ELSEWHERE", "CONSENT_RECEIPT_INVALID", "CONSENT_WORD_MISSING", "NOTICE_INVALID", "NOT_FOUND"),
+        errors=(
+            "CONSENT_RECEIPT_ELSEWHERE",
+            "CONSENT_RECEIPT_INVALID",
+            "CONSENT_WORD_MISSING",
+            "NOTICE_INVALID",
+            "NOT_FOUND",
+        ),
     ),
 )

@@ -104,5 +104,5 @@ def test_purposes_are_codes_with_sentences() -> None:
         assert require_purpose(code) == sentence
         assert code.isascii()
         assert len(code) <= PURPOSE_MAX_CHARS
-    with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
+    with pytest.raises(BlockRobotError, match="PURPOSE_UNKNOWN"):
         require_purpose("because")
