@@ -198,6 +198,7 @@ async def test_a_state_older_than_the_store_changes_nothing(opened: House) -> No
         ("restricted", {"ground": "accuracy"}),
         ("objected", {"purposes": ["research"]}),
         ("denied", {}),
+        ("transferred", {"transfers": 1}),
         ("breach_closed", {"outcome": "released"}),
     ],
 )

@@ -64,7 +64,16 @@ def objected(owner: bytes = ALICE) -> Event:
     return "rights", "objected", {"owner": owner, "purposes": ["research"]}
 
 
-NARROWED = [("ACCESS_ENDED", restricted), ("ACCESS_ENDED", objected), ("CLIP_QUARANTINED", denied)]
+def transferred(owner: bytes = ALICE) -> Event:
+    return "records", "transferred", {"owner": owner, "new_owner": b"\x02" + b"\xa1" * 32, "sequence": 3}
+
+
+NARROWED = [
+    ("ACCESS_ENDED", restricted),
+    ("ACCESS_ENDED", objected),
+    ("ACCESS_ENDED", transferred),
+    ("CLIP_QUARANTINED", denied),
+]
 
 
 @pytest.mark.parametrize(("code", "said"), NARROWED)
