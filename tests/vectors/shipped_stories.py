@@ -10,7 +10,7 @@ import contracts.vm
 from contracts import vectors
 from contracts.execution import executor, genesis, views
 from contracts.execution.registry import SHIPPED_CONTRACTS
-from tests.unit.contracts.privacy.hospital import Hospital, Person
+from tests.unit.contracts.privacy.hospital import Hospital, Person, key_of
 from tests.unit.contracts.system.consortium import Consortium, admin_of, node_fields, organisation_fields, producer_of
 from tests.unit.contracts.system.deploying import VISITORS, deployment, upload
 
@@ -106,6 +106,38 @@ def rights_story() -> None:
     hospital.must(officer, "rights", "close", denied, "erased", "matched-wrongly")
     hospital.view("rights", "breaches", 0, 10)
     hospital.view("rights", "breach", denied)
+    hospital.view("audit", "events", visit.owner, 0, 50)
+
+
+def sharing_story() -> None:
+    hospital = Hospital()
+    nurse = hospital.enrol("nurse", "staff")
+    visit, other = hospital.open_visit(hospital.enrol("anna")), hospital.open_visit(hospital.enrol("ben"))
+    for _ in range(3):
+        hospital.record(visit)
+    grantee, ephemeral = key_of("grantee"), key_of("ephemeral").public_key
+    until_ms = visit.bucket_ms + 3_600_000
+    words = [grantee.public_key, ephemeral, 7, bytes(32), "care", until_ms]
+    hospital.send(other.key, "access", "grant", visit.records[:2], *words)
+    hospital.send(visit.key, "access", "grant", visit.records[:2], *words[:-1], until_ms + 1)
+    hospital.send(visit.key, "access", "grant", visit.records[:2], nurse.identity.public_key, *words[1:])
+    shared = hospital.must(visit.key, "access", "grant", visit.records[:2], *words).txid
+    hospital.send(visit.key, "access", "grant", visit.records[:1], *words)
+    hospital.send(nurse.identity, "access", "request_granted", shared, visit.records[:1], "care")
+    hospital.send(grantee, "access", "request_granted", shared, visit.records[2:], "care")
+    asked = hospital.must(grantee, "access", "request_granted", shared, visit.records[:1], "care").txid
+    hospital.must(hospital.custodians[0], "access", "released", asked, visit.records[:1])
+    hospital.must(visit.key, "rights", "restrict", visit.records[:1], "accuracy")
+    hospital.send(grantee, "access", "request_granted", shared, visit.records[:2], "care")
+    hospital.must(visit.key, "erasure", "request", visit.records[1:2], [])
+    hospital.must(grantee, "access", "noticed", shared, visit.records[1:2])
+    hospital.send(grantee, "access", "noticed", shared, visit.records[1:2])
+    hospital.send(other.key, "access", "revoke", shared)
+    hospital.must(visit.key, "access", "revoke", shared)
+    hospital.send(grantee, "access", "request_granted", shared, visit.records[:1], "care")
+    hospital.view("access", "grants", 0, 10)
+    hospital.view("access", "grant_of", shared)
+    hospital.view("access", "get", asked)
     hospital.view("audit", "events", visit.owner, 0, 50)
 
 
@@ -216,6 +248,7 @@ def documents() -> dict[str, dict[str, Any]]:
     stories = {
         "hospital.json": hospital_story,
         "rights.json": rights_story,
+        "sharing.json": sharing_story,
         "officers.json": officers_story,
         "consortium.json": consortium_story,
     }
