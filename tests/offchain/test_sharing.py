@@ -60,7 +60,11 @@ def parts_for(clip: RecordedClip, grant_id: bytes = GRANT_ID, **changes: Any) ->
         keys=dict(enumerate(clip.data_keys)),
     )
     split = split_share_key(SHARE_KEY, [CUSTODIAN, OTHER_CUSTODIAN], masks)
-    words: dict[str, Any] = {"valid_until_ms": START_MS + 60_000, "record_id": clip.record_id, "package": package} | changes
+    words: dict[str, Any] = {
+        "valid_until_ms": START_MS + 60_000,
+        "record_id": clip.record_id,
+        "package": package,
+    } | changes
     return {who: GrantUpload(grant_txid=grant_id, parts=parts, **words) for who, parts in split.items()}
 
 
