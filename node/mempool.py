@@ -33,6 +33,8 @@ RESERVED_CONTRACTS = frozenset(
         "settings",
     }
 )
+RESERVED_CALLS = frozenset({("records", "transfer")})
+"""Calls of other contracts that have it too: a stolen wallet's visits are moved as soon as what the thief asks for."""
 
 
 @dataclass(slots=True)
@@ -106,7 +108,8 @@ class Mempool:
         self._require_timely(transaction, now_ms)
         if self._is_spent(transaction.txid):
             raise BlockRobotError("TRANSACTION_REPLAYED")
-        reserved = transaction.body.contract in RESERVED_CONTRACTS
+        body = transaction.body
+        reserved = body.contract in RESERVED_CONTRACTS or (body.contract, body.entry) in RESERVED_CALLS
         self._require_room(transaction, reserved=reserved)
         if known is None:
             transaction.verify_sender()

@@ -119,6 +119,16 @@ def test_a_flood_of_records_leaves_room_for_an_erasure() -> None:
     assert take_all(pool, max_count=3)[0] == erasure
 
 
+def test_a_stolen_visit_is_moved_in_a_flood_as_it_can_be_erased_in_one() -> None:
+    size = len(transaction(1).wire)
+    pool = make_pool(max_bytes=20 * (size + 2))
+    for number in range(18):
+        pool.admit(transaction(number, by=number).wire, NOW_MS)
+    transfer = transaction(1, by=200, contract="records", entry="transfer")
+    assert pool.admit(transfer.wire, NOW_MS)[1]
+    assert take_all(pool, max_count=3)[0] == transfer
+
+
 def test_senders_take_turns() -> None:
     pool = make_pool()
     for number in range(5):
