@@ -197,10 +197,11 @@ class Eraser:
         self._carried_out.add(row.key)
 
     async def _close(self, row: OutboxRow) -> None:
+        """Read back and close a plan. One whose closing fails is carried out again from its start at the next try."""
         parts = decode(row.plan, ErasurePlan).parts
+        self._carried_out.discard(row.key)
         await self._read_back(parts)
         await self._store.mark_outbox_ready(row.key)
-        self._carried_out.discard(row.key)
         await asyncio.to_thread(self._keys.release, [slot for part in parts for slot in part.slots])
 
     async def _read_back(self, parts: Sequence[ErasurePart]) -> None:

@@ -1,0 +1,37 @@
+"""A store that loses a deletion, as a server that failed over may: it shows, and the next try heals it, no restart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from tests.offchain.house import ERASURE_ID, House, refused
+from tests.offchain.small_chain import erasure, record_clip
+
+
+@pytest.mark.parametrize(("loses", "frames"), [("erase_clip", ()), ("erase_frames", (1,))])
+async def test_a_deletion_that_the_store_lost_is_done_again_at_the_next_try(
+    opened: House, monkeypatch: pytest.MonkeyPatch, loses: str, frames: tuple[int, ...]
+) -> None:
+    clip, second = record_clip(), record_clip()
+    await opened.keep(clip)
+    await opened.keep(second)
+    delete, lost = getattr(opened.store, loses), []
+
+    async def lose_the_first_of_each(record_id: bytes, *more: Any) -> None:
+        if record_id not in lost:
+            lost.append(record_id)
+            return
+        await delete(record_id, *more)
+
+    monkeypatch.setattr(opened.store, loses, lose_the_first_of_each)
+    block = opened.chain.block(erasure(ERASURE_ID, clip, frames=frames), erasure(b"\xe2" * 32, second, frames=frames))
+    for done in (0, 1):
+        await refused("STORE_UNAVAILABLE", opened.custodian.on_finalized_block(block))
+        assert len(await opened.owed()) == done, "nothing is promised before it is done"
+    await opened.custodian.on_finalized_block(block)
+    receipts = [arguments[:2] for call, arguments in await opened.owed() if call == "erasure.receipt"]
+    gone = len(frames) or len(clip.plaintexts)
+    assert receipts == [[ERASURE_ID, gone], [b"\xe2" * 32, gone]]
+    assert lost == [clip.record_id, second.record_id]
