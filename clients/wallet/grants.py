@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from clients.sdk.connections import NodeAddress
 from clients.wallet.keys import WalletKeys
 from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.wallet import Wallet
@@ -22,6 +23,8 @@ from consensus.records.sharing import derive_grantee_key, scan_grant
 GRANT = b"access\x00grant/"
 _COUNT = b"access\x00grant-count"
 _NUMBER = b"access\x00grant-number/"
+_CUSTODIANS = b"identity\x00custodians"
+_CUSTODIAN = b"identity\x00custodian/"
 PAGE_COUNT = 100
 GRANT_PREFIX_MIN_CHARS = 8
 
@@ -75,6 +78,14 @@ async def read_grants(wallet: Wallet, ids: Sequence[bytes], session: PrivateKey)
     """Return grants by their ids, proven, in one session; an id that the chain does not know is left out."""
     values = await wallet.values([GRANT + grant_id for grant_id in ids], session)
     return [read_grant(grant_id, values[GRANT + grant_id]) for grant_id in ids if values[GRANT + grant_id] is not None]
+
+
+async def read_custodians(wallet: Wallet, session: PrivateKey) -> dict[bytes, NodeAddress | None]:
+    """Return the custodians by key, as the chain proves them; None for one whose address this wallet lacks."""
+    keys: list[bytes] = (await wallet.values([_CUSTODIANS], session))[_CUSTODIANS] or []
+    names = await wallet.values([_CUSTODIAN + key for key in keys], session) if keys else {}
+    addresses = {node.name: node for node in wallet.network.custody.custodians}
+    return {key: addresses.get(names[_CUSTODIAN + key]["name"]) for key in keys}
 
 
 async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:

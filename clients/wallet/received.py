@@ -13,22 +13,22 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import audit_visit
-from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_grants
+from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
-from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, FrameView
+from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, FrameView, judge_frame
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32
-from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.commitments import commitment_leaf, derive_salt
-from consensus.records.envelopes import open_frame
-from consensus.records.renditions import Rendition, decode_rendition
+from consensus.records.renditions import Rendition
 from consensus.records.sharing import (
+    KeyPart,
     SharedDownload,
+    SharedFrame,
     SharedRequest,
     check_shared_download,
+    check_shared_parts,
     join_parts,
     open_package,
 )
@@ -195,7 +195,10 @@ class Receiving:
         sealing = self._wallet.eras[receipt.received.era].sealing
         gathered = _Gathered(state, record_id, receipt.grant.grantee, sealing)
         refusal: BlockRobotError | None = None
+        proven = {node: custodian for custodian, node in (await read_custodians(self._wallet, key)).items()}
         for node in self._wallet.network.custody.custodians:
+            if node not in proven:
+                continue
             ask = SharedRequest(
                 record_id,
                 access_id,
@@ -204,12 +207,13 @@ class Receiving:
                 not gathered.is_whole,
             )
             try:
-                gathered.add(node.name, await self._download(node, receipt.grant.grant_id, ask, key))
+                answer = await self._download(node, receipt.grant.grant_id, ask, key)
+                gathered.add(node.name, proven[node], answer)
             except BlockRobotError as error:
                 if refusal is None or refusal.code == "NODE_UNREACHABLE":
                     refusal = error
                 continue
-            if gathered.is_whole and gathered.data_keys:
+            if gathered.is_done:
                 break
         return gathered.view(refusal)
 
@@ -277,7 +281,11 @@ class _TrailReader:
 
 
 class _Gathered:
-    """What custodians gave of one record so far. A custodian that lies spoils only what it gave itself."""
+    """What custodians gave of one record so far. A custodian that lies spoils only what it gave itself.
+
+    What opens a package need not be what its owner put in: a custodian can seal keys of its own making to the grantee.
+    So all keys that come out are kept, and a frame counts once any of them opens what the robot committed to.
+    """
 
     def __init__(self, state: dict[str, Any], record_id: bytes, grantee: bytes, sealing: bytes) -> None:
         self._state = state
@@ -285,27 +293,40 @@ class _Gathered:
         self._grantee = grantee
         self._sealing = sealing
         self._answers: dict[str, SharedDownload] = {}
+        self._parts: dict[bytes, list[KeyPart]] = {}
+        self._key_sets: list[dict[int, bytes]] = []
         self._failure = BlockRobotError("GRANT_PARTS_MISSING")
-        self.data_keys: dict[int, bytes] = {}
+        self._frames: dict[int, FrameView] = {}
         self.is_whole = False
 
-    def add(self, name: str, answer: SharedDownload) -> None:
-        """Take one custodian's answer, and try what opens with all that is there."""
+    @property
+    def is_done(self) -> bool:
+        """Whether no further custodian could add anything."""
+        return bool(self._frames) and all(frame.status != STATUS_CORRUPTED for frame in self._frames.values())
+
+    def add(self, name: str, custodian: bytes, answer: SharedDownload) -> None:
+        """Take the answer of the custodian with this proven key, and try what opens with all that is there.
+
+        Raises UPLOAD_INVALID for parts of a wrong form; then nothing of it is used.
+        """
+        check_shared_parts(answer)
         self._answers[name] = answer
+        self._parts[custodian] = answer.parts
         if answer.frames:
             self.is_whole = self.is_whole or self._damaged(answer) == set()
-        if self.data_keys:
-            return
-        candidates = join_parts({each.custodian: each.parts for each in self._answers.values()})
+        candidates = join_parts(self._parts)
         for each in self._answers.values():
             try:
-                self.data_keys = open_package(
+                keys = open_package(
                     candidates, self._sealing, each.package, grantee=self._grantee, record_id=self._record_id
                 )
             except BlockRobotError as error:
                 self._failure = error
             else:
-                return
+                if keys not in self._key_sets:
+                    self._key_sets.append(keys)
+        if self._key_sets:
+            self._open_all()
 
     def _damaged(self, answer: SharedDownload) -> set[int] | None:
         """Return the frames that are damaged in an answer; None if its leaves lead to other roots than the chain's."""
@@ -323,52 +344,38 @@ class _Gathered:
         """Return what there is to see. Raises why there is nothing."""
         if not self._answers:
             raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
-        if not self.data_keys:
+        if not self._key_sets:
             if self._failure.code == "GRANT_PARTS_MISSING" and refusal is not None:
                 text = f"One custodian gave its part of the key, and another has to: {refusal.detail}"
                 raise BlockRobotError("GRANT_PARTS_MISSING", text)
             raise self._failure
-        frames: dict[int, FrameView] = {}
-        for answer in self._answers.values():
-            for frame in self._open(answer):
-                if frame.index not in frames or frames[frame.index].status == STATUS_CORRUPTED:
-                    frames[frame.index] = frame
-        if not frames:
+        if not self._frames:
             raise BlockRobotError("RENDITION_CORRUPTED", "What custodians sent leads to other roots than the chain's.")
-        return SharedView(self._record_id, tuple(frames[index] for index in sorted(frames)), tuple(self._answers))
+        frames = tuple(self._frames[index] for index in sorted(self._frames))
+        return SharedView(self._record_id, frames, tuple(self._answers))
 
-    def _open(self, answer: SharedDownload) -> list[FrameView]:
-        damaged = self._damaged(answer) if answer.frames else None
-        if damaged is None:
-            return []
-        return [
-            FrameView(frame.index, STATUS_ERASED, None)
-            if frame.erased and frame.index not in damaged
-            else FrameView(frame.index, STATUS_CORRUPTED, None)
-            if frame.index in damaged or frame.index not in self.data_keys
-            else _open_frame(
-                self.data_keys[frame.index],
-                self._record_id,
-                frame.index,
-                frame.ciphertext,
-                answer.commitment_leaves[frame.index],
-            )
-            for frame in answer.frames
-        ]
+    def _open_all(self) -> None:
+        """Open what is not open yet, of every answer with frames whose leaves lead to the chain's roots."""
+        for answer in self._answers.values():
+            damaged = self._damaged(answer) if answer.frames else None
+            if damaged is None:
+                continue
+            for frame in answer.frames:
+                if frame.index not in self._frames or self._frames[frame.index].status == STATUS_CORRUPTED:
+                    self._frames[frame.index] = self._open(answer, frame, is_damaged=frame.index in damaged)
+
+    def _open(self, answer: SharedDownload, frame: SharedFrame, *, is_damaged: bool) -> FrameView:
+        if frame.erased and not is_damaged:
+            return FrameView(frame.index, STATUS_ERASED, None)
+        found = FrameView(frame.index, STATUS_CORRUPTED, None)
+        leaf = answer.commitment_leaves[frame.index]
+        for keys in () if is_damaged else self._key_sets:
+            if frame.index in keys:
+                found = judge_frame(keys[frame.index], self._record_id, frame.index, frame.ciphertext, leaf)
+            if found.status != STATUS_CORRUPTED:
+                break
+        return found
 
 
 def _mark(record_id: bytes, kind: str) -> str:
     return f"{record_id.hex()}:{kind}"
-
-
-def _open_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
-    try:
-        plaintext = open_frame(data_key, record_id, index, ciphertext)
-        salt = derive_salt(data_key)
-        if commitment_leaf(salt, index, sha256(plaintext)) != leaf:
-            raise BlockRobotError("RENDITION_CORRUPTED")
-        rendition = decode_rendition(plaintext)
-    except BlockRobotError:
-        return FrameView(index, STATUS_CORRUPTED, None)
-    status = STATUS_OK if rendition.pixels else STATUS_NOTICE
-    return FrameView(index, status, rendition, salt, data_key)

@@ -15,7 +15,7 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.grants import Grant, read_grants
+from clients.wallet.grants import Grant, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.rights import Chosen
 from clients.wallet.sharing_memory import GivenGrant
@@ -51,8 +51,6 @@ _NONCE_BYTES = 24
 _MEMBER = b"identity\x00member/"
 _HANDLE = b"identity\x00handle/"
 _REMOVED = b"identity\x00removed/"
-_CUSTODIANS = b"identity\x00custodians"
-_CUSTODIAN = b"identity\x00custodian/"
 _SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
 """After these the grant is not on the chain, and will not be."""
 Tell = Callable[[str], None]
@@ -276,14 +274,11 @@ class Sharing:
         return found
 
     async def _find_custodians(self) -> dict[bytes, NodeAddress | None]:
-        """Return the custodians by key, as the chain proves them; None for one whose address this wallet lacks."""
-        wallet, session = self._wallet, self._wallet.keys.identity
-        keys: list[bytes] = (await wallet.values([_CUSTODIANS], session))[_CUSTODIANS] or []
-        if not keys:
+        """Return the custodians by key. Raises SHARE_CUSTODIANS_MISSING if there are none."""
+        custodians = await read_custodians(self._wallet, self._wallet.keys.identity)
+        if not custodians:
             raise BlockRobotError("SHARE_CUSTODIANS_MISSING", "The chain names no custodian.")
-        names = await wallet.values([_CUSTODIAN + key for key in keys], session)
-        addresses = {node.name: node for node in wallet.network.custody.custodians}
-        return {key: addresses.get(names[_CUSTODIAN + key]["name"]) for key in keys}
+        return custodians
 
     def _make_uploads(
         self,

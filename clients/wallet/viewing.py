@@ -64,6 +64,19 @@ class RecordView:
         return "corrupted" if self.corrupted else "verified"
 
 
+def judge_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
+    """Open one frame and hold it against the leaf that the robot committed to; what does not fit is corrupted."""
+    try:
+        plaintext = open_frame(data_key, record_id, index, ciphertext)
+        salt = derive_salt(data_key)
+        if commitment_leaf(salt, index, sha256(plaintext)) != leaf:
+            raise BlockRobotError("RENDITION_CORRUPTED")
+        rendition = decode_rendition(plaintext)
+    except BlockRobotError:
+        return FrameView(index, STATUS_CORRUPTED, None)
+    return FrameView(index, STATUS_OK if rendition.pixels else STATUS_NOTICE, rendition, salt, data_key)
+
+
 class Viewing:
     """Access to the records of one visit, under one access transaction."""
 
@@ -134,15 +147,9 @@ class Viewing:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
         try:
             data_key = self._wallet.open_data_key(frame.sealed_key)
-            plaintext = open_frame(data_key, entry.record_id, index, frame.ciphertext)
-            salt = derive_salt(data_key)
-            if commitment_leaf(salt, index, sha256(plaintext)) != clip.commitment_leaves[index]:
-                raise BlockRobotError("RENDITION_CORRUPTED")
-            rendition = decode_rendition(plaintext)
         except BlockRobotError:
             return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
-        status = STATUS_OK if rendition.pixels else STATUS_NOTICE
-        return FrameView(index=index, status=status, rendition=rendition, salt=salt, data_key=data_key)
+        return judge_frame(data_key, entry.record_id, index, frame.ciphertext, clip.commitment_leaves[index])
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""

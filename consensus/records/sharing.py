@@ -175,7 +175,9 @@ def split_share_key(
 def join_parts(held: Mapping[bytes, Sequence[KeyPart]]) -> list[bytes]:
     """Return what the parts of these custodians join to, each key once: T, if none of them lies.
 
-    A custodian whose parts are wrong spoils only the pairs that it is in, so with three there may be several.
+    `held` is by the proven key of whoever gave them, not by the key that an answer claims, and of checked form
+    (`check_shared_parts`). Then a custodian whose parts are wrong spoils only the pairs that it is in, so with three
+    there may be several.
     """
     of_pair = {(holder, part.custodian): part.value for holder, parts in held.items() for part in parts}
     found: list[bytes] = []
@@ -258,6 +260,13 @@ def check_grant_upload(upload: GrantUpload) -> None:
     if upload.valid_until_ms < 0:
         raise _refuse("The expiry of the transaction is negative.")
     _check_parts(upload.parts)
+
+
+def check_shared_parts(download: SharedDownload) -> None:
+    """Check sizes and counts of package and parts in a download, before they are used. Raises UPLOAD_INVALID."""
+    if not 0 < len(download.package) <= PACKAGE_MAX_BYTES:
+        raise _refuse(f"A package has 1 to {PACKAGE_MAX_BYTES} bytes.")
+    _check_parts(download.parts)
 
 
 def build_shared_download(

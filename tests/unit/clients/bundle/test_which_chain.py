@@ -107,7 +107,7 @@ def test_no_file_no_genesis_and_no_bundle_have_exit_codes_of_their_own(made: Mad
 def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ward:
     """A ward of a network with another genesis, made by the same people with the same keys."""
     genesis = msgspec.structs.replace(hospital.build_genesis(), network="elsewhere", state_root=b"")
-    monkeypatch.setattr(hospital, "build_genesis", lambda: complete_genesis(genesis))
+    monkeypatch.setattr(hospital, "build_genesis", lambda *_: complete_genesis(genesis))
     (tmp_path / "elsewhere").mkdir()
     ward = Ward(tmp_path / "elsewhere")
     ward.record(ward.open_visit())

@@ -1,6 +1,6 @@
 """A ward on a small chain that proves: real contracts, real headers and certificates, real wallet; only the wire is short.
 
-The chain is the hospital's of the contract tests; every block gets a header and the votes of its two producers, so that a
+The chain is the hospital's of the contract tests; every block gets a header and the votes of its producers, so that a
 client that trusts the genesis file alone can follow. Custodians are dicts.
 """
 
@@ -99,7 +99,7 @@ class ProvingHospital(Hospital):
             return genesis_certificate(self.genesis.block_id)
         block_id = sha256(encode(header))
         parts = vote_parts(self.chain_id, 0, header.round, block_id)
-        keys = [key_of(f"custodian-{number}/producer") for number in (1, 2)]
+        keys = [key_of(f"{name}/producer") for name in self.custodian_names]
         votes = tuple(IndexedSignature(place, key.sign_compact(VOTE_TAG, *parts)) for place, key in enumerate(keys))
         return QuorumCertificate(0, header.round, block_id, votes)
 
@@ -113,7 +113,7 @@ class ProvingHospital(Hospital):
             "parent_id": sha256(encode(parent)),
             "qc": self.qc(parent),
             "tc": None,
-            "producer": (parent.round + 1) % 2,
+            "producer": (parent.round + 1) % len(self.custodian_names),
             "timestamp_ms": self.time_ms,
             "transactions_root": compute_transactions_root([]),
             "receipts_root": compute_receipts_root(()),
@@ -260,8 +260,8 @@ class Custodians:
 class Ward:
     """A registered patient with her wallet, a robot that records her, two custodians."""
 
-    def __init__(self, folder: Path) -> None:
-        self.chain = ProvingHospital()
+    def __init__(self, folder: Path, hospital: type[ProvingHospital] = ProvingHospital) -> None:
+        self.chain = hospital()
         self.genesis = self.chain.genesis
         store = Keystore.create(folder / "ann.wallet", draw_words(), "tea", CHEAP)
         self.wallet = Wallet(store, self.genesis)

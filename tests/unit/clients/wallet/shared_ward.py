@@ -52,7 +52,7 @@ class SharedCustody(Custodians):
 
     def __post_init__(self) -> None:
         super().__init__()
-        self.custodians = tuple(NodeAddress(f"custodian-{number}", "http://127.0.0.1:2") for number in (1, 2))
+        self.custodians = tuple(NodeAddress(name, "http://127.0.0.1:2") for name in self.chain.custodian_names)
 
     def _require_there(self, node: NodeAddress) -> None:
         if node.name in self.away:
@@ -119,11 +119,17 @@ class SharingWire(ShortWire):
         return await self.wait_final(transaction.txid)
 
 
+class ThreeCustodians(ProvingHospital):
+    """The hospital's chain, with one custodian more."""
+
+    custodian_names = ("custodian-1", "custodian-2", "custodian-3")
+
+
 class SharedWard(Ward):
     """Ann, who was recorded; and whoever comes in with a wallet of his own."""
 
-    def __init__(self, folder: Path) -> None:
-        super().__init__(folder)
+    def __init__(self, folder: Path, hospital: type[ProvingHospital] = ProvingHospital) -> None:
+        super().__init__(folder, hospital)
         self.folder = folder
         custody = SharedCustody(self.chain)
         custody.rooms = self.network.custody.rooms

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -70,8 +71,8 @@ class Visit:
         return self.key.public_key
 
 
-def build_genesis() -> Genesis:
-    """One organisation with an admin and a registrar; two nodes, both custodians."""
+def build_genesis(custodians: Sequence[str] = ("custodian-1", "custodian-2")) -> Genesis:
+    """One organisation with an admin and a registrar; its nodes are all custodians."""
     nodes = tuple(
         NodeEntry(
             name=name,
@@ -83,7 +84,7 @@ def build_genesis() -> Genesis:
             producer_possession=b"",
             custodian_key=key_of(name).public_key,
         )
-        for name in ("custodian-1", "custodian-2")
+        for name in custodians
     )
     ward = Organisation(
         name="ward",
@@ -108,15 +109,17 @@ def build_genesis() -> Genesis:
 class Hospital:
     """The chain: each `send` is a block of one transaction, 100 ms after the one before."""
 
+    custodian_names: tuple[str, ...] = ("custodian-1", "custodian-2")
+
     def __init__(self) -> None:
-        self.genesis = build_genesis()
+        self.genesis = build_genesis(self.custodian_names)
         self.chain_id = self.genesis.chain_id
         first = open_genesis(self.genesis)
         self.state = MemoryState()
         self.state.absorb(first.writes, first.pages, first.state_root)
         self.contracts = load_contracts()
         self.registrar, self.admin = key_of("registrar"), key_of("admin")
-        self.custodians = [key_of("custodian-1"), key_of("custodian-2")]
+        self.custodians = [key_of(name) for name in self.custodian_names]
         self.height = 0
         self.time_ms = START_MS
         self._salt = 0
