@@ -29,7 +29,7 @@ from node.finality import FinalityFeed
 from node.offchain.chain_facts import ChainFacts
 from node.offchain.custodian import Custodian
 from node.offchain.finalized import collect_events
-from node.offchain.grantees import require_grantee
+from node.offchain.grantees import require_grantee, require_open_grant
 from node.offchain.store import Checkpoint, OutboxRow
 from node.p2p.wire import ClipPart, ClipRequest, RequestKind
 from node.storage.ledger_store import LedgerStore, TransactionLocation
@@ -204,7 +204,12 @@ class Custody:
 
     async def stage_part(self, upload: GrantUpload, owner: bytes) -> str:
         """Keep this custodian's part of a shared record's key. Raises as the custodian does."""
-        status = await self._custodian.stage_part(upload, owner)
+
+        def require_open() -> None:
+            with self._ledger.snapshot() as snapshot:
+                require_open_grant(snapshot, upload.grant_txid, self._clock())
+
+        status = await self._custodian.stage_part(upload, owner, require_open)
         self._wake_outbox.set()
         return status
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from node.offchain.share_store import PartField, PartPlace, PartRow, ShareRow
+from node.offchain.store import RecordFacts
 
 
 def _place(row: PartRow) -> PartPlace:
@@ -22,6 +23,7 @@ class MemoryShares:
         self._parts: dict[tuple[bytes, bytes], PartRow] = {}
 
     if TYPE_CHECKING:  # the store's own
+        _missing: dict[bytes, RecordFacts]
 
         def _require_open(self) -> None: ...
 
@@ -42,6 +44,11 @@ class MemoryShares:
         self._require_open()
         due = [share for share in self._shares.values() if share.until_ms <= at_ms]
         return [share.grant_id for share in sorted(due, key=lambda share: (share.until_ms, share.grant_id))][:limit]
+
+    async def missing_over(self, at_ms: int) -> list[bytes]:
+        """See `ShareStore.missing_over`."""
+        self._require_open()
+        return sorted(facts.record_id for facts in self._missing.values() if facts.expires_at_ms <= at_ms)
 
     async def forget_share(self, grant_id: bytes) -> None:
         """See `ShareStore.forget_share`."""

@@ -135,7 +135,8 @@ class EffectsOfBlock:
     async def _on_access(self, data: dict[str, Any]) -> None:
         named = tuple(data["records"])
         grant = Grant(data["access_id"], data["owner"], named, self._block.height, data.get("grant", b""))
-        if is_void(grant, await find_standing(self._store, grant.owner)):
+        has_ended = grant.share and await self._store.share(grant.share) is None
+        if has_ended or is_void(grant, await find_standing(self._store, grant.owner)):
             await self._store.apply(BlockEffects(grants=(grant,)))
             return
         held = [clip.record_id for clip in await self._store.clips_of_owner(grant.owner)]
@@ -184,6 +185,8 @@ class EffectsOfBlock:
             if missing is not None and frames:
                 erased = tuple(sorted({*missing.erased_frames, *frames}))
                 await self._store.apply(BlockEffects(missing=(replace(missing, erased_frames=erased),)))
+        if frames:
+            await self._shares.leave_out(own, self._block.height)
         await self._eraser.erase_requested(data["erasure_id"], own, frames, self._block.height)
 
     async def _on_own_receipt(self, event: FinalizedEvent) -> None:

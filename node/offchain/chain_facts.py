@@ -7,7 +7,7 @@ are in the visits' audit entries.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Protocol
 
@@ -69,6 +69,7 @@ class AccessFacts:
     height: int
     refused: dict[bytes, str]
     share: bytes = b""
+    released: frozenset[bytes] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +88,13 @@ class ErasureFacts:
 
 @dataclass(frozen=True, slots=True)
 class _Audited:
-    """The height of each request by its id, and by owner that of the last word that made earlier ones void."""
+    """The height of each request by its id, and by owner that of the last word that made earlier ones void, and of the
+    last denial.
+    """
 
     requested: dict[bytes, int] = field(default_factory=dict)
     narrowed: dict[bytes, int] = field(default_factory=dict)
+    denied: dict[bytes, int] = field(default_factory=dict)
 
 
 class ChainFacts:
@@ -170,18 +174,37 @@ class ChainFacts:
         for access_id, entry in self._rows(ACCESS_PREFIX):
             height = self._audited.requested.get(access_id, self.point.height)
             share, records = entry.get("grant", b""), tuple(entry["records"])
-            yield AccessFacts(access_id, entry["owner"], records, height, entry["refused"], share)
+            released = frozenset(entry.get("released", {}))
+            yield AccessFacts(access_id, entry["owner"], records, height, entry["refused"], share, released)
 
     def shares(self) -> tuple[dict[bytes, ShareRow], set[bytes]]:
-        """Return the grants that stand at this block, by id, and the ids of those that were revoked or are over."""
+        """Return the grants that stand at this block, by id, and the ids of those that were revoked or are over.
+
+        A grant is without the records of which frames were erased since: their keys are in what was sealed for it.
+        """
         standing: dict[bytes, ShareRow] = {}
         ended: set[bytes] = set()
         for grant_id, entry in self._rows(GRANT_PREFIX):
             if entry["status"] == "active" and entry["until_ms"] > self.point.timestamp_ms:
-                standing[grant_id] = read_share(grant_id, entry, entry["height"])
+                share = read_share(grant_id, entry, entry["height"])
+                left = tuple(each for each in share.records if self._narrowed_at.get(each, -1) < share.height)
+                standing[grant_id] = replace(share, records=left)
             else:
                 ended.add(grant_id)
         return standing, ended
+
+    @cached_property
+    def _narrowed_at(self) -> dict[bytes, int]:
+        """Return the height of the last erasure of frames, by record."""
+        heights: dict[bytes, int] = {}
+        for erasure in self.erasures():
+            for record_id in erasure.records if erasure.frames else ():
+                heights[record_id] = max(erasure.height, heights.get(record_id, 0))
+        return heights
+
+    def denied_heights(self) -> dict[bytes, int]:
+        """Return the height of the last denial of each visit that was ever denied, also if that was settled since."""
+        return self._audited.denied
 
     def erasures(self) -> Iterator[ErasureFacts]:
         """Yield every request for erasure."""
@@ -208,8 +231,10 @@ class ChainFacts:
             for name in ("access_id", "erasure_id"):
                 if name in entry["data"]:
                     found.requested.setdefault(entry["data"][name], height)
+            owner = key[:OWNER_BYTES]
+            if entry["kind"] == "denied":
+                found.denied[owner] = max(height, found.denied.get(owner, 0))
             if _narrows(entry):
-                owner = key[:OWNER_BYTES]
                 found.narrowed[owner] = max(height, found.narrowed.get(owner, 0))
         return found
 

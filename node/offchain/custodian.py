@@ -26,12 +26,11 @@ from node.offchain.erase_keys import ErasableKeys, unwrap_key, wrap_key
 from node.offchain.erasing import Eraser
 from node.offchain.finalized import FinalizedEvents
 from node.offchain.reconciling import Reconciliation
-from node.offchain.sharing import Shares, grant_covers, may_release
+from node.offchain.sharing import CLOCK_SLACK_MS, Shares, grant_covers, may_release
 from node.offchain.sharing_desk import SharingDesk
 from node.offchain.standing import find_standing, is_void, require_release
 from node.offchain.store import BlockEffects, Checkpoint, ClipRow, CustodyStore, FrameRow, OutboxRow, RecordFacts
 
-CLOCK_SLACK_MS = 60_000
 LAPSED_AT_ONCE_COUNT = 64
 FETCH_AT_ONCE_COUNT = 32
 MISSING_READ_COUNT = 10_000

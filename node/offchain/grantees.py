@@ -19,6 +19,13 @@ def _read(state: Reader, key: bytes) -> Any:
     return None if value is None else decode_value(value)
 
 
+def require_open_grant(state: Reader, grant_id: bytes, now_ms: int) -> None:
+    """Refuse parts for a grant that was revoked or is over; one that is not final yet passes. Raises GRANT_ENDED."""
+    grant = _read(state, b"access\x00grant/" + grant_id)
+    if grant is not None and (grant["status"] != "active" or grant["until_ms"] <= now_ms):
+        raise BlockRobotError("GRANT_ENDED")
+
+
 def require_grantee(state: Reader, request: SharedRequest, grant_id: bytes, grantee: bytes, now_ms: int) -> None:
     """Refuse unless this key (33 bytes, proven) is that of a grant that stands, asked under it, and shows who she is.
 

@@ -85,6 +85,11 @@ class MongoShares:
         found = await self._many("shares", where, sort=_BY_END, limit=limit, fields=("_id", "until_ms"))
         return [document["_id"] for document in found]
 
+    async def missing_over(self, at_ms: int) -> list[bytes]:
+        """See `ShareStore.missing_over`."""
+        found = await self._many("missing", {"expires_at_ms": {"$lt": at_ms + 1}}, fields=("_id",))
+        return [document["_id"] for document in found]
+
     async def forget_share(self, grant_id: bytes) -> None:
         """See `ShareStore.forget_share`."""
         await self._bulk("shares", [DeleteOne({"_id": grant_id})])

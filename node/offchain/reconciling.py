@@ -85,7 +85,10 @@ class Reconciliation:
         """Heed the grants that stand, and let go of what is held for those that do not, or for records that are gone."""
         standing, ended = self._facts.shares()
         denied = {row.owner for row in self._facts.standings() if row.quarantined}
-        await self._shares.reconcile(standing, ended, denied)
+        point = await self._store.checkpoint()
+        followed = -1 if point is None else point.height
+        meanwhile = {owner: height for owner, height in self._facts.denied_heights().items() if height > followed}
+        await self._shares.reconcile(standing, ended, denied, meanwhile)
         at_ms = self._facts.point.timestamp_ms
         shared = {place.record_id async for place in self._store.all_parts()}
         records = ((record_id, self._facts.record(record_id)) for record_id in sorted(shared))
@@ -97,7 +100,7 @@ class Reconciliation:
             data = {"access_id": access.access_id, "owner": access.owner, "records": list(access.records)}
             data["grant"] = access.share
             await self._replay(access.height, access.access_id, "access", "requested", data)
-        if self._member in access.refused:
+        if self._member in access.refused or self._member in access.released:
             told = {"access_id": access.access_id, "custodian": self._member}
             await self._replay(access.height, access.access_id, "access", "refused", told)
         for row in await self._store.outbox_of(RELEASED_KIND, access.access_id):

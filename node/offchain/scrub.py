@@ -249,7 +249,9 @@ async def find_ended_parts(store: CustodyStore, facts: ChainFacts) -> list[tuple
         was_final = place.status == "confirmed" or place.grant_id in ended
         record = facts.record(place.record_id)
         is_kept = record is not None and record.is_kept(facts.point.timestamp_ms)
-        if not is_kept or place.owner in denied or (was_final and place.grant_id not in standing):
+        share = standing.get(place.grant_id)
+        is_granted = not was_final or (share is not None and place.record_id in share.records)
+        if not is_kept or place.owner in denied or not is_granted:
             found.append((place.grant_id, place.record_id))
     return found
 

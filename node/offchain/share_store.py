@@ -74,6 +74,13 @@ class ShareStore(Protocol):
         """Return grants with `until_ms <= at_ms`, the oldest end first."""
         ...
 
+    async def missing_over(self, at_ms: int) -> list[bytes]:
+        """Return the records whose clips are missing here and expired (`expires_at_ms <= at_ms`), by record id.
+
+        The next checkpoint forgets them; what is held of their keys has to go before.
+        """
+        ...
+
     async def forget_share(self, grant_id: bytes) -> None:
         """Forget a grant; one that is not there is no error."""
         ...

@@ -6,7 +6,7 @@ erased or its visit denied: the erase key goes first, then the row. What one cus
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from consensus.errors import BlockRobotError
@@ -23,6 +23,7 @@ PARTS_STAGED_MAX_COUNT = 1024
 """How many parts of grants that are not final yet one visit may have here."""
 PARTS_AT_ONCE_COUNT = 64
 CLOCK_SLACK_MS = 60_000
+"""How much further ahead an upload's expiry may be than any transaction's, since clocks differ."""
 PART_PLACE = 0xFFFF_FFFF
 """Where a frame would have its index: a wrapped part is no frame's key."""
 
@@ -102,7 +103,11 @@ class Shares:
         staged = PartRow(upload.grant_txid, upload.record_id, owner, upload.valid_until_ms, "staged", 0, -1, b"")
         if share is not None:
             if share.owner != owner or upload.record_id not in share.records:
-                raise BlockRobotError("NOT_PERMITTED", "The grant is another visit's, or does not name this record.")
+                raise BlockRobotError(
+                    "NOT_PERMITTED",
+                    "The grant is another visit's, does not name this record, or frames of it were erased since: "
+                    "share it again.",
+                )
             if share.until_ms <= now_ms:
                 raise BlockRobotError("GRANT_ENDED")
             return replace(staged, status="confirmed", height=share.height)
@@ -159,6 +164,18 @@ class Shares:
         await self._eraser.destroy_parts([place for place in places if place not in own])
         await self._store.confirm_parts(share.grant_id, [place.record_id for place in own], share.height)
 
+    async def leave_out(self, record_ids: Sequence[bytes], height: int) -> None:
+        """Frames of records were erased at a height: no grant up to it takes parts for them any more.
+
+        What was sealed for it holds the keys of those frames. Such erasures are few, so all grants are gone through.
+        """
+        gone = set(record_ids)
+        shares = [share async for share in self._store.all_shares() if share.height <= height]
+        for share in shares:
+            if gone & set(share.records):
+                left = tuple(record_id for record_id in share.records if record_id not in gone)
+                await self._store.put_share(replace(share, records=left))
+
     async def end_grant(self, grant_id: bytes) -> None:
         """A grant was revoked, or its time is over: its parts go, and then the word of it."""
         await self._eraser.destroy_parts(await self._store.parts_of("grant_id", [grant_id]))
@@ -169,22 +186,39 @@ class Shares:
         await self._eraser.destroy_parts(await self._store.parts_of("owner", [owner]))
 
     async def close_block(self, at_ms: int) -> None:
-        """Destroy what a block's time ends: parts whose grant never became final, and grants that are over."""
+        """Destroy what a block's time ends: parts whose grant never became final, or whose missing clip's record expired,
+        and grants that are over.
+        """
         while lapsed := await self._store.lapsed_parts(at_ms, PARTS_AT_ONCE_COUNT):
             await self._eraser.destroy_parts(lapsed)
+        expired = await self._store.missing_over(at_ms)  # of clips that are here `Eraser.erase_expired` takes care
+        await self._eraser.destroy_parts(await self._store.parts_of("record_id", expired))
         while over := await self._store.shares_over(at_ms, PARTS_AT_ONCE_COUNT):
             for grant_id in over:
                 await self.end_grant(grant_id)
 
-    async def reconcile(self, standing: Mapping[bytes, ShareRow], is_over: Iterable[bytes], denied: set[bytes]) -> None:
-        """Bring shares to what a state says: the grants that stand, ids of those that do not, and the denied visits."""
+    async def reconcile(
+        self,
+        standing: Mapping[bytes, ShareRow],
+        is_over: Iterable[bytes],
+        denied: set[bytes],
+        denied_meanwhile: Mapping[bytes, int],
+    ) -> None:
+        """Bring shares to what a state says: the grants that stand, ids of those that do not, and the denied visits.
+
+        `denied_meanwhile` are visits that were denied in blocks that this store never followed, and the height: parts
+        of grants up to it go, though the quarantine may have ended since.
+        """
         ended = set(is_over)
         for grant_id in [share.grant_id async for share in self._store.all_shares() if share.grant_id not in standing]:
             await self.end_grant(grant_id)
         wrong: list[PartPlace] = []
         async for place in self._store.all_parts():
             was_final = place.status == "confirmed" or place.grant_id in ended
-            if place.owner in denied or (was_final and place.grant_id not in standing):
+            share = standing.get(place.grant_id)
+            height = place.height if share is None else share.height
+            was_denied = place.owner in denied or height <= denied_meanwhile.get(place.owner, -1)
+            if was_denied or (was_final and share is None):
                 wrong.append(place)
         await self._eraser.destroy_parts(wrong)
         for share in standing.values():

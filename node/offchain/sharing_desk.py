@@ -45,10 +45,13 @@ class SharingDesk:
 
         def _assemble(self, clip: ClipRow, rows: Sequence[FrameRow]) -> ClipDownload: ...
 
-    async def stage_part(self, upload: GrantUpload, owner: bytes) -> PartStatus:
+    async def stage_part(
+        self, upload: GrantUpload, owner: bytes, require_open: Callable[[], None] = lambda: None
+    ) -> PartStatus:
         """Keep this custodian's part of a shared record's key, for the owner of its visit (33 bytes, made sure of).
 
-        It is staged until its grant is final, or confirmed at once if it is. Raises as `Shares.judge`.
+        It is staged until its grant is final, or confirmed at once if it is. `require_open` refuses by the newest final
+        state a grant that has ended: the store forgets those. Raises as `Shares.judge`.
         """
         check_grant_upload(upload)
         taken = (await asyncio.to_thread(self._keys.allocate, 1))[0]
@@ -56,6 +59,7 @@ class SharingDesk:
         try:
             async with self._writing:
                 try:
+                    require_open()
                     judged = await self._shares.judge(upload, owner, self._clock_ms())
                 except BlockRobotError:
                     await self._eraser.destroy_unused([taken[0]])

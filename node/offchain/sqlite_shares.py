@@ -5,8 +5,7 @@ The store's own rules (`sqlite_store.py`) hold here too: freed bytes are overwri
 
 from __future__ import annotations
 
-import sqlite3
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from node.offchain.share_store import PartField, PartPlace, PartRow, ShareRow
@@ -48,18 +47,12 @@ class SqliteShares:
 
         async def _read(self, query: str, *arguments: Any) -> list[tuple[Any, ...]]: ...
 
-        async def _write(self, work: Callable[[sqlite3.Connection], None]) -> None: ...
-
-    async def _run(self, query: str, *rows: Sequence[Any]) -> None:
-        def write(database: sqlite3.Connection) -> None:
-            database.executemany(query, rows)
-
-        await self._write(write)
+        async def _write_one(self, query: str, *rows: Sequence[Any]) -> None: ...
 
     async def put_share(self, share: ShareRow) -> None:
         """See `ShareStore.put_share`."""
         row = (share.grant_id, share.owner, b"".join(share.records), share.until_ms, share.height)
-        await self._run("INSERT OR REPLACE INTO shares VALUES (?, ?, ?, ?, ?)", row)
+        await self._write_one("INSERT OR REPLACE INTO shares VALUES (?, ?, ?, ?, ?)", row)
 
     async def share(self, grant_id: bytes) -> ShareRow | None:
         """See `ShareStore.share`."""
@@ -71,9 +64,14 @@ class SqliteShares:
         query = "SELECT grant_id FROM shares WHERE until_ms <= ? ORDER BY until_ms, grant_id LIMIT ?"
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
+    async def missing_over(self, at_ms: int) -> list[bytes]:
+        """See `ShareStore.missing_over`."""
+        query = "SELECT record_id FROM missing WHERE expires_at_ms <= ? ORDER BY record_id"
+        return [row[0] for row in await self._read(query, at_ms)]
+
     async def forget_share(self, grant_id: bytes) -> None:
         """See `ShareStore.forget_share`."""
-        await self._run("DELETE FROM shares WHERE grant_id = ?", (grant_id,))
+        await self._write_one("DELETE FROM shares WHERE grant_id = ?", (grant_id,))
 
     async def all_shares(self) -> AsyncIterator[ShareRow]:
         """See `ShareStore.all_shares`; read in pages, so that a long walk holds no lock."""
@@ -87,7 +85,7 @@ class SqliteShares:
     async def put_part(self, row: PartRow) -> None:
         """See `ShareStore.put_part`."""
         values = (row.grant_id, row.record_id, row.owner, row.valid_until_ms, row.status, row.height, row.slot)
-        await self._run("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*values, row.wrapped))
+        await self._write_one("INSERT OR REPLACE INTO parts VALUES (?, ?, ?, ?, ?, ?, ?, ?)", (*values, row.wrapped))
 
     async def part(self, grant_id: bytes, record_id: bytes) -> PartRow | None:
         """See `ShareStore.part`."""
@@ -108,11 +106,11 @@ class SqliteShares:
     async def confirm_parts(self, grant_id: bytes, record_ids: Sequence[bytes], height: int) -> None:
         """See `ShareStore.confirm_parts`."""
         query = "UPDATE parts SET status = 'confirmed', height = ? WHERE grant_id = ? AND record_id = ?"
-        await self._run(query, *((height, grant_id, record_id) for record_id in record_ids))
+        await self._write_one(query, *((height, grant_id, record_id) for record_id in record_ids))
 
     async def erase_parts(self, slots: Sequence[int]) -> None:
         """See `ShareStore.erase_parts`."""
-        await self._run("DELETE FROM parts WHERE slot = ?", *((slot,) for slot in slots))
+        await self._write_one("DELETE FROM parts WHERE slot = ?", *((slot,) for slot in slots))
 
     async def all_parts(self) -> AsyncIterator[PartPlace]:
         """See `ShareStore.all_parts`; read in pages."""

@@ -7,7 +7,7 @@ import pytest
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
 from consensus.records.sharing import GRANT_STEP_MS, SharedRequest, hash_grant_member
-from node.offchain.grantees import require_grantee
+from node.offchain.grantees import require_grantee, require_open_grant
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, key_of
 
 SALT, KEY = sha256(b"salt"), key_of("grantee")
@@ -88,3 +88,17 @@ def test_a_grant_that_was_revoked_or_is_over_opens_nothing_whatever_a_custodian_
     assert story.code(now_ms=story.until_ms) == "GRANT_ENDED"
     story.hospital.must(story.visit.key, "access", "revoke", story.grant_id)
     assert story.code() == "GRANT_ENDED"
+
+
+def test_parts_are_taken_for_a_grant_that_may_come_or_stands_and_not_after_its_end() -> None:
+    story = Story()
+    state, now_ms = story.hospital.state, story.hospital.time_ms
+    require_open_grant(state, bytes(32), now_ms)
+    require_open_grant(state, story.grant_id, story.until_ms - 1)
+    with pytest.raises(BlockRobotError) as refusal:
+        require_open_grant(state, story.grant_id, story.until_ms)
+    assert refusal.value.code == "GRANT_ENDED"
+    story.hospital.must(story.visit.key, "access", "revoke", story.grant_id)
+    with pytest.raises(BlockRobotError) as refusal:
+        require_open_grant(story.hospital.state, story.grant_id, now_ms)
+    assert refusal.value.code == "GRANT_ENDED"
