@@ -184,6 +184,7 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
         line = f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
         console.print(_plain(line))
     console.print(
-        "Not proved: who the person is, for the file names her by a random handle; that she read the notice; and whether "
-        "she said anything more that is not in this file."
+        "Not proved: who the person is, for the file names her by a random handle; that she read the notice; that the "
+        "organisation that signed is the one that registered her; and whether she said anything more that is not in this "
+        "file."
     )

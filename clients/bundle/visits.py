@@ -31,6 +31,7 @@ QUARANTINE = b"rights\x00quarantine/"
 CORRECTION_COUNT = b"rights\x00correction-count/"
 CORRECTION = b"rights\x00correction/"
 RECORDED = "recorded"
+TRANSFERRED = "transferred"
 RECORDS_MAX_COUNT = 100_000
 
 Proved = Mapping[bytes, ProvedValue]
@@ -146,7 +147,7 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
     expected.update(correction_keys(owner, corrections))
     for _, entry in trail:
         expected.update(keys_of_entry(entry))
-    # Bundles that were made before visits could be transferred do not say that this one was not.
+    # Bundles that were made before visits could be transferred do not prove which key decides: see `_deciding_key`.
     if expected - {CURRENT + owner} != set(proved) - {CURRENT + owner}:
         raise _unproven("The proofs of a visit leave out what its trail leads to, or hold something else.")
     count = _present_count(proved, COUNT + owner)
@@ -170,13 +171,27 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
         quarantine=proved[QUARANTINE + owner].value,
         corrections=tuple(proved[key].value for key in correction_keys(owner, corrections)),
         heights=(min(heights), max(heights)),
-        decided_by=_deciding_key(proved, owner),
+        decided_by=_deciding_key(proved, owner, trail, count),
     )
 
 
-def _deciding_key(proved: Proved, owner: bytes) -> bytes:
+def _deciding_key(
+    proved: Proved, owner: bytes, trail: tuple[tuple[int, dict[str, Any]], ...], trail_count: int
+) -> bytes:
+    """Return the key that has to sign, which no proof that is left out, nor an older one, may turn back to a former key.
+
+    Raises BUNDLE_UNPROVEN.
+    """
+    transfers = max((entry["data"]["transfers"] for _, entry in trail if entry["kind"] == TRANSFERRED), default=0)
     found = proved.get(CURRENT + owner)
-    return owner if found is None or found.value is None else bytes(found.value["owner"])
+    if found is None:
+        if transfers or [index for index, _ in trail] != list(range(trail_count)):
+            raise _unproven("The bundle does not prove which key decides of a visit that may have been transferred.")
+        return owner
+    current = {"owner": owner, "transfers": 0} if found.value is None else found.value
+    if current["transfers"] < transfers or found.height < proved[COUNT + owner].height:
+        raise _unproven("What the bundle proves of the key that decides of a visit is older than the visit's trail.")
+    return bytes(current["owner"])
 
 
 def _of_owner(found: dict[bytes, Any], owner: bytes) -> dict[bytes, dict[str, Any]]:

@@ -1,0 +1,132 @@
+"""Which key has to sign for a visit: no former one does, whatever proof its holder leaves out or keeps back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from clients.bundle import visits
+from clients.bundle.checking import Verdict, verify_bundle
+from clients.wallet.exporting import Wanted
+from clients.wallet.keystore import Keystore
+from clients.wallet.proof_collecting import StateCollector
+from clients.wallet.rotating import Rotating
+from clients.wallet.visits import find_own_visits
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+from tests.unit.clients.bundle.conftest import make
+from tests.unit.clients.bundle.ward import Ward
+from tests.unit.clients.wallet.conftest import CHEAP
+
+TRAIL_ONLY = Wanted(pictures=False, identity=False)
+
+
+class Thief(Ward):
+    """Who has the words that were in force before, and every proof that he asks for."""
+
+    def __init__(self, ward: Ward, words: str, folder: Path) -> None:
+        self.chain, self.patient, self.network = ward.chain, ward.patient, ward.network
+        store = Keystore.create(folder / "thief.wallet", words, "x", CHEAP)
+        store.content.handle = ward.patient.handle
+        self.wallet = Wallet(store, ward.genesis)
+        self.wallet.network = ward.network  # type: ignore[assignment]
+
+    async def learn(self) -> None:
+        """Find her visits as they were opened, and look no further."""
+        page = await self.network.announcements(0, self.patient.identity)
+        found = find_own_visits(page.items, self.wallet.keys, self.wallet.genesis.chain_id)[:1]
+        self.wallet.store.content.visits = found
+
+        async def scan(**_: object) -> object:
+            return found
+
+        self.wallet.scan = scan  # type: ignore[assignment,method-assign]
+
+
+async def steal(ward: Ward, folder: Path) -> Thief:
+    """A visit with a record, moved away from the words that a thief has."""
+    visit = ward.open_visit()
+    ward.record(visit)
+    ward.close_visit(visit)
+    thief = Thief(ward, ward.wallet.store.content.words, folder)
+    await thief.learn()
+    rotating = Rotating(ward.wallet)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+    assert len((await rotating.transfer_all(0.0, lambda *_: None)).done) == 1
+    return thief
+
+
+async def judged(ward: Ward, thief: Thief, path: Path) -> str:
+    try:
+        await make(thief, path, TRAIL_ONLY)
+        verify_bundle(path, ward.genesis)
+    except BlockRobotError as error:
+        return error.code
+    return "OK"
+
+
+@pytest.fixture
+def ward(tmp_path: Path) -> Ward:
+    return Ward(tmp_path)
+
+
+async def test_the_new_key_signs_for_a_transferred_visit(ward: Ward, tmp_path: Path) -> None:
+    await steal(ward, tmp_path)
+    await make(ward, tmp_path / "hers.zip", TRAIL_ONLY)
+    assert isinstance(verify_bundle(tmp_path / "hers.zip", ward.genesis), Verdict)
+
+
+def without_current(keys: Callable[[bytes], list[bytes]]) -> Callable[[bytes], list[bytes]]:
+    return lambda owner: [key for key in keys(owner) if not key.startswith(visits.CURRENT)]
+
+
+async def test_old_words_sign_no_bundle_by_leaving_out_which_key_decides(
+    ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    thief = await steal(ward, tmp_path)
+    monkeypatch.setattr(visits, "trail_keys", without_current(visits.trail_keys))
+    assert await judged(ward, thief, tmp_path / "his.zip") == "BUNDLE_UNPROVEN"
+
+
+async def test_nor_by_leaving_out_the_entry_that_tells_of_it_as_well(
+    ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    thief = await steal(ward, tmp_path)
+    monkeypatch.setattr(visits, "trail_keys", without_current(visits.trail_keys))
+    document = StateCollector.document
+
+    def shortened(collector: StateCollector) -> object:
+        for key in [key for key in collector.values if key.startswith(visits.ENTRY)]:
+            if collector.values[key]["kind"] == "transferred":
+                collector.leave_out(key)
+        return document(collector)
+
+    monkeypatch.setattr(StateCollector, "document", shortened)
+    assert await judged(ward, thief, tmp_path / "his.zip") == "BUNDLE_UNPROVEN"
+
+
+async def test_nor_by_a_proof_from_before(ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A proof that the visit was not transferred, of a block in which it was not, beside the trail of today."""
+    before: dict[str, StateCollector] = {}
+    learn = Thief.learn
+
+    async def keep(thief: Thief) -> None:
+        await learn(thief)
+        (visit,) = thief.wallet.store.content.visits
+        before["it"] = StateCollector(thief.wallet, thief.wallet.owner_key(visit))
+        await before["it"].read([visits.CURRENT + visit.owner])
+
+    monkeypatch.setattr(Thief, "learn", keep)
+    thief = await steal(ward, tmp_path)
+    document = StateCollector.document
+
+    def mixed(collector: StateCollector) -> object:
+        collector._found.update(before["it"]._found)
+        return document(collector)
+
+    monkeypatch.setattr(StateCollector, "document", mixed)
+    assert await judged(ward, thief, tmp_path / "his.zip") == "BUNDLE_UNPROVEN"
