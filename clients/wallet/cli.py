@@ -195,7 +195,8 @@ def records(ctx: click.Context, as_json: bool) -> None:
 
     async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None, WalletContent]:
         reports, content = await opened.records(), opened.store.content
-        return reports, None if content.left else await Notices(opened).changed_since_consent(), content
+        is_member = not content.left and not opened.member_gone
+        return reports, await Notices(opened).changed_since_consent() if is_member else None, content
 
     reports, changed, content = run_opened(ctx, action)
     if as_json:

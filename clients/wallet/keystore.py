@@ -51,7 +51,7 @@ class KnownVisit(msgspec.Struct):
 
     `owner` is the visit's first key, its name on the chain; `current`, if it was transferred, the key that decides of it
     now. `ephemeral` and `era` (which words, counted from the wallet's first) belong to the key that decides. `taken`: it
-    was transferred to a key that none of the wallet's words lead to.
+    was transferred to a key that none of the wallet's words lead to. `stuck`: the chain lets nobody transfer it any more.
     """
 
     owner: bytes
@@ -62,13 +62,15 @@ class KnownVisit(msgspec.Struct):
     current: bytes = b""
     era: int = 0
     taken: bool = False
+    stuck: bool = False
 
 
 class WalletContent(msgspec.Struct):
     """What the file holds, decrypted.
 
     `former` are words that were replaced, oldest first: what was sealed to their keys opens with nothing else.
-    `next_words` are to replace the present ones; they are kept here before anything is signed with them.
+    `next_words` are to replace the present ones; they are kept here before anything is signed with them. `leaving` are the
+    transactions by which she meant to leave; that she `left` is noted once one of them is proven to have succeeded.
     """
 
     words: str
@@ -91,6 +93,7 @@ class WalletContent(msgspec.Struct):
     next_words_shown: bool = False
     transfers_due: bool = False
     left: bool = False
+    leaving: list[bytes] = msgspec.field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

@@ -22,6 +22,7 @@ from clients.wallet.wallet import Wallet
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
+STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
@@ -60,16 +61,42 @@ def read_passphrase(*, confirm: bool = False) -> str:
 
 
 def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
-    """Open the wallet that the group's options name and do something with it. Raises what that raises."""
+    """Open the wallet that the group's options name and do something with it. Raises what that raises.
+
+    Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
+    """
     path, genesis_path = ctx.obj
     genesis = load_genesis(genesis_path)
     store = Keystore.open(path, read_passphrase())
 
     async def main() -> T:
         async with Wallet(store, genesis) as opened:
-            return await action(opened)
+            try:
+                return await action(opened)
+            finally:
+                tell_member_gone(opened)
 
     return asyncio.run(main())
+
+
+def tell_member_gone(opened: Wallet) -> None:
+    """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
+    if not opened.member_gone:
+        return
+    if opened.store.content.next_words:
+        next_step = "Your new words may be in force already: run `blockrobot wallet rotate` again"
+    else:
+        next_step = "If you did not change your words yourself, go to the registrar's desk at once"
+    lost = len(opened.out_of_reach)
+    click.secho(
+        "WARNING: this wallet's words make nobody a member any more. Visits that it knew and that still obey it, it goes on"
+        " to show and to erase; nothing new is found."
+        + (f" {lost} of your visits obey it no more." if lost else "")
+        + f" {next_step}. See {STOLEN_PAGE}.",
+        fg="red",
+        bold=True,
+        err=True,
+    )
 
 
 def show_moment(time_ms: int) -> str:

@@ -26,10 +26,14 @@ _KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
 
 @dataclass(frozen=True, slots=True)
 class Transferred:
-    """What became of the visits: those with a new key, those that somebody else has, and what ended it early."""
+    """What became of the visits: those with a new key, those that somebody else has, and what ended it early.
+
+    `stuck` obey former words still, and the contract lets nobody transfer them any more.
+    """
 
     done: tuple[KnownVisit, ...]
     taken: tuple[KnownVisit, ...]
+    stuck: tuple[KnownVisit, ...]
     refusal: BlockRobotError | None = None
 
 
@@ -85,6 +89,8 @@ class Rotating:
         content.former.append(content.words)
         content.words, content.next_words, content.next_words_shown = content.next_words, "", False
         content.transfers_due = True
+        # No custodian signs a receipt for a key that was replaced: what was not fetched before never comes.
+        content.receipts_due = []
         wallet.store.save()
         wallet.load_keys()
         return True
@@ -137,13 +143,13 @@ class Rotating:
         """Transfer every visit that former words still decide of, in an order and at moments that chance decides.
 
         The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
-        The first refusal ends it, unless the key was replaced already: by this wallet before a cut, or by somebody else.
+        A key that was replaced already, by this wallet before a cut or by somebody else, ends nothing, nor does a visit
+        that the contract lets nobody transfer any more. Any other failure does.
         """
         order = await self.exposed_visits()
         chance = secrets.SystemRandom()
         chance.shuffle(order)
         moments = sorted(chance.random() * over_s for _ in order)
-        done: list[KnownVisit] = []
         refusal = None
         for number, visit in enumerate(order):
             pause_s = moments[number] - (moments[number - 1] if number else 0.0)
@@ -151,26 +157,49 @@ class Rotating:
             if over_s:
                 await self._sleep(pause_s)
             try:
-                await self.transfer(visit)
+                await self._move(visit)
             except BlockRobotError as error:
-                if error.code not in _KEY_REPLACED or visit.owner in {
-                    each.owner for each in await self.exposed_visits()
-                }:
-                    refusal = error
-                    break
-            done.append(visit)
+                refusal = error
+                break
         if refusal is None:
             self._wallet.store.content.transfers_due = False
             self._wallet.store.save()
-        taken = tuple(visit for visit in self._wallet.store.content.visits if visit.taken)
-        lost = {visit.owner for visit in taken}
-        return Transferred(tuple(visit for visit in done if visit.owner not in lost), taken, refusal)
+        known, newest = self._wallet.store.content.visits, len(self._wallet.eras) - 1
+        tried = {visit.owner for visit in order}
+        return Transferred(
+            done=tuple(visit for visit in known if visit.owner in tried and visit.era == newest and not visit.taken),
+            taken=tuple(visit for visit in known if visit.taken),
+            stuck=tuple(visit for visit in known if visit.stuck and not visit.taken),
+            refusal=refusal,
+        )
+
+    async def _move(self, visit: KnownVisit) -> None:
+        """Transfer one visit, whoever moves it to and fro under former words meanwhile, or note that nobody can."""
+        while True:
+            try:
+                await self.transfer(visit)
+            except BlockRobotError as error:
+                if error.code not in _KEY_REPLACED:
+                    raise
+                again = next((each for each in await self.exposed_visits() if each.owner == visit.owner), None)
+                if again is None:
+                    return
+                if again.current == visit.current:
+                    if error.code != "CALL_REFUSED":
+                        raise
+                    again.stuck = True
+                    self._wallet.store.save()
+                    return
+                # It was moved under former words. That ends: the contract counts how often.
+                visit = again
+            else:
+                return
 
     async def leave(self) -> int:
         """End the membership; return the height from which it counts, or 0 if it had ended before, as this wallet wanted.
 
-        What was recorded stays, under its owner keys. That she wants to leave is saved before it is said, so that a wallet
-        that was cut off knows why it is let in no more.
+        What was recorded stays, under its owner keys. Which transaction is to end it is saved before it is sent, so that a
+        wallet that was cut off can prove by its receipt why it is let in no more.
 
         Raises WALLET_ROTATION_OPEN while new words wait, MEMBER_NO_MORE, CALL_REFUSED.
         """
@@ -179,14 +208,13 @@ class Rotating:
             raise BlockRobotError("WALLET_ROTATION_OPEN")
         await wallet.scan()
         if await wallet.find_registration(wallet.keys) is None:
+            if not await wallet.has_left():
+                raise BlockRobotError("MEMBER_NO_MORE")
             return 0
-        content.left = True
+        transaction = wallet.network.transactions.build(wallet.keys.identity, "identity", "leave", [content.handle])
+        content.leaving.append(transaction.txid)
         wallet.store.save()
-        try:
-            receipt = await wallet.network.call(wallet.keys.identity, "identity", "leave", [content.handle])
-        except BlockRobotError as error:
-            if error.code == "CALL_REFUSED":
-                content.left = False
-                wallet.store.save()
-            raise
+        receipt = (await wallet.network.submit_and_wait(transaction)).require_ok()
+        content.left, content.leaving = True, []
+        wallet.store.save()
         return receipt.height

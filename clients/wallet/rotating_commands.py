@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import os
 import secrets
 import sys
@@ -11,16 +13,18 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
 from clients.wallet.linking import tell_linked
-from clients.wallet.opening import run_opened
+from clients.wallet.opening import STOLEN_PAGE, run_opened
 from clients.wallet.rotating import Rotating, Transferred
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 
 SPREAD_DEFAULT_MINUTES = 10
 SPREAD_MAX_MINUTES = 7 * 24 * 60
-_HOW_TO = "docs/how-to/when-your-wallet-is-stolen.md"
+RECEIPTS_WAIT_S = 5.0
 
 
 def _spread(command: Any) -> Any:
@@ -87,12 +91,14 @@ def _transferred_json(done: Transferred) -> dict[str, Any]:
     return {
         "transferred": [visit.owner.hex() for visit in done.done],
         "taken_visits": [visit.owner.hex() for visit in done.taken],
+        "stuck_visits": [visit.owner.hex() for visit in done.stuck],
     }
 
 
 def _tell_transferred(done: Transferred) -> None:
     console.print(f"{len(done.done)} visits have a key of your present words.")
     print_taken(len(done.taken))
+    print_stuck(len(done.stuck))
     if done.refusal is not None:
         console.print("[red]It was ended early; run the same command again to go on.[/red]")
         raise done.refusal
@@ -103,7 +109,17 @@ def print_taken(count: int) -> None:
     if count:
         console.print(
             f"[red]{count} visits were given a key that is not of your words, by somebody who had their key: they are"
-            f" out of this wallet's reach. Tell the hospital's data protection officer; see {_HOW_TO}.[/red]"
+            f" out of this wallet's reach. Tell the hospital's data protection officer; see {STOLEN_PAGE}.[/red]"
+        )
+
+
+def print_stuck(count: int) -> None:
+    """Say, if so, that visits can be given no other key any more."""
+    if count:
+        console.print(
+            f"[red]{count} visits still obey your former words, and cannot be given another key any more: they were moved"
+            " too often. Whoever has those words sees them. You can have them erased: blockrobot wallet erase; see"
+            f" {STOLEN_PAGE}.[/red]"
         )
 
 
@@ -112,12 +128,14 @@ def words_json(content: WalletContent) -> dict[str, Any]:
     return {
         "taken_visits": [visit.owner.hex() for visit in content.visits if visit.taken],
         "exposed_visits": [visit.owner.hex() for visit in exposed(content)],
+        "stuck_visits": [visit.owner.hex() for visit in content.visits if visit.stuck and not visit.taken],
     }
 
 
 def exposed(content: WalletContent) -> list[Any]:
-    """Return the visits of which a key from former words still decides, as far as the wallet has read."""
-    return [visit for visit in content.visits if visit.era != len(content.former) and not visit.taken]
+    """Return the visits of which a key from former words still decides, and can be replaced, as far as is known."""
+    present = len(content.former)
+    return [visit for visit in content.visits if visit.era != present and not visit.taken and not visit.stuck]
 
 
 def print_words(content: WalletContent) -> None:
@@ -127,6 +145,23 @@ def print_words(content: WalletContent) -> None:
             f"[red]{len(exposed(content))} visits still obey your former words. Run: blockrobot wallet transfer[/red]"
         )
     print_taken(sum(visit.taken for visit in content.visits))
+    print_stuck(sum(visit.stuck and not visit.taken for visit in content.visits))
+
+
+async def _fetch_receipts(opened: Wallet) -> int:
+    """Fetch the receipts of consent that are still due, for some seconds; return how many are not to be had.
+
+    Theft is no time to wait: custodians that do not answer cost the receipts, not the visits.
+    """
+    content = opened.store.content
+    try:
+        async with asyncio.timeout(RECEIPTS_WAIT_S):
+            for txid in list(content.receipts_due):
+                with contextlib.suppress(BlockRobotError):
+                    await ConsentReceipts(opened).obtain(txid)
+    except TimeoutError:
+        pass
+    return len(content.receipts_due)
 
 
 @click.command()
@@ -150,6 +185,8 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             if words_file is None and not sys.stdin.isatty():
                 raise click.UsageError("There is no terminal to show the words on: give --words-file.")
             await opened.scan()
+            if opened.member_gone:
+                raise BlockRobotError("MEMBER_NO_MORE")
             _ask_or_say("You get 24 new words, and the old ones decide of nothing any more. Go on?", yes=yes)
             rotating.prepare()
         if rotating.must_show:
@@ -157,7 +194,9 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
                 raise click.UsageError("There is no terminal to show the words on: give --words-file.")
             _show_words(rotating.prepare(), words_file)
             rotating.confirm_shown()
-        await rotating.rotate()
+        due_count = await _fetch_receipts(opened) if content.next_words else 0
+        if await rotating.rotate() and due_count:
+            click.echo(f"{due_count} receipts of consent that were still due cannot be had any more.", err=True)
         return await _transfer(rotating, over_minutes, now=now, as_json=as_json)
 
     done = run_opened(ctx, action)

@@ -61,19 +61,26 @@ class VisitReport:
     standing: VisitRights = field(default_factory=VisitRights)
 
 
+_LOOK_UP_MS = 2_000
 _RIGHTS = tuple(
     b"rights\x00" + name + b"/" for name in (b"restriction", b"objection", b"correction-count", b"quarantine")
 )
 
 
 class Wallet:
-    """An open wallet on a network. Use as `async with`."""
+    """An open wallet on a network. Use as `async with`.
+
+    `member_gone` says, after a scan, that its words make nobody a member any more, though she did not leave: what is shown
+    is what the wallet knew before, and without the visits that are `out_of_reach`, whose key was replaced.
+    """
 
     def __init__(self, store: Keystore, genesis: Genesis) -> None:
         self.store = store
         self.genesis = genesis
         self.load_keys()
         self.network = NetworkClient(genesis, pinned=store.content.pin or None)
+        self.member_gone = False
+        self.out_of_reach: tuple[KnownVisit, ...] = ()
 
     async def __aenter__(self) -> Wallet:
         return self
@@ -147,7 +154,8 @@ class Wallet:
 
     def _remember_registration(self, member: dict[str, Any]) -> None:
         content = self.store.content
-        content.handle, content.role, content.left = member["handle"], member["role"], False
+        content.handle, content.role = member["handle"], member["role"]
+        content.left, content.leaving = False, []
         self.store.save()
 
     async def values(self, keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
@@ -177,8 +185,9 @@ class Wallet:
     async def scan(self) -> list[KnownVisit]:
         """Read the announcements that are new since last time and return all visits that are this person's.
 
-        Without those that somebody else has taken. Who has left reads no more announcements, and has what she knew.
-        Raises MEMBER_NO_MORE if the member key was replaced or its membership ended, unknown to this wallet.
+        Without those that somebody else has taken. Who has left reads no more announcements, and has what she knew. So
+        has she whose membership ended otherwise (see `member_gone`), but for visits that obey her no more. Raises
+        MEMBER_NO_MORE if she has none left.
         """
         await self.require_registered()
         content = self.store.content
@@ -186,15 +195,53 @@ class Wallet:
             try:
                 page = await self._read_announcements(content.scanned_count)
             except BlockRobotError as error:
-                if error.code != "MEMBER_NO_MORE" or not content.left:
+                if error.code != "MEMBER_NO_MORE":
                     raise
-                break
+                if await self.has_left():
+                    break
+                return await self._scan_without_membership()
             follow_announcements(content.visits, page.items, self.eras, self.genesis.chain_id)
             content.scanned_count = page.next_number
             if page.next_number >= page.count:
                 break
         self.store.save()
         return [visit for visit in content.visits if not visit.taken]
+
+    async def _scan_without_membership(self) -> list[KnownVisit]:
+        """Return the visits known before that a key of this wallet still decides of, each asked in its own session."""
+        self.member_gone = True
+        reached: list[KnownVisit] = []
+        lost: list[KnownVisit] = []
+        for visit in self.store.content.visits:
+            if not visit.taken:
+                (reached if await self._is_obeyed(visit) else lost).append(visit)
+        self.out_of_reach = tuple(lost)
+        if not reached:
+            raise BlockRobotError("MEMBER_NO_MORE")
+        return reached
+
+    async def _is_obeyed(self, visit: KnownVisit) -> bool:
+        key = self.owner_key(visit)
+        try:
+            current = await self.network.state_value("records", b"current/" + visit.owner, key)
+        except BlockRobotError as error:
+            if error.code != "SESSION_REFUSED":
+                raise
+            return False
+        return bool((visit.owner if current is None else current["owner"]) == key.public_key)
+
+    async def has_left(self) -> bool:
+        """Tell whether she left by this wallet: by a proven receipt, which anybody may ask for, without a session."""
+        content = self.store.content
+        for txid in () if content.left else tuple(content.leaving):
+            try:
+                receipt = await self.network.wait_final(txid, _LOOK_UP_MS, lane=self.keys.identity.public_key)
+            except BlockRobotError:
+                continue
+            if receipt.ok:
+                content.left, content.leaving = True, []
+                self.store.save()
+        return content.left
 
     async def _read_announcements(self, first: int) -> AnnouncementPage:
         try:

@@ -20,6 +20,7 @@ from consensus.primitives.encoding import decode_value, encode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata, compute_metadata_hash
+from consensus.transaction import Transaction
 from contracts.execution.standing import find_role, find_root, has_standing
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit
@@ -74,6 +75,13 @@ class Final:
 
     txid: bytes
     height: int
+    ok: bool = True
+    code: str = ""
+
+    def require_ok(self) -> Final:
+        if not self.ok:
+            raise BlockRobotError("CALL_REFUSED", self.code)
+        return self
 
 
 class Chain:
@@ -84,6 +92,7 @@ class Chain:
     def __init__(self, hospital: Hospital, power: Power) -> None:
         self.hospital, self.power = hospital, power
         self.calls: list[tuple[bytes, str]] = []
+        self.finals: dict[bytes, Final] = {}
 
     async def close(self) -> None:
         """Nothing is open."""
@@ -112,17 +121,34 @@ class Chain:
         ]
         return AnnouncementPage(count, tuple(items), first + len(items))
 
-    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Final:
+    @property
+    def transactions(self) -> Chain:
+        """Who builds transactions."""
+        return self
+
+    def build(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Transaction:
+        return self.hospital.sign(key, contract, entry, *arguments)
+
+    async def submit_and_wait(self, transaction: Transaction) -> Final:
         self.power.moment()
-        transaction = self.hospital.sign(key, contract, entry, *arguments)
         if not has_standing(self.hospital.state, transaction, self.hospital.time_ms):
             raise BlockRobotError("SENDER_WITHOUT_STANDING")
-        self.calls.append((key.public_key, entry))
+        self.calls.append((transaction.body.sender, transaction.body.entry))
         (receipt,) = self.hospital.block([transaction])
-        if not receipt.ok:
-            raise BlockRobotError("CALL_REFUSED", receipt.code)
-        self.power.moment()
-        return Final(receipt.txid, self.hospital.height)
+        final = Final(receipt.txid, self.hospital.height, receipt.ok, receipt.code)
+        self.finals[receipt.txid] = final
+        if receipt.ok:
+            self.power.moment()
+        return final
+
+    async def wait_final(self, txid: bytes, _timeout_ms: int, *, lane: bytes) -> Final:
+        """Anybody may ask, without a session."""
+        if txid not in self.finals:
+            raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
+        return self.finals[txid]
+
+    async def call(self, key: PrivateKey, contract: str, entry: str, arguments: list[Any]) -> Final:
+        return (await self.submit_and_wait(self.build(key, contract, entry, arguments))).require_ok()
 
 
 class CutStore(Keystore):

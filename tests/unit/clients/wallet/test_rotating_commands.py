@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,9 @@ from click.testing import CliRunner, Result
 
 from clients.wallet import opening, rotating_commands
 from clients.wallet.cli import wallet
+from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keystore import Keystore
+from clients.wallet.rotating import Rotating
 from clients.wallet.wallet import Wallet
 from tests.unit.clients.wallet.stolen import Story
 
@@ -131,3 +134,60 @@ def test_leaving_says_what_stays_and_asks(desk: Desk) -> None:
     assert gone == {"ok": True, "height": desk.story.hospital.height}
     assert json.loads(desk.run("leave", "--yes", "--json").stdout) == {"ok": True, "height": None}
     assert len(json.loads(desk.run("records", "--json").stdout)["visits"]) == 1
+
+
+def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: Desk) -> None:
+    """Each command that opens the wallet says so; a program's object stays one object."""
+    assert desk.run("records").exit_code == 0
+    assert "WARNING" not in desk.run("records").output
+    thief = Rotating(desk.story.copy("thief", OLD_WORDS, []))
+    thief.prepare()
+    thief.confirm_shown()
+    asyncio.run(thief.rotate())
+    done = desk.run("records", "--json")
+    assert len(json.loads(done.stdout)["visits"]) == 1
+    assert "make nobody a member any more" in done.stderr
+    assert "when-your-wallet-is-stolen" in done.stderr
+    refused = desk.rotate()
+    assert refused.exit_code == 4
+    assert "registrar's desk" in " ".join(refused.output.split())
+    assert desk.story.open().store.content.next_words == ""
+    left = desk.run("leave", "--yes", "--json")
+    assert (left.exit_code, json.loads(left.stdout)["error"]["code"]) == (4, "MEMBER_NO_MORE")
+
+
+def test_a_visit_that_nobody_can_move_any_more_is_told(desk: Desk) -> None:
+    assert desk.rotate().exit_code == 0
+    name = json.loads(desk.run("records", "--json").stdout)["visits"][0]["visit"]
+    store = desk.story.open().store
+    store.content.visits[0].stuck = True
+    store.save()
+    said = " ".join(desk.run("transfer", "--now").output.split())
+    assert "1 visits still obey your former words, and cannot be given another key any more" in said
+    told = json.loads(desk.run("records", "--json").stdout)
+    assert (told["stuck_visits"], told["exposed_visits"]) == ([name], [])
+
+
+def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer_after(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One custodian's answer comes, another's does not: rotating waits some seconds at most, and says what is missing."""
+    asked: list[tuple[bytes, str]] = []
+
+    async def obtain(self: ConsentReceipts, txid: bytes) -> None:
+        content = self._wallet.store.content
+        asked.append((txid, content.words))
+        if txid == b"2":
+            await asyncio.Event().wait()
+        content.receipts_due.remove(txid)
+
+    monkeypatch.setattr(ConsentReceipts, "obtain", obtain)
+    monkeypatch.setattr(rotating_commands, "RECEIPTS_WAIT_S", 0.01)
+    store = desk.story.open().store
+    store.content.receipts_due = [b"1", b"2"]
+    store.save()
+    done = desk.rotate()
+    assert done.exit_code == 0, done.output
+    assert "1 receipts of consent that were still due cannot be had any more" in done.stderr
+    assert asked == [(b"1", OLD_WORDS), (b"2", OLD_WORDS)]
+    assert desk.story.open().store.content.receipts_due == []
