@@ -31,6 +31,10 @@ SEALED_METADATA_BYTES = 560
 # Patients and operators are told by one measure that a custodian's receipt for an erasure is late.
 ERASURE_OVERDUE_AFTER_MS = 120_000
 
+# So long after the end of a grant its key may still read what became of the records, and say that copies are gone.
+GRANT_NOTICE_MS = 90 * 24 * 3600 * 1000
+GRANTS_OPEN_MAX_COUNT = 64
+
 # Consensus core
 TREE_BLOCKS_MAX_COUNT = 4096
 ORPHAN_BLOCKS_MAX_COUNT = 256

@@ -2,7 +2,8 @@
 
 Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
 also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
-access, erasure, transfer and other rights only), as a custodian, as a registrar or admin of an active organisation, as a
+access, erasure, transfer and other rights only), as a grantee by the key of a grant (to ask while it stands, and to say
+for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active organisation, as a
 producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
 good and whose handle is free.
 """
@@ -13,6 +14,7 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from consensus.errors import BlockRobotError
+from consensus.limits import GRANT_NOTICE_MS
 from consensus.primitives.encoding import decode_value, u64
 from consensus.primitives.keys import recover
 from consensus.records.vouchers import CARD_TAG, VOUCHER_TAG
@@ -20,6 +22,7 @@ from consensus.transaction import Transaction
 from contracts.state.view import StateReader
 
 OWNER_ENTRIES_OF_RECORDS = frozenset({"transfer"})
+GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
@@ -71,13 +74,23 @@ def _owns_visit(state: Reader, owner: bytes) -> bool:
     return find_root(state, owner) is not None
 
 
-def has_grant(state: Reader, key: bytes) -> bool:
-    """Tell whether something was ever shared with this one-time key; after its end she still says what she deleted."""
-    return state.get(b"access\x00grant-of/" + key) is not None
+def find_grant(state: Reader, key: bytes, now_ms: int) -> dict[str, Any] | None:
+    """Return the grant of this one-time key: while it stands, and so long after as she says what she deleted."""
+    data = state.get(b"access\x00grant-of/" + key)
+    data = None if data is None else state.get(b"access\x00grant/" + decode_value(data))
+    grant: dict[str, Any] | None = None if data is None else decode_value(data)
+    return None if grant is None or now_ms >= grant["ended_ms"] + GRANT_NOTICE_MS else grant
+
+
+def _is_grantees_matter(state: Reader, sender: bytes, contract: str, entry: str, now_ms: int) -> bool:
+    if contract != "access" or entry not in GRANTEE_ENTRIES:
+        return False
+    grant = find_grant(state, sender, now_ms)
+    return grant is not None and (entry == "noticed" or now_ms < grant["ended_ms"])
 
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
-    "access": lambda state, sender: _owns_visit(state, sender) or has_grant(state, sender),
+    "access": _owns_visit,
     "consent": _is_registered,
     "erasure": _owns_visit,
     "records": _owns_visit,
@@ -137,7 +150,9 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
         return ""
-    if _is_own_matter(state, sender, body.contract, body.entry):
+    if _is_own_matter(state, sender, body.contract, body.entry) or _is_grantees_matter(
+        state, sender, body.contract, body.entry, chain_time_ms
+    ):
         return ""
     if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
         return ""

@@ -5,9 +5,9 @@ access/id -> {owner, records, purpose, time, released, refused}, the id being th
 records the whole visit; one by a grantee has the `grant` too. verdict/record id -> {verdict, frames, time};
 release/id+hash of custodian and records -> True.
 
-grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, time, height, status, noticed,
-notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
-holds no copy any more; grant-number/n -> id; grant-count -> n; grant-of/G -> id. The grantee's key G is a one-time key,
+grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, ended_ms, time, height, status,
+noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
+holds no copy any more; grant-number/n -> id; grant-count -> n; grant-of/G -> id; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
 found by scanning as visits are; who she is stands in a salted hash.
 """
 
@@ -17,6 +17,8 @@ HASH_BYTES = 32
 GRANT_RECORDS_MAX_COUNT = 64
 GRANT_STEP_MS = 300000
 GRANT_MAX_MS = 31622400000
+GRANT_NOTICE_MS = 7776000000
+GRANTS_OPEN_MAX_COUNT = 64
 NOTICES_MAX_COUNT = 256
 PAGE_MAX_COUNT = 128
 OWN_PURPOSE = "own-access"
@@ -142,8 +144,17 @@ def check_grantee(grantee: bytes, ephemeral: bytes, view_tag: int, member_hash: 
     require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
     require(len(member_hash) == HASH_BYTES, "MEMBER_HASH_WRONG", "A hash has 32 bytes.")
     require(not state.has(b"grant-of/" + grantee), "GRANT_EXISTS", "The one-time key was used for a grant before.")
-    taken = call("records", "visit", grantee) is not None or call("identity", "member", grantee) is not None
+    taken = call("records", "is_owner_key", grantee) or call("identity", "member", grantee) is not None
     require(not taken, "GRANTEE_WRONG", "G is a fresh one-time key: neither a member's nor a visit's.")
+
+
+def open_grants(owner: bytes) -> dict:
+    """The grants of a visit that stand: id and end of each."""
+    found = {}
+    for grant_id, until_ms in state.get(b"open-grants/" + owner, {}).items():
+        if until_ms > ctx.time:
+            found[grant_id] = until_ms
+    return found
 
 
 @export
@@ -152,7 +163,8 @@ def grant(
 ):
     """Share 1 to 64 records with one member for a purpose, until a time. Who may call: the visit's owner key.
 
-    What is restricted, denied or objected to is not shared. `until_ms` is on five full minutes, 366 days ahead at most.
+    What is restricted, denied or objected to is not shared. `until_ms` is on five full minutes, 366 days ahead at most;
+    64 grants of a visit stand at once.
     """
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     check_named(records)
@@ -163,6 +175,10 @@ def grant(
     require(in_range and until_ms % GRANT_STEP_MS == 0, "UNTIL_WRONG", "A grant ends on five full minutes, in 366 days at most.")
     owner = call("records", "root_of", ctx.caller)
     require_shareable(owner, records, purpose)
+    standing = open_grants(owner)
+    require(len(standing) < GRANTS_OPEN_MAX_COUNT, "GRANTS_TOO_MANY", "64 grants of the visit stand: revoke one first.")
+    standing[ctx.txid] = until_ms
+    state.put(b"open-grants/" + owner, standing)
     number = state.get(b"grant-count", 0)
     entry = {
         "owner": owner,
@@ -173,6 +189,7 @@ def grant(
         "member_hash": member_hash,
         "purpose": purpose,
         "until_ms": until_ms,
+        "ended_ms": until_ms,
         "time": ctx.time,
         "height": ctx.height,
         "status": "active",
@@ -215,7 +232,11 @@ def revoke(grant_id: bytes):
     require(entry["owner"] == owner, "NOT_THE_OWNER", "The grant is another visit's.")
     require(not has_ended(entry), "GRANT_ENDED", "The grant was revoked before, or its time is over.")
     entry["status"] = "revoked"
+    entry["ended_ms"] = ctx.time
     state.put(b"grant/" + grant_id, entry)
+    standing = open_grants(owner)
+    del standing[grant_id]
+    state.put(b"open-grants/" + owner, standing)
     note(owner, entry["records"], "grant_revoked", {"grant_id": grant_id})
     emit("revoked", {"grant_id": grant_id, "owner": owner})
 
@@ -254,11 +275,12 @@ def request_granted(grant_id: bytes, records: list, purpose: str):
 def noticed(grant_id: bytes, record_ids: list):
     """Say that one was told what became of shared records, and keeps no copy of what is gone.
 
-    It counts after the end of the grant too. Who may call: the grantee's key of the grant.
+    It counts for 90 days after the end of the grant too. Who may call: the grantee's key of the grant.
     """
     entry = require_grant(grant_id)
     require(entry["grantee"] == ctx.caller, "NOT_THE_GRANTEE", "The grant is for another key.")
     check_named(record_ids)
+    require(ctx.time < entry["ended_ms"] + GRANT_NOTICE_MS, "GRANT_ENDED", "The grant ended more than 90 days ago.")
     require(entry["notices"] < NOTICES_MAX_COUNT, "NOTICES_TOO_MANY", "A grant takes 256 notices.")
     gone = []
     for record_id in record_ids:
@@ -279,6 +301,12 @@ def noticed(grant_id: bytes, record_ids: list):
 def grant_of(grant_id: bytes) -> dict | None:
     """Return a grant's state, or None."""
     return state.get(b"grant/" + grant_id)
+
+
+@view
+def has_grant(key: bytes) -> bool:
+    """Tell whether this one-time key was ever used for a grant."""
+    return state.has(b"grant-of/" + key)
 
 
 @view

@@ -27,6 +27,7 @@ RECORD_COUNT_MAX = 100000
 SCAN_MAX_COUNT = 256
 SCAN_PART_COUNT = 32
 TRANSFERS_MAX_COUNT = 64
+TRANSFER_TAG = "blockrobot/transfer"
 
 
 def require_robot():
@@ -46,8 +47,8 @@ def check_new_keys(owner: bytes, ephemeral: bytes, view_tag: int):
 
 
 def require_unused(owner: bytes):
-    used = state.has(b"visit/" + owner) or state.has(b"root/" + owner)
-    require(not used, "VISIT_EXISTS", "There is, or was, a visit under this owner key.")
+    require(not is_owner_key(owner), "VISIT_EXISTS", "There is, or was, a visit under this owner key.")
+    require(not call("access", "has_grant", owner), "GRANT_EXISTS", "Something was shared with this key: it decides nothing.")
 
 
 def announce(parts: list) -> int:
@@ -157,8 +158,11 @@ def close_visit(owner: bytes, record_count: int):
 
 
 @export
-def transfer(owner: bytes, ephemeral: bytes, view_tag: int):
-    """Put a new owner key in place of a visit's own, which decides nothing any more. Who may call: the visit's owner key.
+def transfer(owner: bytes, ephemeral: bytes, view_tag: int, new_owner_signature: bytes):
+    """Put a new owner key in place of a visit's own, which decides nothing any more.
+
+    Who may call: the visit's owner key, with the new key's agreement: nobody takes up a key that is another's, or that a
+    robot is about to use.
 
     The new key is announced as a visit is, so that its holder finds it. A denied visit can be transferred too: nothing is
     released by that, and whoever stole its key would have it once the quarantine ends.
@@ -166,6 +170,8 @@ def transfer(owner: bytes, ephemeral: bytes, view_tag: int):
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     check_new_keys(owner, ephemeral, view_tag)
     root = root_of(ctx.caller)
+    signer = recover(TRANSFER_TAG, new_owner_signature, ctx.chain + root + owner)
+    require(signer == owner, "TRANSFER_SIGNATURE_WRONG", "The new key did not sign that it takes this visit over.")
     require_unused(owner)
     before = state.get(b"current/" + root)
     transfers = 1
@@ -188,6 +194,12 @@ def root_of(key: bytes) -> bytes:
     require(state.has(b"visit/" + root), "VISIT_UNKNOWN", "There is no visit under this owner key.")
     require(current_of(root) == key, "VISIT_TRANSFERRED", "The visit was transferred: another key decides of it now.")
     return root
+
+
+@view
+def is_owner_key(key: bytes) -> bool:
+    """Tell whether a visit has, or had, this owner key."""
+    return state.has(b"visit/" + key) or state.has(b"root/" + key)
 
 
 @view

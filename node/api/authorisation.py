@@ -71,6 +71,7 @@ CALLERS = (
     _member("custodian", ROLE_CUSTODIAN),
     Caller("owner key", Standing("owner", frozenset())),
     Caller("grantee's key", Standing("grantee", frozenset())),
+    Caller("key of an ended grant", Standing("former-grantee", frozenset())),
 )
 
 

@@ -1,13 +1,13 @@
 """Sessions: a client proves its key once and gets a short-lived token. Must never log, store or return a token twice.
 
-Tokens are kept as hashes only. The table is bounded, for all and for each key: a key that opens too many closes its own
-oldest ones, so a single member cannot put the others out.
+Tokens are kept as hashes only. The table is bounded, for all and for each account, which is a key, or all the grantees
+of one visit: who opens too many closes the oldest of the same account, so a single member cannot put the others out.
 """
 
 from __future__ import annotations
 
 import secrets
-from collections import OrderedDict
+from collections import Counter, OrderedDict
 from dataclasses import dataclass
 
 from consensus.errors import BlockRobotError
@@ -16,7 +16,7 @@ from consensus.primitives.keys import is_public_key
 from consensus.session import verify_session
 from node.api.challenges import ChallengeBook
 from node.api.services import Clock, LedgerReader
-from node.api.standing import SessionKind, Standing, find_standing
+from node.api.standing import SessionKind, Standing, find_key_standing
 
 SESSION_LIFETIME_MS = 10 * 60_000
 SESSIONS_MAX_COUNT = 4096
@@ -43,8 +43,8 @@ class SessionTable:
         self._clock = clock
         self._ledger = ledger
         self._challenges = ChallengeBook(clock)
-        self._sessions: OrderedDict[bytes, tuple[bytes, int]] = OrderedDict()
-        self._of_key: dict[bytes, OrderedDict[bytes, None]] = {}
+        self._sessions: OrderedDict[bytes, tuple[bytes, int, bytes]] = OrderedDict()
+        self._of_account: dict[bytes, OrderedDict[bytes, None]] = {}
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
         """Return a fresh single-use challenge (32 bytes) for this key and when it ends. Raises KEY_INVALID."""
@@ -65,25 +65,30 @@ class SessionTable:
         self._challenges.use_up(public_key, challenge)
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
-        self._insert(sha256(token), public_key, expires_at_ms)
+        self._insert(sha256(token), public_key, expires_at_ms, standing.account or public_key)
         return token, _session(public_key, standing, expires_at_ms)
 
-    def _insert(self, digest: bytes, public_key: bytes, expires_at_ms: int) -> None:
-        own = self._of_key.setdefault(public_key, OrderedDict())
-        self._sessions[digest] = (public_key, expires_at_ms)
+    def _insert(self, digest: bytes, public_key: bytes, expires_at_ms: int, account: bytes) -> None:
+        own = self._of_account.setdefault(account, OrderedDict())
+        self._sessions[digest] = (public_key, expires_at_ms, account)
         own[digest] = None
         if len(own) > SESSIONS_OF_KEY_MAX_COUNT:
-            self._forget(next(iter(own)))
+            self._forget(self._find_surplus(own))
         while len(self._sessions) > SESSIONS_MAX_COUNT:
             self._forget(next(iter(self._sessions)))
+
+    def _find_surplus(self, own: OrderedDict[bytes, None]) -> bytes:
+        """Return the oldest session of that key of an account which has the most."""
+        greedy, _ = Counter(self._sessions[digest][0] for digest in own).most_common(1)[0]
+        return next(digest for digest in own if self._sessions[digest][0] == greedy)
 
     def _forget(self, digest: bytes) -> None:
         known = self._sessions.pop(digest, None)
         if known is not None:
-            own = self._of_key[known[0]]
+            own = self._of_account[known[2]]
             del own[digest]
             if not own:
-                del self._of_key[known[0]]
+                del self._of_account[known[2]]
 
     def resolve(self, token: bytes) -> Session:
         """Return the session behind a token, with the key's standing as it is now on the finalized state.
@@ -94,7 +99,7 @@ class SessionTable:
         known = self._sessions.get(digest)
         if known is None:
             raise BlockRobotError("SESSION_EXPIRED")
-        public_key, expires_at_ms = known
+        public_key, expires_at_ms, _ = known
         if expires_at_ms <= self._clock.now_ms():
             self._forget(digest)
             raise BlockRobotError("SESSION_EXPIRED")
@@ -110,7 +115,7 @@ class SessionTable:
 
     def _standing(self, public_key: bytes) -> Standing | None:
         with self._ledger.snapshot() as snapshot:
-            return find_standing(snapshot, public_key)
+            return find_key_standing(snapshot, public_key)
 
 
 def _session(public_key: bytes, standing: Standing, expires_at_ms: int) -> Session:

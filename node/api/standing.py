@@ -1,31 +1,40 @@
 """Who a key is on the finalized state: an active member, a custodian, who decides of a visit now, or a grantee.
 
+Of a grant that ended its key reads, for a while, what became of the records: nothing else of the chain.
+
 Must never look at anything but finalized state: what could still be undone gives nobody a right.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_role, find_root, has_grant
+from contracts.execution.standing import find_grant, find_role, find_root
 from node.api.services import LedgerSnapshot
 
-SessionKind = Literal["member", "owner", "grantee"]
+SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
 ROLE_ADMIN = "admin"
 ROLE_REGISTRAR = "registrar"
 ROLE_CUSTODIAN = "custodian"
 _ORGANISATIONS_MAX_COUNT = 256
+_NODES = b"membership\x00"
 
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What a key may be: its kind, and the roles of a member."""
+    """What a key may be: its kind, and the roles of a member. Sessions are counted by `account`, if it says one.
+
+    All grantees of a visit are one account: whoever has a visit makes as many of their keys as she likes.
+    """
 
     kind: SessionKind
     roles: frozenset[str]
+    account: bytes = field(default=b"", compare=False)
 
 
 def state_key(contract: str, key: bytes) -> bytes:
@@ -44,7 +53,7 @@ def _is_admin(snapshot: LedgerSnapshot, key: bytes) -> bool:
     return any(key in decode_value(value).get("admins", ()) for _, value in organisations)
 
 
-def find_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
+def find_key_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
     """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design."""
     if len(key) != PUBLIC_KEY_SIZE_BYTES:
         return None
@@ -62,6 +71,29 @@ def find_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
         return Standing(kind="member", roles=frozenset(roles))
     if find_root(snapshot, key) is not None:
         return Standing(kind="owner", roles=frozenset())
-    if has_grant(snapshot, key):
-        return Standing(kind="grantee", roles=frozenset())
-    return None
+    if snapshot.get(state_key("access", b"grant-of/" + key)) is None:
+        return None
+    now_ms = snapshot.header.timestamp_ms
+    grant = find_grant(snapshot, key, now_ms)
+    if grant is None:
+        return None
+    kind: SessionKind = "grantee" if now_ms < grant["ended_ms"] else "former-grantee"
+    return Standing(kind=kind, roles=frozenset(), account=b"grantees of " + grant["owner"])
+
+
+def require_readable(snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, keys: Iterable[bytes]) -> None:
+    """Refuse state that is none of the reader's business: by the key of an ended grant what is not of its visit.
+
+    What names a visit's first key or a granted record is of it; which nodes there are she may read as well. Raises
+    NOT_PERMITTED.
+    """
+    if standing != "former-grantee":
+        return
+    grant_id = snapshot.get(state_key("access", b"grant-of/" + reader))
+    grant = find_grant(snapshot, reader, snapshot.header.timestamp_ms)
+    if grant is None or grant_id is None:
+        raise BlockRobotError("NOT_PERMITTED")
+    own = (grant["owner"], decode_value(grant_id), *grant["records"])
+    for key in keys:
+        if not key.startswith(_NODES) and not any(name in key for name in own):
+            raise BlockRobotError("NOT_PERMITTED", "The grant has ended: only what became of its records is read.")

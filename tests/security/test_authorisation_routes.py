@@ -26,12 +26,12 @@ from node.api.authorisation import CALLERS, Caller, refusal_of
 from node.api.routes import ROUTES
 from node.api.routing import Call, Handler, Route
 from node.api.sessions import SESSION_LIFETIME_MS, SESSIONS_OF_KEY_MAX_COUNT
-from node.api.standing import find_standing
+from node.api.standing import find_key_standing
 from node.faults import FaultSwitch
 from node.interface import WallClock
 from node.operator import OPEN_PATHS, create_operator_listener
 from tests.unit.contracts.privacy.hospital import Hospital, key_of
-from tests.unit.node.api.small_network import SmallLedger, SmallNode
+from tests.unit.node.api.small_network import NOW_MS, SmallLedger, SmallNode
 
 STATE_MAX_COUNT = 1_000_000
 NOT_FOR_YOU = {"SESSION_REQUIRED", "SESSION_EXPIRED", "SESSION_REFUSED", "NOT_PERMITTED"}
@@ -88,12 +88,14 @@ def counted(ran: Counter[str], route: Route) -> Route:
     return replace(route, handler=handle)
 
 
-def grantee_of(hospital: Hospital) -> PrivateKey:
-    """Let somebody share a record; return the key with which it is shared."""
-    visit, key = hospital.open_visit(hospital.enrol("ben")), key_of("grantee")
+def grantee_of(hospital: Hospital, name: str, *, ended: bool = False) -> PrivateKey:
+    """Let somebody share a record, and end that at once if asked; return the key with which it is shared."""
+    visit, key = hospital.open_visit(hospital.enrol(name)), key_of(f"grantee of {name}")
     until_ms = visit.bucket_ms + 3_600_000
     words = [[hospital.record(visit)], key.public_key, key_of("ephemeral").public_key, 7, bytes(32), "care", until_ms]
-    hospital.must(visit.key, "access", "grant", *words)
+    shared = hospital.must(visit.key, "access", "grant", *words)
+    if ended:
+        hospital.must(visit.key, "access", "revoke", shared.txid)
     return key
 
 
@@ -108,7 +110,8 @@ def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
         "custodian": hospital.custodians[0],
         "producer": key_of("custodian-1/producer"),
         "owner key": hospital.open_visit(hospital.enrol("anna")).key,
-        "grantee's key": grantee_of(hospital),
+        "grantee's key": grantee_of(hospital, "ben"),
+        "key of an ended grant": grantee_of(hospital, "cleo", ended=True),
     }
 
 
@@ -116,6 +119,7 @@ def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
 async def tried() -> AsyncIterator[Tried]:
     """Everybody has what sessions they can get; one has expired, and one member was revoked in a session."""
     hospital, ran = Hospital(), Counter[str]()
+    hospital.time_ms = NOW_MS - 60_000
     keys = people_of(hospital)
     node = SmallNode.around(await SmallLedger().start())
     await node.ledger.extend(writes=dict(hospital.state.scan(b"", STATE_MAX_COUNT)))
@@ -152,7 +156,7 @@ async def test_the_table_knows_each_key_as_the_node_does(tried: Tried) -> None:
     with tried.node.services.ledger.snapshot() as snapshot:
         for caller in CALLERS:
             if caller.name in tried.keys.keys() - {"expired session"}:
-                found = find_standing(snapshot, tried.keys[caller.name].public_key)
+                found = find_key_standing(snapshot, tried.keys[caller.name].public_key)
                 assert found == caller.standing, caller.name
 
 

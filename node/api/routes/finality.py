@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import ANYONE, MEMBER_OR_OWNER
+from node.api.access import ANYONE, READER
 from node.api.documents import (
     EPOCHS_PAGE_MAX_COUNT,
     PAGE_MAX_COUNT,
@@ -55,7 +55,7 @@ ROUTES = (
         "/v1/finality",
         "getFinality",
         "The newest finalized header with the proof that it is final.",
-        MEMBER_OR_OWNER,
+        READER,
         _get_finality,
         Answer(JSON, FinalityAnswer, "Height and proof."),
     ),
@@ -74,7 +74,7 @@ ROUTES = (
         "/v1/headers",
         "getHeaders",
         "Consecutive finalized headers; each names the one before.",
-        MEMBER_OR_OWNER,
+        READER,
         _get_headers,
         Answer(JSON, HeadersAnswer, "The headers, lowest first."),
         parameters=(

@@ -7,10 +7,11 @@ from collections.abc import Iterable
 from aiohttp import web
 
 from consensus.primitives.encoding import encode
-from node.api.access import MEMBER_OR_OWNER
+from node.api.access import READER
 from node.api.documents import KeyProof, ProofsAnswer, ProofsRequest, finality_document
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 from node.api.services import LedgerSnapshot
+from node.api.standing import require_readable
 
 
 def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> list[KeyProof]:
@@ -28,11 +29,14 @@ def prove_keys(snapshot: LedgerSnapshot, keys: Iterable[bytes]) -> list[KeyProof
 
 async def _prove(call: Call) -> web.StreamResponse:
     asked = await call.document(ProofsRequest)
+    keys = [bytes.fromhex(key) for key in asked.keys]
     with call.services.ledger.snapshot() as snapshot:
+        if call.session is not None:
+            require_readable(snapshot, call.session.kind, call.caller, keys)
         return json_answer(
             ProofsAnswer(
                 finality=finality_document(snapshot.finality),
-                proofs=prove_keys(snapshot, map(bytes.fromhex, asked.keys)),
+                proofs=prove_keys(snapshot, keys),
             )
         )
 
@@ -43,7 +47,7 @@ ROUTES = (
         "/v1/state-proofs",
         "proveState",
         "Prove presence or absence of keys of the state, all under one finalized root.",
-        MEMBER_OR_OWNER,
+        READER,
         _prove,
         Answer(JSON, ProofsAnswer, "Values and proofs, in the order of the keys."),
         Body(JSON, ProofsRequest, "The flat keys."),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from aiohttp import web
 
-from node.api.access import ANYONE, MEMBER_OR_OWNER
+from node.api.access import ANYONE, READER
 from node.api.documents import ChallengeAnswer, ChallengeRequest, SessionAnswer, SessionRequest
 from node.api.routing import JSON, Answer, Body, Call, Route, json_answer
 
@@ -59,7 +59,7 @@ ROUTES = (
         "/v1/sessions",
         "deleteSession",
         "Close the session that the request is made in.",
-        MEMBER_OR_OWNER,
+        READER,
         _delete_session,
         Answer(JSON, None, "The session is closed.", 204),
     ),

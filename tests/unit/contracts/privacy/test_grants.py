@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from consensus.limits import GRANT_NOTICE_MS, GRANTS_OPEN_MAX_COUNT
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import (
@@ -16,6 +17,7 @@ from consensus.records.sharing import (
     open_grant_keys,
     scan_grant,
 )
+from contracts.execution.standing import has_standing
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, data_of, key_of
 
 SALT = sha256(b"salt of the grant")
@@ -262,3 +264,67 @@ def test_the_largest_grant_fits_the_limits_of_a_call(hospital: Hospital, visit: 
     hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records)
     hospital.must(visit.key, "access", "revoke", grant_id)
     hospital.must(key, "access", "noticed", grant_id, visit.records)
+
+
+def test_64_grants_of_a_visit_stand_at_once(hospital: Hospital, visit: Visit, nurse: Person) -> None:
+    """Everybody of the staff reads every grant, and custodians keep parts of each: nobody may share without end."""
+    words = words_for(hospital, visit, nurse)
+    first = hospital.must(visit.key, "access", "grant", *words).txid
+    for number in range(1, GRANTS_OPEN_MAX_COUNT):
+        later = until(hospital, 7 if number > 1 else 1)
+        hospital.must(visit.key, "access", "grant", *words_for(hospital, visit, nurse, number, until_ms=later))
+
+    def share(number: int, of: Visit = visit) -> str:
+        return hospital.send(of.key, "access", "grant", *words_for(hospital, of, nurse, number)).code
+
+    assert share(64) == "GRANTS_TOO_MANY"
+    other = hospital.open_visit(hospital.enrol("ben"))
+    hospital.record(other)
+    assert share(64, other) == "OK"
+    hospital.must(visit.key, "access", "revoke", first)
+    assert (share(65), share(66)) == ("OK", "GRANTS_TOO_MANY")
+    hospital.time_ms += DAY_MS
+    assert (share(67), share(68)) == ("OK", "GRANTS_TOO_MANY")
+
+
+@pytest.mark.parametrize("ended_by", ["word", "time"])
+def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
+    hospital: Hospital, visit: Visit, nurse: Person, shared: bytes, ended_by: str
+) -> None:
+    key = key_for(hospital, visit, nurse)
+    asking: list[Any] = [shared, visit.records[:1], "care"]
+
+    def waits(entry: str, *arguments: Any) -> bool:
+        transaction = hospital.sign(key, "access", entry, *arguments)
+        return has_standing(hospital.state, transaction, hospital.time_ms)
+
+    assert waits("request_granted", *asking)
+    assert not waits("request", visit.records[:1], "care")
+    if ended_by == "word":
+        hospital.must(visit.key, "access", "revoke", shared)
+        ended_ms = hospital.time_ms
+    else:
+        ended_ms = hospital.time_ms = hospital.view("access", "grant_of", shared)["until_ms"]
+    assert hospital.view("access", "grant_of", shared)["ended_ms"] == ended_ms
+    assert not waits("request_granted", *asking)
+    hospital.time_ms = ended_ms + GRANT_NOTICE_MS - 60_000
+    assert waits("noticed", shared, visit.records[:1])
+    hospital.must(key, "access", "noticed", shared, visit.records[:1])
+    hospital.time_ms = ended_ms + GRANT_NOTICE_MS
+    assert not waits("noticed", shared, visit.records[1:2])
+    assert hospital.send(key, "access", "noticed", shared, visit.records[1:2]).code == "GRANT_ENDED"
+
+
+def test_the_key_of_a_grant_is_never_a_visits(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
+    """An owner of any visit would otherwise make the grantee of another's an owner, and lock her out."""
+    grantee = key_for(hospital, visit, nurse).public_key
+    other = hospital.open_visit(hospital.enrol("ben"))
+    taken = hospital.send(other.key, "records", "transfer", grantee, key_of("r").public_key, 7)
+    assert taken.code == "GRANT_EXISTS"
+    reopened = [grantee, key_of("r").public_key, 7, hospital.bucket(), "care"]
+    assert hospital.send(hospital.robot.identity, "records", "open_visit", *reopened).code == "GRANT_EXISTS"
+    new = hospital.transfer(visit, hospital.enrol("heir"))
+    again = hospital.transfer(visit, hospital.enrol("heirs-heir"), 7, new)
+    for known in (visit.owner, new.public_key, again.public_key):
+        words = words_for(hospital, visit, nurse, number=1, grantee=known)
+        assert hospital.send(again, "access", "grant", *words).code == "GRANTEE_WRONG"

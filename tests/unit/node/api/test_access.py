@@ -19,6 +19,7 @@ from tests.unit.node.api.small_network import SmallNode
 
 MEMBERS = {"subject", "staff", "robot", "officer", "auditor", "registrar", "admin", "custodian"}
 EVERYBODY_KNOWN = MEMBERS | {"owner key", "grantee's key"}
+READERS = EVERYBODY_KNOWN | {"key of an ended grant"}
 EVERYBODY = {caller.name for caller in CALLERS}
 ALLOWED = {
     "getGenesis": EVERYBODY,
@@ -27,11 +28,11 @@ ALLOWED = {
     "getTransaction": EVERYBODY,
     "createSessionChallenge": EVERYBODY,
     "createSession": EVERYBODY,
-    "deleteSession": EVERYBODY_KNOWN,
+    "deleteSession": READERS,
     "getEpochs": EVERYBODY,
-    "getFinality": EVERYBODY_KNOWN,
-    "getHeaders": EVERYBODY_KNOWN,
-    "proveState": EVERYBODY_KNOWN,
+    "getFinality": READERS,
+    "getHeaders": READERS,
+    "proveState": READERS,
     "proveNotices": EVERYBODY,
     "signConsentReceipt": MEMBERS,
     "queryContract": EVERYBODY_KNOWN,
