@@ -15,7 +15,7 @@ from clients.wallet.keys import WalletKeys, derive_keys, draw_words
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
-from consensus.records.owner_keys import VisitKeys, open_visit_keys
+from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, sign_transfer
 from consensus.records.vouchers import sign_rotation
 
 Tell = Callable[[int, int, float], None]
@@ -121,7 +121,7 @@ class Rotating:
         """Put a key of the present words in place of a visit's. Raises CALL_REFUSED with the contract's code."""
         keys = self._draw_keys(visit)
         wallet = self._wallet
-        arguments = [keys.owner, keys.ephemeral, keys.view_tag]
+        arguments = [keys.owner, keys.ephemeral, keys.view_tag, self._sign_transfer(visit, keys)]
         await wallet.network.call(wallet.owner_key(visit), "records", "transfer", arguments)
         for known in wallet.store.content.visits:
             if known.owner == visit.owner:
@@ -138,6 +138,11 @@ class Rotating:
             chain_id=self._wallet.genesis.chain_id,
             robot=visit.robot,
         )
+
+    def _sign_transfer(self, visit: KnownVisit, new: VisitKeys) -> bytes:
+        keys, chain_id = self._wallet.keys, self._wallet.genesis.chain_id
+        key = derive_owner_key(keys.spend, keys.view, new.ephemeral, chain_id=chain_id, robot=visit.robot)
+        return sign_transfer(key, chain_id=chain_id, root=visit.owner)
 
     async def transfer_all(self, over_s: float, tell: Tell) -> Transferred:
         """Transfer every visit that former words still decide of, in an order and at moments that chance decides.

@@ -23,6 +23,7 @@ from consensus.primitives.keys import (
 _SHARED_TAG = "blockrobot/visit"
 _VIEW_TAG = "blockrobot/view-tag"
 _OWNER_TAG = "blockrobot/owner"
+TRANSFER_TAG = "blockrobot/transfer"
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,3 +85,10 @@ def derive_owner_key(
     Raises KEY_INVALID if the ephemeral is no point of the curve.
     """
     return PrivateKey(scalar_add(spend.secret, _tweak(_shared_secret(view, ephemeral, chain_id, robot))))
+
+
+def sign_transfer(new_key: PrivateKey, *, chain_id: bytes, root: bytes) -> bytes:
+    """Return the new owner key's 65-byte signature by which it takes over the visit with the first key `root`."""
+    if len(chain_id) != HASH_SIZE_BYTES or len(root) != PUBLIC_KEY_SIZE_BYTES:
+        raise BlockRobotError("VALUE_INVALID", "A chain id has 32 bytes and an owner key 33.")
+    return new_key.sign(TRANSFER_TAG, chain_id + root + new_key.public_key)

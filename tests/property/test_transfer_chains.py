@@ -46,7 +46,7 @@ def test_of_each_visit_exactly_the_last_key_decides(steps: list[tuple[int, int]]
     for number, (place, signer) in enumerate(steps):
         chain = chains[place]
         key = chain.keys[signer % len(chain.keys)]
-        new, arguments = hospital.transfer_arguments(PERSON, 100 + number)
+        new, arguments = hospital.transfer_arguments(chain.visit.owner, PERSON, 100 + number)
         receipt = hospital.send(key, "records", "transfer", *arguments)
         assert receipt.ok == (key is chain.keys[-1]), receipt.code
         if receipt.ok:

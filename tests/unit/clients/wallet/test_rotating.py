@@ -213,7 +213,7 @@ async def test_what_a_thief_has_taken_first_is_told_and_hides_nothing_else(story
     wallet = story.open()
     mine, other = await wallet.scan()
     thief = Holder("thief", keys=derive_keys(draw_words()))
-    _, arguments = story.hospital.transfer_arguments(thief, 7)
+    _, arguments = story.hospital.transfer_arguments(mine.owner, thief, 7)
     await story.chain.call(wallet.owner_key(mine), "records", "transfer", arguments)
     assert [visit.owner for visit in await wallet.scan()] == [other.owner]
     assert [visit.owner for visit in wallet.store.content.visits if visit.taken] == [mine.owner]
@@ -240,7 +240,7 @@ async def test_a_thief_who_comes_in_between_ends_nothing(story: Story) -> None:
         waited.append(pause_s)
         for number, visit in enumerate(visits):
             if len(waited) == 2 and story.current(visit) == visit.owner:
-                arguments = story.hospital.transfer_arguments(thief, number)[1]
+                arguments = story.hospital.transfer_arguments(visit.owner, thief, number)[1]
                 story.hospital.must(old[visit.owner], "records", "transfer", *arguments)
 
     done = await Rotating(wallet, sleep=steal).transfer_all(600.0, no_words)

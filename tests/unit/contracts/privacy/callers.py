@@ -154,7 +154,7 @@ def _open(scene: Scene) -> list[Any]:
 
 
 def _transfer(scene: Scene) -> list[Any]:
-    return scene.hospital.transfer_arguments(scene.ben, 98)[1]
+    return scene.hospital.transfer_arguments(scene.visit.owner, scene.ben, 98)[1]
 
 
 def _record(scene: Scene) -> list[Any]:
@@ -175,7 +175,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("records", "open_visit", _open, {"robot", "other-robot"}),
     ("records", "record", _record, {"robot"}),
     ("records", "close_visit", lambda s: [s.visit.owner, 2], {"robot"}),
-    ("records", "transfer", _transfer, {"owner", "other-owner", "denied-owner", "new-owner"}),
+    ("records", "transfer", _transfer, {"owner"}),
     ("records", "begin_erasure", lambda s: [s.visit.owner, [s.record_id], []], set()),
     ("records", "complete_erasure", lambda s: [[s.record_id], []], set()),
     ("records", "expire", lambda s: [[s.record_id], bytes(33), 1], set()),

@@ -12,7 +12,7 @@ from consensus.limits import RETENTION_DEFAULT_MS, SEALED_METADATA_BYTES, TIME_B
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
-from consensus.records.owner_keys import derive_owner_key, open_visit_keys
+from consensus.records.owner_keys import derive_owner_key, open_visit_keys, sign_transfer
 from consensus.records.purposes import PURPOSES
 from consensus.records.vouchers import Card, issue_card, sign_card
 from consensus.transaction import Transaction, sign_transaction
@@ -225,14 +225,15 @@ class Hospital:
         self.must(visit.robot.identity, "records", "open_visit", *arguments)
         return visit
 
-    def transfer_arguments(self, person: Person, number: int = 99) -> tuple[PrivateKey, list[Any]]:
+    def transfer_arguments(self, root: bytes, person: Person, number: int = 99) -> tuple[PrivateKey, list[Any]]:
         """Make a person's new owner key for a visit of the robot; return it and the arguments that put it in place."""
-        visit, (owner, ephemeral, view_tag, *_) = self.visit_of(person, number)
-        return visit.key, [owner, ephemeral, view_tag]
+        new, (owner, ephemeral, view_tag, *_) = self.visit_of(person, number)
+        agreed = sign_transfer(new.key, chain_id=self.chain_id, root=root)
+        return new.key, [owner, ephemeral, view_tag, agreed]
 
     def transfer(self, visit: Visit, person: Person, number: int = 99, key: PrivateKey | None = None) -> PrivateKey:
         """Transfer a visit to a new key of a person's, signed by its first key unless another is named."""
-        new, arguments = self.transfer_arguments(person, number)
+        new, arguments = self.transfer_arguments(visit.owner, person, number)
         self.must(key or visit.key, "records", "transfer", *arguments)
         return new
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from consensus.primitives.keys import PrivateKey
-from consensus.records.owner_keys import scan_announcement
+from consensus.records.owner_keys import scan_announcement, sign_transfer
 from contracts.execution.registry import read_source
 from contracts.execution.standing import find_root, has_standing
 from tests.unit.contracts.privacy.hospital import Hospital, Person, Visit, data_of, key_of
@@ -34,7 +34,7 @@ def words_of(visit: Visit) -> list[tuple[str, str, list[Any]]]:
 
 
 def test_the_new_key_is_announced_as_a_visit_is_and_leads_to_the_first_key(hospital: Hospital, visit: Visit) -> None:
-    new, arguments = hospital.transfer_arguments(NEW_ANNA)
+    new, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
     receipt = hospital.must(visit.key, "records", "transfer", *arguments)
     assert data_of(receipt, "transferred") == {
         "owner": visit.owner,
@@ -45,7 +45,7 @@ def test_the_new_key_is_announced_as_a_visit_is_and_leads_to_the_first_key(hospi
     }
     opened, announced = hospital.view("records", "announcements", 0, 10)
     robot = hospital.robot.identity.public_key
-    assert announced == [new.public_key, *arguments[1:], visit.bucket_ms, robot, visit.owner]
+    assert announced == [new.public_key, *arguments[1:3], visit.bucket_ms, robot, visit.owner]
     assert len(opened) == 5
     found = scan_announcement(
         NEW_ANNA.view, NEW_ANNA.spend.public_key, announced[1], announced[2], chain_id=hospital.chain_id, robot=robot
@@ -69,7 +69,7 @@ def test_the_new_key_decides_of_all_there_was_and_is_still_to_come(hospital: Hos
 def test_whoever_stole_the_old_words_decides_nothing_any_more(hospital: Hospital, visit: Visit) -> None:
     hospital.transfer(visit, NEW_ANNA)
     trail = hospital.value("audit", b"count/" + visit.owner)
-    _, to_the_thief = hospital.transfer_arguments(Person("thief"), 7)
+    _, to_the_thief = hospital.transfer_arguments(visit.owner, Person("thief"), 7)
     for contract, entry, arguments in [*words_of(visit), ("records", "transfer", to_the_thief)]:
         assert hospital.send(visit.key, contract, entry, *arguments).code == "VISIT_TRANSFERRED", (contract, entry)
         waiting = hospital.sign(visit.key, contract, entry, *arguments)
@@ -78,7 +78,7 @@ def test_whoever_stole_the_old_words_decides_nothing_any_more(hospital: Hospital
 
 
 def test_a_key_waits_with_a_transfer_only_while_it_decides(hospital: Hospital, visit: Visit) -> None:
-    new, arguments = hospital.transfer_arguments(NEW_ANNA)
+    new, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
 
     def stands(key: PrivateKey, contract: str = "records", entry: str = "transfer") -> bool:
         return has_standing(hospital.state, hospital.sign(key, contract, entry, *arguments), hospital.time_ms)
@@ -126,12 +126,14 @@ def test_the_robot_goes_on_under_the_first_key_and_knows_no_other(hospital: Hosp
 
 def test_no_key_is_ever_used_twice(hospital: Hospital, visit: Visit) -> None:
     other = hospital.open_visit(hospital.enrol("ben"))
-    new, arguments = hospital.transfer_arguments(NEW_ANNA)
+    new, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
     hospital.must(visit.key, "records", "transfer", *arguments)
-    back = [visit.owner, *arguments[1:]]
-    for key, said in ((new, back), (new, arguments), (other.key, arguments), (other.key, back)):
-        assert hospital.send(key, "records", "transfer", *said).code == "VISIT_EXISTS"
-    reopening = [*arguments, hospital.bucket(), "care"]
+    for key, root in ((new, visit.owner), (other.key, other.owner)):
+        for used in (visit.key, new):
+            agreed = sign_transfer(used, chain_id=hospital.chain_id, root=root)
+            said = [used.public_key, *arguments[1:3], agreed]
+            assert hospital.send(key, "records", "transfer", *said).code == "VISIT_EXISTS"
+    reopening = [*arguments[:3], hospital.bucket(), "care"]
     assert hospital.send(hospital.robot.identity, "records", "open_visit", *reopening).code == "VISIT_EXISTS"
 
 
@@ -140,14 +142,35 @@ def test_no_key_is_ever_used_twice(hospital: Hospital, visit: Visit) -> None:
     [(0, b"x", "KEY_SIZE_WRONG"), (1, b"x", "KEY_SIZE_WRONG"), (2, 256, "VIEW_TAG_WRONG"), (2, -1, "VIEW_TAG_WRONG")],
 )
 def test_what_is_no_key_is_refused(hospital: Hospital, visit: Visit, place: int, value: Any, code: str) -> None:
-    _, arguments = hospital.transfer_arguments(NEW_ANNA)
+    _, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
     arguments[place] = value
     assert hospital.send(visit.key, "records", "transfer", *arguments).code == code
     assert hospital.view("records", "current_of", visit.owner) == visit.owner
 
 
+def test_nobody_takes_up_a_key_that_he_does_not_hold(hospital: Hospital, visit: Visit) -> None:
+    """Neither of somebody with whom a record was shared, nor one that a robot is about to use, nor no point at all."""
+    new, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
+    elsewhere = hospital.open_visit(hospital.enrol("ben"))
+    hers, chain_id = key_of("hers"), hospital.chain_id
+    forged = [
+        [hers.public_key, *arguments[1:]],
+        [bytes(33), *arguments[1:]],
+        [*arguments[:3], sign_transfer(visit.key, chain_id=chain_id, root=visit.owner)],
+        [*arguments[:3], sign_transfer(new, chain_id=chain_id, root=elsewhere.owner)],
+        [*arguments[:3], sign_transfer(new, chain_id=bytes(32), root=visit.owner)],
+        [*arguments[:3], bytes(65)],
+        [*arguments[:3], b""],
+    ]
+    for said in forged:
+        assert hospital.send(visit.key, "records", "transfer", *said).code == "TRANSFER_SIGNATURE_WRONG"
+    assert hospital.view("records", "current_of", visit.owner) == visit.owner
+    robot = hospital.robot.identity
+    assert hospital.send(robot, "records", "open_visit", hers.public_key, *arguments[1:3], hospital.bucket(), "care").ok
+
+
 def test_who_has_no_visit_transfers_none(hospital: Hospital, visit: Visit) -> None:
-    _, arguments = hospital.transfer_arguments(NEW_ANNA)
+    _, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA)
     for key in (key_of("stranger"), visit.robot.identity, hospital.enrol("cleo").identity):
         assert hospital.send(key, "records", "transfer", *arguments).code == "VISIT_UNKNOWN"
 
@@ -157,7 +180,7 @@ def test_a_visit_is_transferred_64_times_at_most(hospital: Hospital, visit: Visi
     key = visit.key
     for number in range(64):
         key = hospital.transfer(visit, NEW_ANNA, 100 + number, key)
-    _, arguments = hospital.transfer_arguments(NEW_ANNA, 1000)
+    _, arguments = hospital.transfer_arguments(visit.owner, NEW_ANNA, 1000)
     assert hospital.send(key, "records", "transfer", *arguments).code == "TRANSFERS_TOO_MANY"
     hospital.must(key, "access", "request", [], "own-access")
 
