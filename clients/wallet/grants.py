@@ -101,11 +101,11 @@ async def _read_page(wallet: Wallet, first: int) -> tuple[int, list[Grant]]:
     return count, grants
 
 
-async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
-    """Read the grants that are new since last time and return all that are for this wallet, remembered.
+async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
+    """Read the grants that are new since last time; return all that are for this wallet, and whether new ones were read.
 
-    Who has left reads no more grants, and has what she knew: copies may have to go after that too. Raises PROOF_INVALID
-    if one is left out, NOT_REGISTERED.
+    Who has left, or whose membership was ended, reads no more grants and has what she knew: copies may have to go after
+    that too. Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
     """
     await wallet.require_registered()
     content = wallet.store.content
@@ -113,9 +113,9 @@ async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
         try:
             count, grants = await _read_page(wallet, content.scanned_grants_count)
         except BlockRobotError as error:
-            if error.code != "SESSION_REFUSED" or not content.left:
+            if error.code != "SESSION_REFUSED":
                 raise
-            break
+            return list(content.received_grants), False
         for grant in grants:
             for era, keys in enumerate(wallet.eras):
                 if is_for(grant, keys, wallet.genesis.chain_id):
@@ -124,7 +124,7 @@ async def find_received(wallet: Wallet) -> list[ReceivedGrant]:
         if content.scanned_grants_count >= count:
             break
     wallet.store.save()
-    return list(content.received_grants)
+    return list(content.received_grants), True
 
 
 def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:

@@ -54,13 +54,24 @@ class Inbox:
 
     receipts: tuple[Receipt, ...]
     alarms: tuple[VisitReport, ...]
+    reads_new: bool
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
-    """Read everything that is shared with this person, and look through her own visits. Raises NOT_REGISTERED."""
-    receipts = await Receiving(opened).inbox()
-    reports = await opened.records()
-    return Inbox(tuple(receipts), tuple(each for each in reports if each.missing_count or each.unreadable_ids))
+    """Read everything that is shared with this person, and look through her own visits. Raises NOT_REGISTERED.
+
+    Whose membership ended hears what became of what she knew all the same.
+    """
+    receiving = Receiving(opened)
+    receipts = await receiving.inbox()
+    try:
+        reports = await opened.records()
+    except BlockRobotError as error:
+        if error.code != "MEMBER_NO_MORE":
+            raise
+        reports = []
+    alarms = tuple(each for each in reports if each.missing_count or each.unreadable_ids)
+    return Inbox(tuple(receipts), alarms, receiving.reads_new)
 
 
 def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
@@ -140,9 +151,21 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
             }
             for report in found.alarms
         ]
-        print_json({"ok": True, "received": [receipt_json(each) for each in found.receipts], "alarms": alarms})
+        print_json(
+            {
+                "ok": True,
+                "received": [receipt_json(each) for each in found.receipts],
+                "alarms": alarms,
+                "reads_new": found.reads_new,
+            }
+        )
         return
-    if not found.receipts and not found.alarms:
+    if not found.reads_new:
+        console.print(
+            "You are no member any more, as the network says: this is what your wallet knew. What was shared since, and"
+            " own visits that it did not know, it cannot read."
+        )
+    elif not found.receipts and not found.alarms:
         console.print("Nothing was shared with you, and nothing is missing of what was recorded of you.")
     for receipt in found.receipts:
         for line in receipt_lines(receipt):
@@ -163,19 +186,24 @@ def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[byt
     return [bytes.fromhex(find_record(known, start)) for start in record_ids] or list(otherwise)
 
 
-async def look_at(opened: Wallet, start: str, record_ids: Sequence[str], out: Path) -> list[SharedView]:
+async def look_at(
+    opened: Wallet, start: str, record_ids: Sequence[str], out: Path
+) -> tuple[list[SharedView], list[bytes]]:
     """Ask for the records of a grant on the chain, fetch, check and write them below `out`, an absolute folder.
 
-    Raises GRANT_ENDED and the like.
+    Returns also the records that are left out because their owner restricted them; one of those bars the others only if
+    it was named. Raises GRANT_ENDED and the like, CALL_REFUSED if all are restricted.
     """
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:
         raise BlockRobotError("GRANT_ENDED")
     gone = {notice.record_id for notice in receipt.notices if notice.kind in {KIND_ERASED, KIND_FRAMES_ERASED}}
     left = [record_id for record_id in receipt.grant.records if record_id not in gone]
-    chosen = _choose(receipt, record_ids, left)
-    if not chosen:
+    if not left and not record_ids:
         raise BlockRobotError("CLIP_ERASED", "All of it was erased since it was shared.")
+    barred = {notice.record_id for notice in receipt.notices if notice.kind == KIND_RESTRICTED}
+    chosen = _choose(receipt, record_ids, [each for each in left if each not in barred] or left)
+    left_out = [] if record_ids else [each for each in left if each not in chosen]
     access_id = await receiving.request_access(receipt, chosen)
     views = []
     for record_id in chosen:
@@ -183,7 +211,7 @@ async def look_at(opened: Wallet, start: str, record_ids: Sequence[str], out: Pa
         receiving.remember_copy(receipt, record_id, str(out))
         await write_frames(lambda rendition: receiving.background(receipt, rendition), record_id, view.frames, out)
         views.append(view)
-    return views
+    return views, left_out
 
 
 @click.command()
@@ -202,11 +230,11 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     """
     folder = out.absolute()
 
-    async def action(opened: Wallet) -> list[SharedView]:
+    async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes]]:
         with status_line("asking the chain and the custodians", as_json=as_json):
             return await look_at(opened, grant, record_ids, folder)
 
-    views = run_opened(ctx, action)
+    views, left_out = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -216,7 +244,8 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
             }
             for view in views
         ]
-        print_json({"ok": True, "records": rows, "out": str(out)})
+        barred = [record_id.hex() for record_id in left_out]
+        print_json({"ok": True, "records": rows, "restricted": barred, "out": str(out)})
         return
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
@@ -225,6 +254,8 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
         if view.corrupted:
             line += f"; [red]changed since, or not shared: {', '.join(map(str, view.corrupted))}[/red]"
         console.print(line + ".")
+    for record_id in left_out:
+        console.print(f"{record_id.hex()}: left out, its owner restricted it.")
     console.print(f"They are in {out}. They are another person's: delete them when you are done.")
 
 

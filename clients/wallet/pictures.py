@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
@@ -10,6 +11,7 @@ from clients.sdk.rendition_files import own_pixels, sense_file
 from clients.wallet.viewing import FrameView, RecordView, Viewing
 from consensus.records.renditions import ENCODING_PNG16, Rendition
 
+_PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
 FindBackground = Callable[[Rendition], Awaitable[bytes]]
 
 
@@ -27,9 +29,12 @@ async def write_pictures(viewing: Viewing, view: RecordView, out: Path) -> list[
 async def write_frames(
     background: FindBackground, record_id: bytes, frames: Sequence[FrameView], out: Path
 ) -> list[Path]:
-    """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame."""
+    """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame.
+
+    Only the user of this machine reads them: they are pictures of a person.
+    """
     folder = out / record_id.hex()
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
     written = []
     backgrounds: dict[bytes, bytes] = {}
     for frame in frames:
@@ -39,7 +44,7 @@ async def write_frames(
         if rendition.encoding != ENCODING_PNG16:
             suffix, data = sense_file(rendition)
             other = folder / f"{rendition.sequence:08d}.{suffix}"
-            other.write_bytes(data)
+            _write(other, data)
             written.append(other)
             continue
         if rendition.background_id not in backgrounds:
@@ -53,7 +58,14 @@ async def write_frames(
             rendition.pixels,
         )
         picture = folder / f"{rendition.sequence:08d}.png"
-        picture.write_bytes(colourise(depth))
-        (folder / f"{rendition.sequence:08d}.depth.png").write_bytes(own_pixels(rendition))
+        _write(picture, colourise(depth))
+        _write(folder / f"{rendition.sequence:08d}.depth.png", own_pixels(rendition))
         written.append(picture)
     return written
+
+
+def _write(path: Path, data: bytes) -> None:
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _PRIVATE_FILE)
+    with os.fdopen(descriptor, "wb") as file:
+        os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others
+        file.write(data)

@@ -100,10 +100,15 @@ class Receiving:
         self._wallet = wallet
         self._follow_max_ms = follow_max_ms
         self._sleep = sleep
+        self.reads_new = True
 
     async def inbox(self) -> list[Receipt]:
-        """Return all that was shared with this person, the oldest first, each asked for in its own session."""
-        found = [await self.read(received) for received in await find_received(self._wallet)]
+        """Return all that was shared with this person, the oldest first, each asked for in its own session.
+
+        `reads_new` says after it whether grants that are new could be read: only a member's session shows them.
+        """
+        known, self.reads_new = await find_received(self._wallet)
+        found = [await self.read(received) for received in known]
         return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
@@ -134,8 +139,7 @@ class Receiving:
         values = await self._wallet.values([*places, *states], key)
         corrected = await self._corrected(grant, values[places[2]] or 0, key)
         row, denied = values[places[0]], values[places[1]] is not None
-        touched = any(values[place] is None or values[place]["erased_frames"] for place in states)
-        cut = await self._cut_since(grant, key) if touched else set()
+        cut = await self._cut_since(grant, key)
         end = [] if is_open else [KIND_REVOKED if grant.status == "revoked" else KIND_ENDED]
         notices = []
         for record_id, place in zip(grant.records, states, strict=True):
@@ -156,7 +160,10 @@ class Receiving:
         return notices
 
     async def _cut_since(self, grant: Grant, key: PrivateKey) -> set[bytes]:
-        """Return the records of which single pictures were erased after the grant, by the visit's proven trail."""
+        """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
+
+        The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
+        """
         reader = _TrailReader(self._wallet, key)
         trail = await audit_visit(reader, KnownVisit(grant.owner, b"", b"", 0, 0))
         return {
@@ -246,9 +253,12 @@ class Receiving:
     async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
         """Tell the owner, on the chain, that copies of these records are deleted; forget where they were.
 
-        Returns the txid. Raises CALL_REFUSED.
+        Returns the txid. Raises REQUEST_INVALID for records of which nothing is to be confirmed, CALL_REFUSED.
         """
         received = receipt.received
+        if not set(records) <= set(receipt.to_confirm):
+            text = "Only of what the inbox asks you to delete you can say that it is deleted, and once."
+            raise BlockRobotError("REQUEST_INVALID", text)
         arguments = [receipt.grant.grant_id, list(records)]
         key = grantee_key(received, self._wallet)
         txid = (await self._wallet.network.call(key, "access", "noticed", arguments)).txid

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -51,6 +51,7 @@ _NONCE_BYTES = 24
 _MEMBER = b"identity\x00member/"
 _HANDLE = b"identity\x00handle/"
 _REMOVED = b"identity\x00removed/"
+_ACCESS = b"access\x00access/"
 _SURE_REFUSALS = frozenset({"CALL_REFUSED", "TRANSACTION_EXPIRED", "CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
 """After these the grant is not on the chain, and will not be."""
 Tell = Callable[[str], None]
@@ -97,7 +98,7 @@ class Look:
 class Share:
     """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
 
-    `confirmed` are records of which the grantee said that her copies are deleted.
+    `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since.
     """
 
     grant: Grant
@@ -368,20 +369,23 @@ class Sharing:
         ids = [entry.data["grant_id"] for entry in trail if entry.kind == "granted"]
         if not ids:
             return []
-        grants = await read_grants(self._wallet, ids, self._wallet.owner_key(visit))
+        key = self._wallet.owner_key(visit)
+        grants = await read_grants(self._wallet, ids, key)
+        places = [_ACCESS + entry.data["access_id"] for entry in trail if _is_look(entry)]
+        asked = await self._wallet.values(places, key) if places else {}
         return [
             Share(
                 grant,
                 visit,
                 known.get(grant.grant_id),
                 find_looks(trail, grant.grant_id),
-                find_confirmed(trail, grant.grant_id),
+                find_confirmed(trail, grant.grant_id, asked),
             )
             for grant in grants
         ]
 
     async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
-        """Return the grants by which any of these records was shared, and looked at (Art. 19, last sentence)."""
+        """Return the grants by which any of these records was shared, looked at or not (Art. 19, last sentence)."""
         visits = {entry.visit.owner: entry.visit for entry in entries}
         ids = {entry.record_id for entry in entries}
         found = [share for visit in visits.values() for share in await self.shares_of(visit)]
@@ -401,11 +405,25 @@ def find_looks(trail: Sequence[AuditEntry], grant_id: bytes) -> tuple[Look, ...]
     return tuple(
         Look(entry.time_ms, entry.data["records"], len(released.get(entry.data["access_id"], ())))
         for entry in trail
-        if entry.data.get("grant") == grant_id and isinstance(entry.data.get("access_id"), bytes)
+        if _is_look(entry) and entry.data["grant"] == grant_id
     )
 
 
-def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes) -> frozenset[bytes]:
-    """Return the records of which a grantee said on the chain that her copies are deleted."""
-    told = [entry for entry in trail if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id]
-    return frozenset(record_id for entry in told for record_id in entry.data["records"])
+def _is_look(entry: AuditEntry) -> bool:
+    """Whether a grantee asked for shared records."""
+    return entry.kind == "access_requested" and isinstance(entry.data.get("grant"), bytes)
+
+
+def find_confirmed(trail: Sequence[AuditEntry], grant_id: bytes, asked: Mapping[bytes, Any]) -> frozenset[bytes]:
+    """Return the records of which a grantee said on the chain that her copies are deleted, and did not ask for since.
+
+    `asked` are the proven states of her requests: the trail has only how many records they are of.
+    """
+    gone: set[bytes] = set()
+    for entry in trail:
+        if entry.kind == "grant_noticed" and entry.data["grant_id"] == grant_id:
+            gone.update(entry.data["records"])
+        elif _is_look(entry) and entry.data["grant"] == grant_id:
+            state = asked.get(_ACCESS + entry.data["access_id"])
+            gone.difference_update(gone if state is None else state["records"])
+    return frozenset(gone)

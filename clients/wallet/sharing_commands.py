@@ -28,6 +28,7 @@ from clients.wallet.sharing import (
     select_shareable,
 )
 from clients.wallet.wallet import RecordEntry, Wallet
+from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.purposes import require_purpose
 from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT
@@ -100,6 +101,16 @@ def _shared_json(shared: Shared) -> dict[str, Any]:
     }
 
 
+def tell_of_first(error: BlockRobotError, done: Sequence[Shared]) -> BlockRobotError:
+    """Return a failure that also says what is shared already: of many records, each 64 are a grant of their own."""
+    if not done:
+        return error
+    names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
+    count = sum(len(shared.records) for shared in done)
+    text = f"{count} records are shared already, and stay so until you end it (blockrobot wallet revoke: {names})."
+    return BlockRobotError(error.code, f"{text} The others are not: {error.detail}")
+
+
 def _print_shared(shared: Shared, grantee: Grantee) -> None:
     console.print(
         f"Shared with {name_grantee(grantee)}: {len(shared.records)} records until {show_moment(shared.until_ms)}.\n"
@@ -161,7 +172,10 @@ def share(
         with status_line("sharing", as_json=as_json) as tell:
             for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
                 part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
-                done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+                try:
+                    done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+                except BlockRobotError as error:
+                    raise tell_of_first(error, done) from None
         return grantee, done
 
     grantee, done = run_opened(ctx, action)

@@ -83,7 +83,7 @@ async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the
     assert len(await ward.receiving(nurse).inbox()) == 1
     assert doctor.store.content.scanned_grants_count == 3
     assert len(await receiving.inbox()) == 2, "what is known is not found again"
-    assert await find_received(ward.come_in("visitor", "subject")) == []
+    assert await find_received(ward.come_in("visitor", "subject")) == ([], True)
 
 
 async def test_a_page_that_leaves_a_grant_out_is_refused(
@@ -102,12 +102,14 @@ async def test_a_page_that_leaves_a_grant_out_is_refused(
         await receiving.inbox()
 
 
-async def test_who_has_left_still_hears_what_became_of_what_she_knew(
-    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("left", [True, False])
+async def test_who_has_left_or_was_revoked_still_hears_what_became_of_what_she_knew(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch, left: bool
 ) -> None:
     visit, ids = ward.record_visit(1)
     await ward.share(doctor)
     await only(receiving)
+    assert receiving.reads_new
     await ward.erase(visit, ids)
     honest, member = doctor.values, doctor.keys.identity.public_key
 
@@ -117,10 +119,9 @@ async def test_who_has_left_still_hears_what_became_of_what_she_knew(
         return await honest(keys, session)
 
     monkeypatch.setattr(doctor, "values", refuse_member)
-    with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
-        await receiving.inbox()
-    doctor.store.content.left = True
+    doctor.store.content.left = left
     receipt = await only(receiving)
+    assert not receiving.reads_new, "and it is said that nothing new can be read"
     await receiving.confirm_deleted(receipt, receipt.to_confirm)
     assert (await only(receiving)).to_confirm == []
 
@@ -236,7 +237,7 @@ async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confi
     assert (receipt.to_confirm, [copy.record_id for copy in receipt.received.copies]) == ([], [kept])
     (share,) = await ward.sharing.shares()
     assert share.confirmed == {gone}
-    with pytest.raises(BlockRobotError, match="NOTICE_EXISTS"):
+    with pytest.raises(BlockRobotError, match="REQUEST_INVALID"):
         await receiving.confirm_deleted(receipt, [gone])
 
 
@@ -250,6 +251,40 @@ async def test_pictures_that_were_erased_before_sharing_are_no_news_and_later_on
     await ward.erase(visit, [late], [1])
     (notice,) = (await only(receiving)).notices
     assert (notice.record_id, notice.kind) == (late, KIND_FRAMES_ERASED)
+
+
+async def test_an_erasure_of_single_pictures_is_told_before_every_custodian_has_confirmed_it(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    visit, (record_id,) = ward.record_visit(1)
+    await ward.share(doctor)
+    key = await ward.owner_key(visit.owner)
+    asked = ward.chain.must(key, "erasure", "request", [record_id], [0]).txid
+    assert kinds(await only(receiving)) == {KIND_FRAMES_ERASED}
+    ward.chain.receipts_of_all(asked)
+    assert kinds(await only(receiving)) == {KIND_FRAMES_ERASED}
+
+
+async def test_who_looks_again_after_saying_that_copies_are_gone_is_not_shown_as_having_none(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    visit, (gone, first, second) = ward.record_visit(3)
+    await ward.share(doctor)
+    await ward.erase(visit, [gone])
+    receipt = await only(receiving)
+    with pytest.raises(BlockRobotError, match="REQUEST_INVALID"):
+        await receiving.confirm_deleted(receipt, [gone, first])
+    wire: Any = doctor.network
+    key = grantee_key(receipt.received, doctor)
+    await wire.call(key, "access", "noticed", [receipt.grant.grant_id, [gone, first, second]])
+    (share,) = await ward.sharing.shares()
+    assert share.confirmed == {gone, first, second}, "that is her word, by a program of her own"
+    await receiving.request_access(receipt, [first])
+    (share,) = await ward.sharing.shares()
+    assert share.confirmed == {gone, second}
+    await receiving.request_access(receipt, [first, second])
+    (share,) = await ward.sharing.shares()
+    assert share.confirmed == {gone}, "of what she did not ask for again it stands"
 
 
 async def test_corrections_restrictions_and_denials_are_told_of_the_records_they_are_about(

@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import inbox_commands, sharing_commands
+from clients.wallet.rights import Chosen, Rights
 from clients.wallet.sharing_commands import read_end
 from clients.wallet.wallet import Wallet
 from consensus.records.sharing import GRANT_STEP_MS
@@ -96,6 +97,8 @@ def test_the_whole_story_on_two_command_lines(people: People, tmp_path: Path) ->
     assert "2 of 2 pictures are as the robot took them" in looked.output
     assert len(list((out / record_id.hex()).glob("*.depth.png"))) == 2
     assert len(people.told(ann, "shares")["shares"][0]["looks"]) == 1
+    lines = people.run(ann, "shares").output
+    assert "handed out" not in lines.replace("not handed out so far", ""), "the chain does not say that she got it"
 
     asyncio.run(ward.erase(visit, [record_id]))
     said = people.run(doctor, "inbox").output
@@ -143,6 +146,54 @@ def test_the_inbox_tells_what_is_missing_of_ones_own_visits(people: People) -> N
     (alarm,) = people.told(ward.wallet, "inbox")["alarms"]
     assert (alarm["visit"], alarm["missing_records"]) == (visit.owner.hex(), 2)
     assert "Nothing was shared with you" in people.run(people.doctor, "inbox").output
+
+
+def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_readers_eyes_alone(
+    people: People, tmp_path: Path
+) -> None:
+    ward = people.ward
+    _, (barred, free) = ward.record_visit()
+    asyncio.run(ward.share(people.doctor))
+    (row,) = people.told(ward.wallet, "shares")["shares"]
+
+    async def restrict() -> None:
+        (entry,) = [entry for entry in await ward.entries() if entry.record_id == barred]
+        await Rights(ward.wallet).restrict(Chosen(entry.visit, (entry,)), "accuracy")
+
+    asyncio.run(restrict())
+    out = tmp_path / "shared"
+    told = people.told(people.doctor, "look", row["grant_id"][:8], "--out", out)
+    assert ([each["record_id"] for each in told["records"]], told["restricted"]) == ([free.hex()], [barred.hex()])
+    assert f"{barred.hex()}: left out" in people.run(people.doctor, "look", row["grant_id"][:8], "--out", out).output
+    written = list((out / free.hex()).iterdir())
+    assert {path.stat().st_mode & 0o777 for path in written} == {0o600}
+    assert (out / free.hex()).stat().st_mode & 0o777 == 0o700
+    named = people.run(people.doctor, "look", row["grant_id"][:8], barred.hex(), "--out", out)
+    assert (named.exit_code, "RECORD_RESTRICTED" in named.output) == (1, True)
+
+
+def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
+    ward = people.ward
+    visit, _ = ward.record_visit()
+    monkeypatch.setattr(sharing_commands, "GRANT_RECORDS_MAX_COUNT", 1)
+    honest = ward.sharing.__class__.share
+
+    async def share_once(*given: Any) -> Any:
+        shared = await honest(*given)
+        ward.custody.away = {"custodian-1"}
+        return shared
+
+    monkeypatch.setattr(sharing_commands.Sharing, "share", share_once)
+    handle = people.doctor.store.content.handle.hex()
+    arguments = ["--visit", visit.owner.hex()[:12], "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
+    failed = people.run(ward.wallet, "share", *arguments)
+    assert "SHARE_CUSTODIANS_MISSING" in failed.output
+    (row,) = people.told(ward.wallet, "shares")["shares"]
+    assert failed.exit_code == 1
+    assert (
+        f"1 records are shared already, and stay so until you end it (blockrobot wallet revoke: {row['grant_id'][:12]})"
+        in failed.output
+    )
 
 
 def test_how_long_is_said_in_one_of_two_ways() -> None:
