@@ -14,10 +14,11 @@ from click.testing import CliRunner, Result
 from clients.wallet import opening, rotating_commands
 from clients.wallet.cli import wallet
 from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
 from clients.wallet.rotating import Rotating
 from clients.wallet.wallet import Wallet
-from tests.unit.clients.wallet.stolen import Story
+from tests.unit.clients.wallet.stolen import Holder, Story
 
 OLD_WORDS = " ".join(["abandon"] * 23 + ["art"])
 
@@ -154,6 +155,28 @@ def test_who_was_too_late_is_warned_loudly_and_still_sees(desk: Desk) -> None:
     assert desk.story.open().store.content.next_words == ""
     left = desk.run("leave", "--yes", "--json")
     assert (left.exit_code, json.loads(left.stdout)["error"]["code"]) == (4, "MEMBER_NO_MORE")
+
+
+def test_the_way_for_who_was_too_late_as_it_is_written_down(desk: Desk) -> None:
+    """New words, the former ones beside them, a new card, and what the thief has not moved is out of his reach."""
+    (name,) = [each["visit"] for each in json.loads(desk.run("records", "--json").stdout)["visits"]]
+    thief = Rotating(desk.story.copy("thief", OLD_WORDS, []))
+    thief.prepare()
+    thief.confirm_shown()
+    asyncio.run(thief.rotate())
+    former, words = desk.folder / "old.txt", str(desk.words_file)
+    former.write_text(OLD_WORDS)
+    assert desk.run("new", "--words-file", words, "--fast-passphrase", profile="draft").exit_code == 0
+    restoring = ("restore", "--words-file", words, "--former", str(former), "--fast-passphrase")
+    assert desk.run(*restoring, profile="safe").exit_code == 0
+    hospital = desk.story.hospital
+    person = Holder("again", keys=derive_keys(desk.words_file.read_text().strip()))
+    arguments = hospital.register_arguments(person, hospital.card("again"))
+    hospital.must(person.identity, "identity", "register", *arguments)
+    moved = desk.run("transfer", "--now", "--json", profile="safe")
+    assert json.loads(moved.stdout)["transferred"] == [name]
+    assert "WARNING" not in moved.stderr
+    assert desk.run("records").exit_code == 4
 
 
 def test_a_visit_that_nobody_can_move_any_more_is_told(desk: Desk) -> None:
