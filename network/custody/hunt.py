@@ -17,7 +17,7 @@ from typing import Any
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.custody.searching import Search
-from network.custody.traces import Trace, mongo_documents, trace_chain, trace_store
+from network.custody.traces import Trace, mongo_documents, trace_chain, trace_grants, trace_store
 from node.config import NodeConfig
 from node.offchain.open_store import MONGO_SCHEMES
 from node.storage.lmdb_reader import LedgerFile
@@ -140,7 +140,12 @@ def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace]
     Raises NOT_FOUND if no ledger knows one of them and nothing is known of it, STORE_UNAVAILABLE, STORAGE_*.
     """
     remembered = {trace.record_id: trace for trace in known}
-    traces = [Trace(each, pieces=remembered[each].pieces if each in remembered else {}) for each in record_ids]
+    traces = [
+        Trace(each, pieces=remembered[each].pieces, grants=remembered[each].grants)
+        if each in remembered
+        else Trace(each)
+        for each in record_ids
+    ]
     for config in cluster.configs.values():
         with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as snapshot:
             for trace in traces:
@@ -152,6 +157,10 @@ def gather(cluster: Cluster, record_ids: Sequence[bytes], known: Sequence[Trace]
             trace_store(trace, config)
         if "leaf" in trace.pieces:
             trace.pieces["leaf"] -= trace.pieces.get("root", set())  # of a clip of one frame they are the same
+    for config in cluster.configs.values():
+        with LedgerFile(config.ledger_dir) as ledger, ledger.snapshot() as snapshot:
+            for trace in traces:
+                trace_grants(trace, snapshot)
     return traces
 
 
@@ -159,23 +168,21 @@ class _Tally:
     """Findings as they come, put under the records that they belong to."""
 
     def __init__(self, traces: Sequence[Trace]) -> None:
-        self.owners: dict[bytes, list[tuple[Trace, str]]] = {}
+        self.owners: dict[bytes, list[tuple[Trace, str, bool]]] = {}
         for trace in traces:
             for kind, pieces in trace.pieces.items():
                 for piece in pieces:
                     for form in (piece, piece.hex().encode()):
-                        self.owners.setdefault(form, []).append((trace, kind))
+                        self.owners.setdefault(form, []).append((trace, kind, trace.is_over(piece)))
         self.search = Search(self.owners)
 
     def findings(self, place: str, kind: str, found: Counter[bytes]) -> Iterator[Finding]:
-        counts: Counter[tuple[bytes, str]] = Counter()
-        gone = {}
+        counts: Counter[tuple[bytes, str, bool]] = Counter()
         for form, count in found.items():
-            for trace, what in self.owners[form]:
-                counts[trace.record_id, what] += count
-                gone[trace.record_id] = trace.is_gone
-        for (record_id, what), count in sorted(counts.items()):
-            yield Finding(record_id, place, what, count, explain(kind, what, is_gone=gone[record_id]))
+            for trace, what, is_over in self.owners[form]:
+                counts[trace.record_id, what, is_over] += count
+        for (record_id, what, is_over), count in sorted(counts.items()):
+            yield Finding(record_id, place, what, count, explain(kind, what, is_gone=is_over))
 
 
 def hunt(

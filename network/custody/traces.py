@@ -24,7 +24,7 @@ from consensus.primitives.encoding import decode, decode_value
 from consensus.transaction import decode_transaction
 from network.custody.searching import PREFIX_BYTES, spread
 from node.config import NodeConfig
-from node.offchain.chain_facts import RECORD_PREFIX
+from node.offchain.chain_facts import GRANT_PREFIX, QUARANTINE_PREFIX, RECORD_PREFIX
 from node.offchain.erase_keys import (
     ERASE_KEY_BYTES,
     ERASE_KEYS_FILE_NAME,
@@ -49,16 +49,26 @@ class Trace:
     """Pieces of one record by kind: id, root, metadata, leaf, ciphertext, wrapped-key, sealed-key, erase-key, plaintext,
     and where it was shared wrapped-part, package, key-part.
 
-    `status` is what the finalized state says of the record: active, erasing, erased, expired, or unknown.
+    `status` is what the finalized state says of the record: active, erasing, erased, expired, or unknown. `grants` has
+    the grant of each piece that is of a part of a shared key, `ended` the grants under which nothing may be left.
     """
 
     record_id: bytes
     status: str = "unknown"
     pieces: dict[str, set[bytes]] = field(default_factory=dict)
+    grants: dict[bytes, bytes] = field(default_factory=dict)
+    ended: set[bytes] = field(default_factory=set)
 
-    def add(self, kind: str, content: bytes, count: int = 1) -> None:
-        """Take pieces of a byte string, if it is long enough to tell."""
-        self.pieces.setdefault(kind, set()).update(spread(content, count))
+    def add(self, kind: str, content: bytes, count: int = 1, *, grant: bytes = b"") -> None:
+        """Take pieces of a byte string, if it is long enough to tell; of a part of a shared key with its grant."""
+        pieces = spread(content, count)
+        self.pieces.setdefault(kind, set()).update(pieces)
+        if grant:
+            self.grants.update(dict.fromkeys(pieces, grant))
+
+    def is_over(self, piece: bytes) -> bool:
+        """Tell whether what a piece is of may be left nowhere: the record is gone, or the grant of its part ended."""
+        return self.is_gone or self.grants.get(piece) in self.ended
 
     @property
     def is_gone(self) -> bool:
@@ -69,6 +79,7 @@ class Trace:
 class _Kept(msgspec.Struct):
     format: int
     records: dict[str, dict[str, list[str]]]
+    grants: dict[str, dict[str, str]] = {}
 
 
 def write_traces(path: Path, traces: Sequence[Trace]) -> None:
@@ -77,8 +88,12 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
         trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
         for trace in traces
     }
+    grants = {
+        trace.record_id.hex(): {piece.hex(): grant.hex() for piece, grant in sorted(trace.grants.items())}
+        for trace in traces
+    }
     path.touch(mode=0o600, exist_ok=False)
-    path.write_bytes(msgspec.json.encode(_Kept(FORMAT_VERSION, records)))
+    path.write_bytes(msgspec.json.encode(_Kept(FORMAT_VERSION, records, grants)))
 
 
 def read_traces(path: Path) -> list[Trace]:
@@ -89,6 +104,9 @@ def read_traces(path: Path) -> list[Trace]:
             Trace(bytes.fromhex(name), pieces={kind: {bytes.fromhex(piece) for piece in found} for kind, found in each})
             for name, each in ((name, each.items()) for name, each in kept.records.items())
         ]
+        for trace in traces:
+            told = kept.grants.get(trace.record_id.hex(), {})
+            trace.grants = {bytes.fromhex(piece): bytes.fromhex(grant) for piece, grant in told.items()}
     except (msgspec.MsgspecError, ValueError):
         raise BlockRobotError("FILE_UNUSABLE", f"{path.name} is no file of traces that custody hunt wrote.") from None
     if kept.format != FORMAT_VERSION:
@@ -115,6 +133,20 @@ def trace_chain(trace: Trace, ledger: LedgerSnapshot) -> None:
                 trace.add(kind, content)
 
 
+def trace_grants(trace: Trace, ledger: LedgerSnapshot) -> None:
+    """Note which grants of a record's parts ended by this ledger: revoked, over, or of a visit that is denied."""
+    record = ledger.get(RECORD_PREFIX + trace.record_id)
+    owner = b"" if record is None else decode_value(record)["owner"]
+    at_ms = 0 if ledger.position is None else ledger.position.timestamp_ms
+    is_denied = bool(owner) and ledger.get(QUARANTINE_PREFIX + owner) is not None
+    for grant_id in set(trace.grants.values()):
+        value = ledger.get(GRANT_PREFIX + grant_id)
+        entry = None if value is None else decode_value(value)
+        is_over = entry is not None and (entry["status"] != "active" or entry["until_ms"] <= at_ms)
+        if is_denied or is_over:
+            trace.ended.add(grant_id)
+
+
 @dataclass(frozen=True)
 class _Frame:
     index: int
@@ -139,21 +171,21 @@ def trace_store(trace: Trace, config: NodeConfig) -> None:
         except BlockRobotError:
             continue
         trace.add("sealed-key", sealed_key[-PREFIX_BYTES:])
-    for slot, wrapped in (_read_mongo_parts if is_mongo else _read_sqlite_parts)(config, trace.record_id):
-        _trace_part(trace, _read_erase_key(config, slot), wrapped)
+    for grant, slot, wrapped in (_read_mongo_parts if is_mongo else _read_sqlite_parts)(config, trace.record_id):
+        _trace_part(trace, grant, _read_erase_key(config, slot), wrapped)
 
 
-def _trace_part(trace: Trace, erase_key: bytes, wrapped: bytes) -> None:
+def _trace_part(trace: Trace, grant: bytes, erase_key: bytes, wrapped: bytes) -> None:
     """Take what a custodian keeps because the record was shared: its row, the package in it, and the parts of the key."""
-    trace.add("wrapped-part", wrapped[-PREFIX_BYTES:])
-    trace.add("erase-key", erase_key[:PREFIX_BYTES])
+    trace.add("wrapped-part", wrapped[-PREFIX_BYTES:], grant=grant)
     try:
         held = decode(unwrap_key(erase_key, trace.record_id, PART_PLACE, wrapped), HeldPart)
     except BlockRobotError:
-        return
-    trace.add("package", held.package[-PREFIX_BYTES:])
+        return  # its slot may be another's by now: that key is not of this part
+    trace.add("erase-key", erase_key[:PREFIX_BYTES], grant=grant)
+    trace.add("package", held.package[-PREFIX_BYTES:], grant=grant)
     for part in held.parts:
-        trace.add("key-part", part.value[:PREFIX_BYTES])
+        trace.add("key-part", part.value[:PREFIX_BYTES], grant=grant)
 
 
 def _read_erase_key(config: NodeConfig, slot: int) -> bytes:
@@ -177,23 +209,25 @@ def _read_sqlite(config: NodeConfig, record_id: bytes) -> tuple[list[_Frame], li
     return frames, [joined[start : start + 32] for start in range(0, len(joined), 32)]
 
 
-def _read_sqlite_parts(config: NodeConfig, record_id: bytes) -> list[tuple[int, bytes]]:
-    """Return slot and bytes of each part; a store of a former format has none."""
+def _read_sqlite_parts(config: NodeConfig, record_id: bytes) -> list[tuple[bytes, int, bytes]]:
+    """Return grant, slot and bytes of each part; a store of a former format has none."""
     path = config.custody_dir / DATABASE_FILE_NAME
     try:
         with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5)) as database:
             if not database.execute("SELECT 1 FROM sqlite_master WHERE name = 'parts'").fetchone():
                 return []
-            return database.execute("SELECT slot, wrapped FROM parts WHERE record_id = ?", (record_id,)).fetchall()
+            select = "SELECT grant_id, slot, wrapped FROM parts WHERE record_id = ?"
+            return database.execute(select, (record_id,)).fetchall()
     except sqlite3.Error as error:
         raise BlockRobotError("STORE_UNAVAILABLE", f"The store of {config.name} cannot be read: {error}.") from None
 
 
-def _read_mongo_parts(config: NodeConfig, record_id: bytes) -> list[tuple[int, bytes]]:
+def _read_mongo_parts(config: NodeConfig, record_id: bytes) -> list[tuple[bytes, int, bytes]]:
     try:
         with MongoClient[dict[str, Any]](config.custody_store, serverSelectionTimeoutMS=SERVER_MAX_MS) as client:
             database = client[urlsplit(config.custody_store).path.lstrip("/")]
-            return [(row["slot"], row["wrapped"]) for row in database["parts"].find({"record_id": record_id})]
+            found = database["parts"].find({"record_id": record_id})
+            return [(row["grant_id"], row["slot"], row["wrapped"]) for row in found]
     except PyMongoError as error:
         raise BlockRobotError(
             "STORE_UNAVAILABLE", f"The store's server of {config.name} failed ({type(error).__name__})."

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode_value
+from network.custody import hunt as hunting
+from network.custody.hunt import gather, hunt
+from network.custody.traces import read_traces, write_traces
 from node.offchain.chain_facts import ChainFacts
+from node.offchain.mongo_store import MongoStore
 from node.offchain.scrub import scrub
+from node.offchain.sqlite_store import SqliteStore
 from node.offchain.store import BlockEffects, RecordFacts
 from tests.offchain.house import ACCESS_ID, ERASURE_ID, House
 from tests.offchain.house import refused as refused_with
@@ -188,3 +197,65 @@ async def test_who_has_released_does_not_refuse_because_its_store_was_put_back(
     await opened.custodian.reconcile(state.facts(at_ms=AT_MS))
     refusal = ("access.refused", [ACCESS_ID, "GRANT_PARTS_MISSING"])
     assert await opened.owed() == ([] if has_released else [refusal])
+
+
+# The hunt
+
+
+class Ledger:
+    """A node's ledger for the hunt: a state, without blocks."""
+
+    def __init__(self, state: State) -> None:
+        self._rows = {key: encode_value(value) for key, value in state.rows.items()}
+        self.position = SimpleNamespace(timestamp_ms=AT_MS)
+
+    def __enter__(self) -> Ledger:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def snapshot(self) -> Ledger:
+        return self
+
+    def get(self, key: bytes) -> bytes | None:
+        return self._rows.get(key)
+
+    def block(self, _height: int) -> None:
+        return None
+
+
+@pytest.mark.parametrize("store", ["sqlite", "mongo"])
+@pytest.mark.parametrize("end", ["revoked", "over", "denied"])
+async def test_the_hunt_finds_a_part_that_is_left_after_the_end_of_its_grant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest, store: str, end: str
+) -> None:
+    node = tmp_path / "network" / "nodes" / "node-1"
+    uri = request.getfixturevalue("mongo_database") if store == "mongo" else "sqlite:"
+    make = (lambda: MongoStore(uri)) if store == "mongo" else (lambda: SqliteStore(node / "custody"))
+    folders = {"custody_dir": node / "custody", "erase_keys_dir": node / "erase-keys", "ledger_dir": node / "ledger"}
+    config = SimpleNamespace(name="node-1", custody_store=uri, custodian_key_path=node, **folders)
+    cluster: Any = SimpleNamespace(folder=tmp_path / "network", configs={"node-1": config})
+    clip = record_clip()
+    state = state_of(clip)
+    state.grant(GRANT_ID, clip)
+    monkeypatch.setattr(hunting, "LedgerFile", lambda _folder: Ledger(state))
+    house = House(make, node / "erase-keys")
+    async with house.open():
+        await share(house, clip)
+        traces = gather(cluster, [clip.record_id])
+        assert hunt(cluster, traces).is_clean, "while the grant stands the part may be there"
+        write_traces(tmp_path / "before.json", traces)
+        match end:
+            case "revoked":
+                state.grant(GRANT_ID, clip, status="revoked")
+            case "over":
+                state.grant(GRANT_ID, clip, until_ms=AT_MS)
+            case _:
+                state.quarantine()
+        report = hunt(cluster, gather(cluster, [clip.record_id], read_traces(tmp_path / "before.json")))
+        assert {finding.what for finding in report.forbidden} == {"wrapped-part", "erase-key"}
+        await house.follow(revoked())
+        report = hunt(cluster, gather(cluster, [clip.record_id], read_traces(tmp_path / "before.json")))
+        assert report.is_clean, report.forbidden
+        assert {"ciphertext", "wrapped-key", "erase-key"} <= {finding.what for finding in report.findings}
