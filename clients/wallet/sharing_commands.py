@@ -230,7 +230,7 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
     )
     lines = [head]
     for look in share_.looks:
-        told = "handed out" if look.released_count else "asked for, not handed out so far"
+        told = "may be fetched" if look.released_count else "asked for, no custodian is ready so far"
         lines.append(f"  looked {show_moment(look.time_ms)}: {look.records_count} records {told}")
     if not share_.looks:
         lines.append("  nobody has looked")
