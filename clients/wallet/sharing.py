@@ -87,7 +87,7 @@ class Shared:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One time that the grantee asked for shared records: when, how many, and how many custodians handed some out."""
+    """One time that the grantee asked for shared records: when, how many, and how many custodians then stood ready."""
 
     time_ms: int
     records_count: int
