@@ -34,6 +34,7 @@ FILE_MAX_BYTES = 64 * 1024 * 1024
 RECEIPTS_MAX_COUNT = 4_096
 _CUSTODIAN = b"identity\x00custodian/"
 _NAME = "a consent receipt"
+_VERSIONS_END = (1 << 32) - 1  # the next version has a key too
 _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError, RecursionError)
 
 
@@ -87,9 +88,10 @@ def read_reference(document: bytes) -> tuple[str, int]:
         fields = json.loads(document)
         notice = fields["privacy_notice"]
         organisation, version = fields["pii_controllers"][0]["party_id"], 0 if notice is None else notice["version"]
+        organisation.encode()  # as a key of the state: no text with half a character
     except (*_FORM_ERRORS, UnicodeDecodeError):
         organisation, version = None, None
-    if not isinstance(organisation, str) or type(version) is not int or not 0 <= version < 1 << 32:
+    if not isinstance(organisation, str) or type(version) is not int or not 0 <= version < _VERSIONS_END:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "It has not the form of a consent receipt.")
     return organisation, version
 

@@ -17,8 +17,8 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
-from clients.wallet.notice_commands import Receipted, take_receipt, tell_first
-from clients.wallet.notices import Notices, Told
+from clients.wallet.notice_commands import take_receipt, tell_first
+from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
@@ -29,7 +29,6 @@ from consensus.records.sensors import SENSORS
 _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
-_Said = tuple[Word, Receipted]
 
 
 def read_time(text: str | None, now_ms: int) -> int:
@@ -62,13 +61,15 @@ def consent() -> None:
     """
 
 
-def _tell(said: _Said, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
-    word, receipted = said
+async def _tell(opened: Wallet, word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
+    """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one."""
+    if not as_json:
+        console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
+    receipted = await take_receipt(opened, word.txid)
     if as_json:
         place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
         print_json({"ok": True, **place, **more, **receipted.as_json()})
     else:
-        console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
         console.print(f"  {escape(receipted.line())}")
 
 
@@ -109,24 +110,31 @@ def give(
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise click.UsageError("The time that --until names is over already, or before --from.")
 
-    async def action(opened: Wallet) -> tuple[Told | None, _Said]:
-        notices = Notices(opened)
-        told = await notices.due()
-        if told is not None:
-            tell_first(notices, told, f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?", as_json=as_json)
-        word = await Consenting(opened).give(
-            list(purposes), list(chosen), from_ms=from_ms, until_ms=until_ms, height=height
-        )
-        return told, (word, await take_receipt(opened, word.txid, gave=True))
-
-    told, word = run_opened(ctx, action)
     period = f" from {show_moment(from_ms)}" if from_ms else ""
     period += f" until {show_moment(until_ms)}" if until_ms else ", until you take it back"
     line = f"You consent to: {_named(purposes, PURPOSES, '')} By: {_named(chosen, SENSORS, '')}{period}"
     more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
     more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
-    more |= {"notice": None if told is None else told.as_json()}
-    _tell(word, line, "To take it back: blockrobot wallet consent withdraw.", as_json=as_json, more=more)
+
+    async def action(opened: Wallet) -> None:
+        notices = Notices(opened)
+        told = await notices.current()
+        notice = told.as_json() if notices.is_new(told) else None
+        if notice is not None:
+            tell_first(notices, told, f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?", as_json=as_json)
+        word = await Consenting(opened).give(
+            list(purposes),
+            list(chosen),
+            from_ms=from_ms,
+            until_ms=until_ms,
+            height=height,
+            seen_height=told.height,
+        )
+        next_step = "To take it back: blockrobot wallet consent withdraw."
+        await _tell(opened, word, line, next_step, as_json=as_json, more=more | {"notice": notice})
+        notices.note_consented(told)
+
+    run_opened(ctx, action)
 
 
 def _say_no(
@@ -140,21 +148,20 @@ def _say_no(
     as_json: bool,
 ) -> None:
 
-    async def action(opened: Wallet) -> _Said:
-        word: Word = await act(Consenting(opened))(list(purposes), list(sensors))
-        return word, await take_receipt(opened, word.txid)
-
-    said = run_opened(ctx, action)
     more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
     codes = _named(purposes, PURPOSES, "everything that you had given.")
     what = f"{line}: {codes} By: {_named(sensors, SENSORS, 'every sensor.')}"
-    if said[0].count == 0:
-        what = "Nothing of this was given. What you said before, and is still under way, counts no more."
     next_step = (
         "Robots see it within seconds and record nothing more of you for that; what waits in them is destroyed. "
         "What was recorded before stays until you erase it: blockrobot wallet records, then blockrobot wallet erase."
     )
-    _tell(said, what, next_step, as_json=as_json, more=more)
+
+    async def action(opened: Wallet) -> None:
+        word: Word = await act(Consenting(opened))(list(purposes), list(sensors))
+        nothing = "Nothing of this was given. What you said before, and is still under way, counts no more."
+        await _tell(opened, word, what if word.count else nothing, next_step, as_json=as_json, more=more)
+
+    run_opened(ctx, action)
 
 
 @consent.command()

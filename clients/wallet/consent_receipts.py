@@ -6,6 +6,7 @@ Must never sign or keep a receipt that does not say what this wallet's own key s
 from __future__ import annotations
 
 import asyncio
+import time
 from dataclasses import dataclass
 
 import msgspec
@@ -25,6 +26,8 @@ from consensus.records.consents import GIVEN
 
 ASK_PAUSE_S = 0.25
 ASK_PASSES_COUNT = 12
+ASK_MAX_S = 10.0
+ASK_NODE_MAX_S = 3.0
 _MAY_COME = frozenset({"NOT_FOUND", "NODE_UNREACHABLE"})
 
 
@@ -52,8 +55,11 @@ class ConsentReceipts:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
-    async def obtain(self, txid: bytes) -> CheckedReceipt:
+    async def obtain(self, txid: bytes, *, said_elsewhere: bool = False) -> CheckedReceipt:
         """Fetch, check, countersign and keep the receipt of one's own word; it is remembered as due until that worked.
+
+        Its notice counts as the one that she consented under, but for a version that this wallet never showed; of a word
+        `said_elsewhere`, with another copy of the wallet, nobody here knows what was shown.
 
         Raises CONSENT_RECEIPT_INVALID for one that is not what was said, CONSENT_RECEIPT_ELSEWHERE if no node of the
         own organisation signs any, and what nodes refuse with.
@@ -73,6 +79,8 @@ class ConsentReceipts:
         content.receipts_due.remove(txid)
         if checked.word.status == GIVEN and checked.published is not None:
             version = checked.published.row.version
+            if not said_elsewhere:
+                version = min(version, content.notice_shown_version)
             content.notice_consented_version = max(content.notice_consented_version, version)
         self._wallet.store.save()
         return checked
@@ -111,13 +119,21 @@ class ConsentReceipts:
         )
 
     async def _ask(self, txid: bytes) -> SignedReceiptAnswer:
-        """Ask custodians in turn, and again while the word may not have reached them. Raises the last refusal."""
+        """Ask custodians in turn, and again while the word may not have reached them, for ten seconds at most.
+
+        Who does not answer in three is passed over: a custodian that keeps silent may not keep a no waiting. Raises the
+        last refusal.
+        """
+        over_at = time.monotonic() + ASK_MAX_S
         failure = BlockRobotError("CONSENT_RECEIPT_ELSEWHERE", "No custodian of the network could be asked.")
         for left in reversed(range(ASK_PASSES_COUNT)):
             may_come = False
             for node in self._wallet.network.custody.custodians:
+                left_s = over_at - time.monotonic()
+                if left_s <= 0:
+                    raise failure
                 try:
-                    return await self._ask_node(node, txid)
+                    return await self._ask_node_for(node, txid, min(ASK_NODE_MAX_S, left_s))
                 except BlockRobotError as error:
                     if error.code != "CONSENT_RECEIPT_ELSEWHERE" or failure.code == error.code:
                         failure = error
@@ -126,6 +142,14 @@ class ConsentReceipts:
                 break
             await asyncio.sleep(ASK_PAUSE_S)
         raise failure
+
+    async def _ask_node_for(self, node: NodeAddress, txid: bytes, longest_s: float) -> SignedReceiptAnswer:
+        try:
+            async with asyncio.timeout(longest_s):
+                return await self._ask_node(node, txid)
+        except TimeoutError:
+            detail = f"The custodian {node.name} did not answer in time."
+            raise BlockRobotError("NODE_UNREACHABLE", detail) from None
 
     async def _ask_node(self, node: NodeAddress, txid: bytes) -> SignedReceiptAnswer:
         body = msgspec.json.encode({"txid": txid.hex()})
@@ -144,15 +168,17 @@ class ConsentReceipts:
         """
         await self._wallet.require_registered()
         content = self._wallet.store.content
+        elsewhere = set()
         if search:
             known = {self._check(each, signed=True).word.txid for each in self._kept()}
             for txid in await self._find_words():
                 if txid not in known and txid not in content.receipts_due:
                     content.receipts_due.append(txid)
+                    elsewhere.add(txid)
         missing = []
         for txid in list(content.receipts_due):
             try:
-                await self.obtain(txid)
+                await self.obtain(txid, said_elsewhere=txid in elsewhere)
             except BlockRobotError as error:
                 if error.code == "CONSENT_WORD_MISSING":
                     content.receipts_due.remove(txid)

@@ -61,17 +61,27 @@ class Consenting:
         self._wallet = wallet
 
     async def give(
-        self, purposes: list[str], sensors: list[str], *, from_ms: int = 0, until_ms: int = 0, height: int = 0
+        self,
+        purposes: list[str],
+        sensors: list[str],
+        *,
+        from_ms: int = 0,
+        until_ms: int = 0,
+        height: int = 0,
+        seen_height: int | None = None,
     ) -> Word:
         """Consent, in a period (0: no bound), from a height on (0: the block after the one that holds it).
 
-        It names the newest block that this wallet can prove final, so that it cannot be held back until after a later
-        word. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED, CALL_REFUSED with the contract's code (WORD_OLDER
-        if something was said on another device meanwhile).
+        It names the newest block that she knew, so that it cannot be held back until after a later word, and holds under
+        the notice of that block: whoever showed her one passes the height that proved it as `seen_height`. Otherwise it
+        is the newest block that this wallet can prove final. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED,
+        CALL_REFUSED with the contract's code (WORD_OLDER if something was said on another device meanwhile).
         """
         self._check(purposes, sensors)
         await self._wallet.require_registered()
-        seen = (await self._wallet.network.newest_header(self._wallet.keys.identity)).height
+        seen = seen_height
+        if seen is None:
+            seen = (await self._wallet.network.newest_header(self._wallet.keys.identity)).height
         period = round_period(from_ms, until_ms)
         return await self._say("give", "given", purposes, sensors, *period, height, seen)
 

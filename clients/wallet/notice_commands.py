@@ -10,7 +10,6 @@ import click
 from rich.markup import escape
 
 from clients.bundle.consent_receipts import CheckedReceipt
-from clients.sdk.enrolment import Registration
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.notices import Notices, Told
@@ -25,12 +24,21 @@ def show_told(told: Told) -> None:
         console.print(escape(line))
 
 
+def is_at_terminal() -> bool:
+    """Tell whether somebody is there who can be asked."""
+    return sys.stdin.isatty()
+
+
 def tell_first(notices: Notices, told: Told, question: str, *, as_json: bool) -> None:
-    """Show a notice before anything is signed, and at a terminal ask; a program has it in its answer."""
-    if not as_json:
-        show_told(told)
-        if sys.stdin.isatty():
-            click.confirm(question, abort=True)
+    """Show a notice before anything is signed, and at a terminal ask.
+
+    A program has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
+    """
+    if as_json:
+        return
+    show_told(told)
+    if is_at_terminal():
+        click.confirm(question, abort=True)
     notices.note_shown(told)
 
 
@@ -61,17 +69,15 @@ class Receipted:
         return f"The receipt is in your wallet, signed by {self.receipt.organisation} and by you, {notice}."
 
 
-async def take_receipt(opened: Wallet, txid: bytes, *, gave: bool = False) -> Receipted:
-    """Fetch the receipt of a word that is final. A word counts without it: nothing is raised.
-
-    Who `gave` and has no receipt yet counts as having consented under what was on her screen last.
-    """
+async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
+    """Fetch the receipt of a word that is final. A word counts without it: no refusal and no full disk is raised."""
     try:
         return Receipted(await ConsentReceipts(opened).obtain(txid), None)
     except BlockRobotError as error:
-        if gave:
-            Notices(opened).note_consented()
         return Receipted(None, error)
+    except OSError as error:
+        why = error.strerror or type(error).__name__
+        return Receipted(None, BlockRobotError("FILE_UNUSABLE", f"The wallet cannot be written: {why}."))
 
 
 @click.command()
@@ -84,16 +90,19 @@ def notice(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot wallet notice
     """
 
-    async def action(opened: Wallet) -> Told:
+    async def action(opened: Wallet) -> None:
         notices = Notices(opened)
         told = await notices.current()
+        if as_json:
+            print_json({"ok": True, **told.as_json()})
+        else:
+            _show_with_changes(told)
         notices.note_shown(told)
-        return told
 
-    told = run_opened(ctx, action)
-    if as_json:
-        print_json({"ok": True, **told.as_json()})
-        return
+    run_opened(ctx, action)
+
+
+def _show_with_changes(told: Told) -> None:
     show_told(told)
     if told.before is None:
         return
@@ -130,27 +139,46 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: 
     Example: blockrobot wallet register BR1-... --purpose demo
     """
 
-    async def action(opened: Wallet) -> tuple[Told, Registration, Receipted | None]:
+    async def action(opened: Wallet) -> None:
         notices = Notices(opened)
         told = await notices.for_card(code)
         tell_first(notices, told, _ask_of(purposes), as_json=as_json)
+        while (newer := await notices.for_card(code)).version > told.version:  # it came while she read
+            told = newer
+            tell_first(notices, told, _ask_of(purposes), as_json=as_json)
         done = await opened.register(code, list(purposes))
-        return told, done, await take_receipt(opened, done.txid, gave=True) if purposes and done.txid else None
+        if not as_json:
+            console.print(_registered_line(purposes))
+        receipted = await take_receipt(opened, done.txid) if purposes and done.txid else None
+        if as_json:
+            more = {"notice": told.as_json(), **({} if receipted is None else receipted.as_json())}
+            more |= {"txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)}
+            print_json({"ok": True, **more})
+        elif receipted is not None:
+            console.print(f"  {escape(receipted.line())}{_unseen(receipted, told)}")
+        if receipted is None:
+            notices.note_shown(told)
+        else:
+            notices.note_consented(told)
 
-    told, done, receipted = run_opened(ctx, action)
-    if as_json:
-        more = {"notice": told.as_json(), **({} if receipted is None else receipted.as_json())}
-        more |= {"txid": done.txid.hex(), "member": done.member.hex(), "purposes": list(purposes)}
-        print_json({"ok": True, **more})
-    elif purposes:
-        console.print(
+    run_opened(ctx, action)
+
+
+def _registered_line(purposes: tuple[str, ...]) -> str:
+    if purposes:
+        return (
             f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
             "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
         )
-    else:
-        console.print(
-            "You are registered, and have consented to nothing: no robot records you.\n"
-            "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
-        )
-    if receipted is not None and not as_json:
-        console.print(f"  {escape(receipted.line())}")
+    return (
+        "You are registered, and have consented to nothing: no robot records you.\n"
+        "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
+    )
+
+
+def _unseen(receipted: Receipted, told: Told) -> str:
+    """Return what is said of a version that came in the moment in which she registered: the chain holds her to it."""
+    published = None if receipted.receipt is None else receipted.receipt.published
+    if published is None or published.row.version <= told.version:
+        return ""
+    return " That version came while you registered, and you have not seen it: blockrobot wallet notice."

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.notices import organisation_of_card, public_values
+from clients.sdk.trust import ProvedState
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.notices import (
@@ -32,10 +33,12 @@ class Told:
     """What a person is told now. `published` is None where nothing is published.
 
     `before` is the version under which she consented last, if it is another one; `changes` what changed since then.
+    `height` is that of the block whose state proves that no later version had come.
     """
 
     organisation: str
     published: PublishedNotice | None
+    height: int
     before: NoticeRow | None = None
     changes: tuple[str, ...] = ()
 
@@ -91,14 +94,14 @@ class Notices:
             return told
         before = await self._version(organisation, consented, registered=True)
         changes = tell_changes(before.notice, told.published.notice)
-        return Told(organisation, told.published, before.row, tuple(changes))
+        return Told(organisation, told.published, told.height, before.row, tuple(changes))
 
     async def changed_since_consent(self) -> NoticeRow | None:
         """Return the version in force if it came after the one under which she consented; None otherwise."""
         consented = self._wallet.store.content.notice_consented_version
         if not consented:
             return None
-        row = await self._newest(await self._organisation(), registered=True)
+        row, _ = await self._newest(await self._organisation(), registered=True)
         return row if row is not None and row.version > consented else None
 
     async def due(self) -> Told | None:
@@ -107,8 +110,11 @@ class Notices:
         Where nothing was ever published there is nothing to show.
         """
         told = await self.current()
-        shown = self._wallet.store.content.notice_shown_version
-        return told if told.version > shown else None
+        return told if self.is_new(told) else None
+
+    def is_new(self, told: Told) -> bool:
+        """Tell whether this wallet never showed it."""
+        return told.version > self._wallet.store.content.notice_shown_version
 
     def note_shown(self, told: Told) -> None:
         """Remember that this was on her screen."""
@@ -116,11 +122,11 @@ class Notices:
         content.notice_shown_version = max(content.notice_shown_version, told.version)
         self._wallet.store.save()
 
-    def note_consented(self) -> None:
-        """Remember that she consented under what was on her screen last; a receipt remembers it more exactly."""
+    def note_consented(self, told: Told) -> None:
+        """Remember that this was on her screen, and that she consented under it: what came later is new to her."""
         content = self._wallet.store.content
-        content.notice_consented_version = max(content.notice_consented_version, content.notice_shown_version)
-        self._wallet.store.save()
+        content.notice_consented_version = max(content.notice_consented_version, told.version)
+        self.note_shown(told)
 
     async def _organisation(self) -> str:
         await self._wallet.require_registered()
@@ -131,25 +137,27 @@ class Notices:
         return str(row["org"])
 
     async def _read(self, organisation: str, *, registered: bool) -> Told:
-        row = await self._newest(organisation, registered=registered)
+        row, height = await self._newest(organisation, registered=registered)
         if row is None:
-            return Told(organisation, None)
-        return Told(organisation, await self._version(organisation, row.version, registered=registered))
+            return Told(organisation, None, height)
+        return Told(organisation, await self._version(organisation, row.version, registered=registered), height)
 
-    async def _newest(self, organisation: str, *, registered: bool) -> NoticeRow | None:
+    async def _newest(self, organisation: str, *, registered: bool) -> tuple[NoticeRow | None, int]:
+        """Return the version in force and the height as of which that is proved."""
         key = newest_key(organisation)
-        return read_row(organisation, (await self._values([key], registered=registered))[key])
+        state = await self._values([key], registered=registered)
+        return read_row(organisation, state.values[key]), state.height
 
     async def _version(self, organisation: str, version: int, *, registered: bool) -> PublishedNotice:
         key = version_key(organisation, version)
-        found = read_published(organisation, (await self._values([key], registered=registered))[key])
+        found = read_published(organisation, (await self._values([key], registered=registered)).values[key])
         if found is None:
             raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} published no version {version}.")
         return found
 
-    async def _values(self, keys: Sequence[bytes], *, registered: bool) -> dict[bytes, Any]:
+    async def _values(self, keys: Sequence[bytes], *, registered: bool) -> ProvedState:
         """Read in the member's session once there is one, in nobody's before."""
         network = self._wallet.network
         if registered:
-            return (await network.state_values(keys, self._wallet.keys.identity)).values
-        return (await public_values(network, keys)).values
+            return await network.state_values(keys, self._wallet.keys.identity)
+        return await public_values(network, keys)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
@@ -13,8 +16,11 @@ import pytest
 
 from clients.bundle import consent_receipts as file
 from clients.bundle.chain_proofs import ProvedChain
+from clients.wallet import consent_receipts as wallet_receipts
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.consenting import Consenting
+from clients.wallet.notice_commands import take_receipt
+from clients.wallet.notices import Notices
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
 from consensus.records.consent_receipts import sign_as_controller, sign_as_person
@@ -180,12 +186,93 @@ async def test_a_receipt_that_names_another_version_of_the_notice_is_refused(war
 
 
 async def test_the_notice_is_the_one_that_she_knew_though_another_came_in_between(ward: NoticeWard) -> None:
-    member, seen = ward.wallet.keys.identity, ward.chain.height
+    """As `wallet consent give` does it: told, she reads, another version is published, and then she says yes."""
+    notices = Notices(ward.wallet)
+    told = await notices.current()
     ward.publish(other_words())
-    word = ward.chain.must(member, "consent", "give", ward.patient.handle, ["care"], ["rgb"], 0, 0, 0, seen)
+    word = await Consenting(ward.wallet).give(["care"], ["rgb"], seen_height=told.height)
     receipt = await ConsentReceipts(ward.wallet).obtain(word.txid)
     assert receipt.published is not None
-    assert receipt.published.row.version == 1
+    assert (told.version, receipt.published.row.version) == (1, 1)
+    notices.note_consented(told)
+    changed = await notices.changed_since_consent()
+    assert changed is not None
+    assert changed.version == 2
+
+
+async def test_a_receipt_makes_nothing_count_as_read_that_was_never_shown(ward: NoticeWard) -> None:
+    notices = Notices(ward.wallet)
+    notices.note_shown(await notices.current())
+    ward.publish(other_words())
+    receipt = await ConsentReceipts(ward.wallet).obtain(await say(ward))
+    assert receipt.published is not None
+    assert receipt.published.row.version == 2
+    assert ward.wallet.store.content.notice_consented_version == 1
+    assert (await notices.current()).changes
+    content = ward.wallet.store.content
+    content.receipts, content.notice_consented_version, content.notice_shown_version = [], 0, 0
+    await ConsentReceipts(ward.wallet).all(search=True)
+    assert content.notice_consented_version == 2, "said with another copy of the wallet: nobody here knows better"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"privacy_notice": {"version": (1 << 32) - 1}},
+        {"privacy_notice": {"version": 1 << 32}},
+        {"pii_controllers": [{"party_id": "\ud800ward"}]},
+    ],
+)
+async def test_what_is_no_key_of_any_state_is_refused_and_stands_in_no_words_way(
+    ward: NoticeWard, changes: dict[str, Any]
+) -> None:
+    txid = await say(ward, "withdraw", ())
+    ward.network.forge = changed(**changes)
+    taken = await take_receipt(ward.wallet, txid)
+    assert taken.refusal is not None
+    assert taken.refusal.code == "CONSENT_RECEIPT_INVALID"
+    assert "form" in await refused(ward, txid)
+
+
+async def test_a_wallet_that_cannot_be_written_hides_no_word(ward: NoticeWard, monkeypatch: pytest.MonkeyPatch) -> None:
+    txid = await say(ward, "withdraw", ())
+
+    def full() -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(ward.wallet.store, "save", full)
+    taken = await take_receipt(ward.wallet, txid)
+    assert taken.refusal is not None
+    assert taken.refusal.code == "FILE_UNUSABLE"
+    assert "No space left on device" in taken.line()
+
+
+@pytest.mark.parametrize("longest", ["ASK_NODE_MAX_S", "ASK_MAX_S"])
+async def test_a_custodian_that_keeps_silent_keeps_no_word_waiting(
+    ward: NoticeWard, monkeypatch: pytest.MonkeyPatch, longest: str
+) -> None:
+    """One is passed over after its time, all together after theirs; who answers is heard."""
+    txid, answer, asked = await say(ward, "withdraw", ()), ward.network.ask_node, []
+    node, silent = ward.network.custody.custodians[0], SimpleNamespace(name="silent")
+
+    async def keep_silent(to: Any, method: str, path: str, **given: Any) -> bytes:
+        if to is silent:
+            asked.append(path)
+            await asyncio.Event().wait()
+        return await answer(to, method, path, **given)
+
+    monkeypatch.setattr(ward.network, "ask_node", keep_silent)
+    monkeypatch.setattr(wallet_receipts, longest, 0.01)
+    monkeypatch.setattr(ward.network.custody, "custodians", (silent, node))
+    async with asyncio.timeout(30):
+        taken = await take_receipt(ward.wallet, txid)
+    assert asked == ["/v1/consent-receipts"]
+    if longest == "ASK_NODE_MAX_S":
+        assert taken.receipt is not None
+    else:
+        assert taken.refusal is not None
+        assert taken.refusal.code == "NODE_UNREACHABLE"
+        assert "silent did not answer" in taken.line()
 
 
 async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Path) -> None:
@@ -237,11 +324,12 @@ async def test_a_receipt_that_could_not_be_had_is_fetched_later(ward: NoticeWard
     assert ([each.word.txid for each in found.checked], found.missing) == ([txid], ())
 
 
-async def test_no_byte_of_a_file_is_changed_without_showing(ward: NoticeWard, tmp_path: Path) -> None:
+async def test_bytes_all_over_a_file_are_not_changed_without_showing(ward: NoticeWard, tmp_path: Path) -> None:
     kept = ConsentReceipts(ward.wallet)
     await kept.obtain(await say(ward))
     content = file.encode_file(ward.genesis, kept.epochs(), (await kept.all()).entries)
     path, good = tmp_path / "receipts.json", json.loads(content)
+    # Every 211th byte: one check takes milliseconds, and a file has tens of thousands of bytes.
     for place in range(0, len(content), 211):
         flipped = bytearray(content)
         flipped[place] ^= 1

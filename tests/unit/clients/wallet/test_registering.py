@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
 from clients.wallet import cli, consent_commands, notice_commands
+from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
@@ -135,6 +136,104 @@ def test_a_new_version_is_shown_before_the_next_consent_and_holds_for_it(desk: D
     assert told.index("None, in other words.") < told.index("You consent to")
     assert "under version 2 of the notice" in told
     assert "changed since" not in ok("records")
+
+
+def publish_while_she_reads(desk: Desk, monkeypatch: pytest.MonkeyPatch, *notices: Any) -> None:
+    """As at a terminal: a version comes while each of the first questions waits for an answer."""
+    waiting = list(notices)
+
+    def read(*_: Any, **__: Any) -> bool:
+        if waiting:
+            desk.ward.publish(waiting.pop(0))
+        return True
+
+    monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
+    monkeypatch.setattr("click.confirm", read)
+
+
+def test_a_version_that_comes_while_she_reads_is_not_the_one_that_she_consents_under(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ok("register", desk.code)
+    desk.ward.publish(demo_notice())
+    publish_while_she_reads(desk, monkeypatch, other_words())
+    told = ok("consent", "give", "--purpose", "care")
+    assert "in other words" not in told
+    assert "under version 1 of the notice" in told
+    assert "changed since you consented" in ok("records")
+
+
+def test_a_version_that_comes_while_she_reads_is_shown_before_she_is_registered(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.ward.publish(demo_notice())
+    publish_while_she_reads(desk, monkeypatch, other_words())
+    told = ok("register", desk.code, "--purpose", "care")
+    assert told.index("None, in other words.") < told.index("You are registered")
+    assert "under version 2 of the notice" in told
+    assert "changed since" not in ok("records")
+
+
+def test_a_version_that_comes_while_she_registers_is_not_taken_for_one_that_she_read(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.ward.publish(demo_notice())
+    register = desk.wallet.register
+
+    async def late(*arguments: Any) -> Any:
+        desk.ward.publish(other_words())
+        return await register(*arguments)
+
+    monkeypatch.setattr(desk.wallet, "register", late)
+    told = ok("register", desk.code, "--purpose", "care")
+    assert "under version 2 of the notice. That version came while you registered" in told
+    assert "changed since you consented" in ok("records")
+
+
+@pytest.mark.parametrize("arguments", [["notice"], ["consent", "give", "--purpose", "care"]])
+@pytest.mark.parametrize("as_json", [[], ["--json"]])
+def test_what_could_not_be_printed_does_not_count_as_shown(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, arguments: list[str], as_json: list[str]
+) -> None:
+    ok("register", desk.code)
+    desk.ward.publish(demo_notice())
+    content = desk.wallet.store.content
+
+    def closed(*_: Any) -> None:
+        raise BrokenPipeError
+
+    with monkeypatch.context() as patches:
+        for module in (notice_commands, consent_commands):
+            patches.setattr(module, "print_json", closed)
+        patches.setattr(notice_commands, "show_told", closed)
+        patches.setattr("clients.sdk.terminal.os.dup2", lambda *_: None)
+        run(*arguments, *as_json)
+    assert (content.notice_shown_version, content.notice_consented_version) == (0, 0)
+    ok(*arguments, *as_json)
+    assert content.notice_shown_version == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "counts"),
+    [
+        (["consent", "withdraw"], "It holds from block"),
+        (["consent", "give", "--purpose", "care"], "It holds from block"),
+        (["register", "CODE", "--purpose", "care"], "You are registered"),
+    ],
+)
+def test_what_counts_is_told_before_anybody_is_asked_for_a_receipt(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch, arguments: list[str], counts: str
+) -> None:
+    if arguments[0] == "consent":
+        ok("register", desk.code)
+
+    async def burst(*_: Any, **__: Any) -> Any:
+        raise RuntimeError
+
+    monkeypatch.setattr(ConsentReceipts, "obtain", burst)
+    result = run(*[desk.code if part == "CODE" else part for part in arguments])
+    assert isinstance(result.exception, RuntimeError)
+    assert counts in result.output
 
 
 def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path: Path) -> None:
