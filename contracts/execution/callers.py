@@ -78,6 +78,7 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "the robot that opened it": _own("robot"),
     "the robot that opened the owner's visit, while it is open": _own("robot"),
     "the visit's owner key": _own("owner"),
+    "the visit's owner key, with the new key's agreement": _own("owner"),
     "the record's owner key": _own("owner"),
     "the records' owner key": _own("owner"),
     "its owner key": _own("owner"),

@@ -161,8 +161,8 @@ def close_visit(owner: bytes, record_count: int):
 def transfer(owner: bytes, ephemeral: bytes, view_tag: int, new_owner_signature: bytes):
     """Put a new owner key in place of a visit's own, which decides nothing any more.
 
-    Who may call: the visit's owner key, with the new key's agreement: nobody takes up a key that is another's, or that a
-    robot is about to use.
+    Who may call: the visit's owner key, with the new key's agreement. So nobody takes up a key that is another's, or that
+    a robot is about to use.
 
     The new key is announced as a visit is, so that its holder finds it. A denied visit can be transferred too: nothing is
     released by that, and whoever stole its key would have it once the quarantine ends.

@@ -6,8 +6,15 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
-from consensus.primitives.keys import PrivateKey
-from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, scan_announcement
+from consensus.primitives.keys import PrivateKey, recover
+from consensus.records.owner_keys import (
+    TRANSFER_TAG,
+    VisitKeys,
+    derive_owner_key,
+    open_visit_keys,
+    scan_announcement,
+    sign_transfer,
+)
 
 CHAIN = sha256(b"chain")
 ROBOT = PrivateKey(sha256(b"robot")).public_key
@@ -74,3 +81,13 @@ def test_a_person_without_valid_keys_gets_no_visit() -> None:
         open_visit_keys(sha256(b"r"), bytes(33), SPEND.public_key, chain_id=CHAIN, robot=ROBOT)
     with pytest.raises(BlockRobotError, match="VALUE_INVALID"):
         open_visit_keys(sha256(b"r"), VIEW.public_key, SPEND.public_key, chain_id=b"", robot=ROBOT)
+
+
+def test_the_new_key_signs_the_chain_the_visit_and_itself() -> None:
+    new, chain_id, root = PrivateKey(sha256(b"new")), sha256(b"chain"), PrivateKey(sha256(b"root")).public_key
+    signature = sign_transfer(new, chain_id=chain_id, root=root)
+    assert recover(TRANSFER_TAG, signature, chain_id + root + new.public_key) == new.public_key
+    for wrong in ({"chain_id": b"short", "root": root}, {"chain_id": chain_id, "root": b"short"}):
+        with pytest.raises(BlockRobotError) as caught:
+            sign_transfer(new, **wrong)
+        assert caught.value.code == "VALUE_INVALID"
