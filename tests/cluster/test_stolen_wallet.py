@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from clients.robot.identity import load_identity
+from clients.sdk.receipts import FinalReceipt
 from clients.wallet.auditing import audit_all
 from clients.wallet.consenting import Consenting
 from clients.wallet.erasing import Erasing
@@ -19,6 +20,7 @@ from clients.wallet.rotating import Rotating
 from clients.wallet.viewing import Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
+from consensus.transaction import Transaction
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.test_rights import Ward, settle
 from tests.cluster.test_taking_data_along import run
@@ -124,6 +126,26 @@ async def test_who_has_the_old_words_is_refused_everywhere_and_she_goes_on(
         assert [len(each.records) for each in reports] == [len(first.records) - 1, len(second.records)]
         assert await look(later, reports[0].records[0]) == "verified"
     await take_along(network, tmp_path, records=sum(len(each.records) for each in reports))
+    async with Wallet(Keystore.open(tmp_path / "again.wallet", "tea"), network.genesis) as leaving:
+        await leave_unheard(leaving)
+
+
+async def leave_unheard(wallet: Wallet) -> None:
+    """Her word is final, the answer is lost: what she left by is proven without a session, and her records stay hers."""
+    send = wallet.network.submit_and_wait
+
+    async def deaf(transaction: Transaction) -> FinalReceipt:
+        await send(transaction)
+        raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
+
+    wallet.network.submit_and_wait = deaf  # type: ignore[method-assign,assignment]
+    with pytest.raises(BlockRobotError, match="TRANSACTION_NOT_FINAL_IN_TIME"):
+        await Rotating(wallet).leave()
+    assert not wallet.store.content.left
+    assert len(await wallet.records()) == 2
+    assert wallet.store.content.left
+    assert not wallet.member_gone
+    assert await Rotating(wallet).leave() == 0
 
 
 async def take_along(network: NetworkUnderTest, folder: Path, records: int) -> None:
