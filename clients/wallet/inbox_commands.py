@@ -31,6 +31,7 @@ from clients.wallet.received import (
     SharedView,
 )
 from clients.wallet.sharing_commands import confirm
+from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import VisitReport, Wallet
@@ -55,6 +56,7 @@ class Inbox:
     receipts: tuple[Receipt, ...]
     alarms: tuple[VisitReport, ...]
     reads_new: bool
+    faded: tuple[ReceivedGrant, ...] = ()
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
@@ -71,7 +73,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
             raise
         reports = []
     alarms = tuple(each for each in reports if each.missing_count or each.unreadable_ids)
-    return Inbox(tuple(receipts), alarms, receiving.reads_new)
+    return Inbox(tuple(receipts), alarms, receiving.reads_new, tuple(receiving.faded))
 
 
 def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
@@ -170,6 +172,12 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
     for receipt in found.receipts:
         for line in receipt_lines(receipt):
             console.print(line)
+    if found.faded:
+        console.print(
+            f"{len(found.faded)} more ended long ago: of them nothing is read any more, and no copy may be left."
+        )
+    for path in [Path(copy.folder) / copy.record_id.hex() for each in found.faded for copy in each.copies]:
+        console.print(f"  a copy was in {path}")
     _print_alarms(found.alarms)
 
 

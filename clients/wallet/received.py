@@ -101,14 +101,23 @@ class Receiving:
         self._follow_max_ms = follow_max_ms
         self._sleep = sleep
         self.reads_new = True
+        self.faded: list[ReceivedGrant] = []
 
     async def inbox(self) -> list[Receipt]:
         """Return all that was shared with this person, the oldest first, each asked for in its own session.
 
-        `reads_new` says after it whether grants that are new could be read: only a member's session shows them.
+        `reads_new` says after it whether grants that are new could be read: only a member's session shows them. `faded`
+        are those that ended so long ago that their keys read nothing any more.
         """
         known, self.reads_new = await find_received(self._wallet)
-        found = [await self.read(received) for received in known]
+        self.faded, found = [], []
+        for received in known:
+            try:
+                found.append(await self.read(received))
+            except BlockRobotError as error:
+                if error.code != "SESSION_REFUSED":
+                    raise
+                self.faded.append(received)
         return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:

@@ -126,6 +126,25 @@ async def test_who_has_left_or_was_revoked_still_hears_what_became_of_what_she_k
     assert (await only(receiving)).to_confirm == []
 
 
+async def test_a_grant_whose_key_reads_nothing_any_more_hides_no_other(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.record_visit(1)
+    await ward.share(doctor)
+    await ward.share(doctor)
+    old, young = await receiving.inbox()
+    honest = doctor.values
+
+    async def refuse_old(keys: Any, session: Any) -> dict[bytes, Any]:
+        if session.public_key == old.grant.grantee:
+            raise BlockRobotError("SESSION_REFUSED")
+        return await honest(keys, session)
+
+    monkeypatch.setattr(doctor, "values", refuse_old)
+    assert [receipt.grant for receipt in await receiving.inbox()] == [young.grant]
+    assert [received.grant_id for received in receiving.faded] == [old.grant.grant_id]
+
+
 async def test_what_concerns_a_grant_is_asked_in_its_own_session(
     ward: SharedWard, doctor: Wallet, receiving: Receiving
 ) -> None:
