@@ -188,7 +188,7 @@ def _deciding_key(
         if transfers or [index for index, _ in trail] != list(range(trail_count)):
             raise _unproven("The bundle does not prove which key decides of a visit that may have been transferred.")
         return owner
-    current = {"owner": owner, "transfers": 0} if found.value is None else found.value
+    current: dict[str, Any] = {"owner": owner, "transfers": 0} if found.value is None else found.value
     if current["transfers"] < transfers or found.height < proved[COUNT + owner].height:
         raise _unproven("What the bundle proves of the key that decides of a visit is older than the visit's trail.")
     return bytes(current["owner"])
