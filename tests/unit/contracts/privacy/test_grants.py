@@ -9,6 +9,7 @@ import pytest
 from consensus.limits import GRANT_NOTICE_MS, GRANTS_OPEN_MAX_COUNT
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
+from consensus.records.owner_keys import sign_transfer
 from consensus.records.sharing import (
     GRANT_MAX_MS,
     GRANT_STEP_MS,
@@ -317,10 +318,13 @@ def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
 
 def test_the_key_of_a_grant_is_never_a_visits(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
     """An owner of any visit would otherwise make the grantee of another's an owner, and lock her out."""
-    grantee = key_for(hospital, visit, nurse).public_key
+    key = key_for(hospital, visit, nurse)
+    grantee = key.public_key
     other = hospital.open_visit(hospital.enrol("ben"))
-    taken = hospital.send(other.key, "records", "transfer", grantee, key_of("r").public_key, 7)
-    assert taken.code == "GRANT_EXISTS"
+    for signer, code in ((other.key, "TRANSFER_SIGNATURE_WRONG"), (key, "GRANT_EXISTS")):
+        agreed = sign_transfer(signer, chain_id=hospital.chain_id, root=other.owner)
+        taken = hospital.send(other.key, "records", "transfer", grantee, key_of("r").public_key, 7, agreed)
+        assert taken.code == code
     reopened = [grantee, key_of("r").public_key, 7, hospital.bucket(), "care"]
     assert hospital.send(hospital.robot.identity, "records", "open_visit", *reopened).code == "GRANT_EXISTS"
     new = hospital.transfer(visit, hospital.enrol("heir"))
