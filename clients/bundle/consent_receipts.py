@@ -195,7 +195,11 @@ def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFi
         raise BlockRobotError("BUNDLE_OTHER_CHAIN", "The receipts are of another network than the one you named.")
     if (content.format, content.version) != (FORMAT, FORMAT_VERSION) or len(content.receipts) > RECEIPTS_MAX_COUNT:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} has a form that this version does not know.")
+    if not content.receipts:
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} holds no receipt: it proves nothing.")
     checked = tuple(check_entry(chain, genesis, entry) for entry in content.receipts)
+    if len({each.word.txid for each in checked}) < len(checked):
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", "The file holds a receipt twice.")
     if len({each.word.handle for each in checked}) > 1:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "The file mixes receipts of several persons.")
     return CheckedFile(genesis, wanted is not None, checked)

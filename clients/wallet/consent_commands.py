@@ -250,6 +250,8 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         return found, encode_file(opened.genesis, kept.epochs(), found.entries)
 
     found, content = run_opened(ctx, action)
+    if out is not None and not found.entries:
+        out = None  # a file without receipts proves nothing, and is refused
     if out is not None:
         out.write_bytes(content)
     if as_json:
@@ -258,7 +260,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
         return
     if not found.checked:
-        console.print("There is no receipt in this wallet. Words of before are found with: --search.")
+        console.print("There is no receipt in this wallet, so no file. Words of before are found with: --search.")
     for receipt in found.checked:
         console.print(escape(_receipt_line(receipt)))
     for txid, error in found.missing:

@@ -184,7 +184,8 @@ class ConsentReceipts:
                     content.receipts_due.remove(txid)
                     continue
                 missing.append((txid, error))
-        pairs = [(self._check(entry, signed=True), entry) for entry in self._kept()]
+        kept = [(self._check(entry, signed=True), entry) for entry in self._kept()]
+        pairs = list({pair[0].word.txid: pair for pair in kept}.values())  # a file with one twice is refused
         pairs.sort(key=lambda pair: (pair[0].word.height, pair[0].word.index))
         checked, entries = tuple(pair[0] for pair in pairs), tuple(pair[1] for pair in pairs)
         return Receipts(checked, entries, tuple(missing))

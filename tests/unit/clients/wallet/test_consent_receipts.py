@@ -299,6 +299,25 @@ async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Pa
         assert caught.value.code == "CONSENT_RECEIPT_INVALID", old
 
 
+async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: NoticeWard, tmp_path: Path) -> None:
+    kept = ConsentReceipts(ward.wallet)
+    await kept.obtain(await say(ward))
+    entries, path = (await kept.all()).entries, tmp_path / "receipts.json"
+    for listed, told in (((), "no receipt"), (entries * 2, "twice")):
+        path.write_bytes(file.encode_file(ward.genesis, kept.epochs(), listed))
+        with pytest.raises(BlockRobotError, match=told) as caught:
+            file.check_file(path, ward.genesis)
+        assert caught.value.code == "CONSENT_RECEIPT_INVALID"
+
+
+async def test_a_receipt_that_was_fetched_twice_is_told_once(ward: NoticeWard) -> None:
+    kept, txid = ConsentReceipts(ward.wallet), await say(ward)
+    for _ in range(2):
+        await kept.obtain(txid)
+    found = await kept.all()
+    assert ([each.word.txid for each in found.checked], len(found.entries)) == ([txid], 1)
+
+
 async def test_a_receipt_without_the_persons_own_signature_is_none(ward: NoticeWard) -> None:
     kept = ConsentReceipts(ward.wallet)
     await kept.obtain(await say(ward))
