@@ -1,4 +1,6 @@
-"""`blockrobot custody hunt`: is anything left of a record? Must never be quiet about a place that it could not read."""
+"""`blockrobot custody hunt`: is anything left of a record? Must never be quiet about a place that it could not read,
+nor of a gone record that it had nothing to compare with.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,7 @@ from network.cli.cluster_commands import folder_option, network_folder
 from network.cluster import Cluster
 from network.custody.hunt import HuntReport, gather
 from network.custody.hunt import hunt as search
-from network.custody.traces import read_traces, trace_plaintext, write_traces
+from network.custody.traces import Trace, read_traces, trace_plaintext, write_traces
 
 _SHOWN_CHARS = 60
 
@@ -72,7 +74,7 @@ def hunt(
 
     Before an erasure it shows where a record lies. After it nobody knows its ciphertexts and keys any more: have them
     noted before, as pieces that open nothing, with --trace FILE, and name the same FILE after. Exits 0 if nothing is
-    found that must not be there, 1 otherwise.
+    found that must not be there, 1 otherwise, also if nothing was known of an erased record to look for.
 
     Example: blockrobot custody hunt 6f1f... --trace before.json
     """
@@ -87,6 +89,8 @@ def hunt(
             "FILE_UNUSABLE", f"{trace_file} is of other records; name exactly those that it was made for."
         )
     traces = gather(cluster, list(dict.fromkeys(records)), known)
+    if trace_file is not None and not is_known:
+        _require_kept(traces, trace_file)
     for picture in pictures:
         trace_plaintext(traces[0], picture)
     if trace_file is not None and not is_known:
@@ -99,6 +103,17 @@ def hunt(
         _print(report)
     if not report.is_clean:
         sys.exit(EXIT_FAILED)
+
+
+def _require_kept(traces: list[Trace], trace_file: Path) -> None:
+    """Raise FILE_UNUSABLE if a trace would be begun of a record of which there is nothing to note any more."""
+    gone = ", ".join(trace.record_id.hex() for trace in traces if not trace.is_compared)
+    if gone:
+        raise BlockRobotError(
+            "FILE_UNUSABLE",
+            f"{trace_file} does not exist, and it is too late to begin it: {gone} is erased. Nothing was searched; name "
+            "the file of --trace that was written before the erasure.",
+        )
 
 
 def _print(report: HuntReport) -> None:
@@ -120,10 +135,11 @@ def _print(report: HuntReport) -> None:
         console.print(
             "Something is left that must not be. Next step: blockrobot custody scrub, then custody rebuild NODE."
         )
-    elif not report.unread:
+    elif report.is_clean:
         console.print("Nothing was found that must not be there.")
-    if all(trace.is_gone and not trace.pieces.get("ciphertext") for trace in report.traces):
+    for trace in report.not_compared:
         console.print(
-            "(The ciphertexts and keys of an erased record are not known any more; only --trace FILE, begun before the "
-            "erasure, can search for them.)"
+            f"Record {trace.record_id.hex()} could not be compared with anything: the ciphertexts and keys of an erased "
+            "record are not known any more. Next step: name the file that was written before the erasure, with --trace "
+            "FILE. If there is none: blockrobot custody scrub."
         )

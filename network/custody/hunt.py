@@ -1,8 +1,8 @@
 """The hunt: searches a whole network for anything of a record, and says what may be left of it, where and until when.
 
-Must never call clean a place that it could not read. Every file below the network's folder is searched as bytes, free
-pages and logs of databases too, and every document of a MongoDB server; what its server's own files keep can only be
-searched where they are named.
+Must never call clean a place that it could not read, nor a gone record of which it had nothing to look for. Every file
+below the network's folder is searched as bytes, free pages and logs of databases too, and every document of a MongoDB
+server; what its server's own files keep can only be searched where they are named.
 """
 
 from __future__ import annotations
@@ -66,9 +66,14 @@ class HuntReport:
         return [finding for finding in self.findings if not finding.why]
 
     @property
+    def not_compared(self) -> list[Trace]:
+        """The records that are gone and of which nothing was known to look for."""
+        return [trace for trace in self.traces if not trace.is_compared]
+
+    @property
     def is_clean(self) -> bool:
-        """Tell whether everything could be read and nothing is there that must not be."""
-        return not self.forbidden and not self.unread
+        """Tell whether everything could be read and compared, and nothing is there that must not be."""
+        return not self.forbidden and not self.unread and not self.not_compared
 
     def as_json(self) -> dict[str, Any]:
         """Return the report for JSON, ids in hex."""
@@ -86,6 +91,7 @@ class HuntReport:
                 }
                 for finding in self.findings
             ],
+            "not_compared": [trace.record_id.hex() for trace in self.not_compared],
             "searched_for": dict(_count_kinds(self.traces)),
             "files_count": self.files_count,
             "documents_count": self.documents_count,

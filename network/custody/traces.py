@@ -75,6 +75,11 @@ class Trace:
         """Tell whether the chain has the record's erasure behind it, or under way at the latest custodian."""
         return self.status in {"erasing", "erased", "expired"}
 
+    @property
+    def is_compared(self) -> bool:
+        """Tell whether a hunt would see what is left: of a gone record only its ciphertext of before or a picture can."""
+        return not self.is_gone or any(self.pieces.get(kind) for kind in ("ciphertext", "plaintext"))
+
 
 class _Kept(msgspec.Struct):
     format: int

@@ -7,6 +7,7 @@ import os
 import secrets
 import stat
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -154,6 +155,60 @@ def test_traces_of_other_records_are_refused(folder: Path, tmp_path: Path) -> No
     arguments = ["custody", "hunt", "ab" * 16, "--trace", str(tmp_path / "x.json"), "--dir", str(folder), "--json"]
     result = CliRunner().invoke(main, arguments)
     assert (result.exit_code, json.loads(result.stdout)["error"]["code"]) == (1, "FILE_UNUSABLE")
+
+
+def _hunt_for(
+    monkeypatch: pytest.MonkeyPatch, folder: Path, trace: Trace, *arguments: str
+) -> tuple[int, dict[str, Any]]:
+    """Hunt for what a chain and its custodians are said to know of a record."""
+
+    def know(_cluster: object, _ids: object, known: list[Trace]) -> list[Trace]:
+        for each in known:
+            trace.pieces |= each.pieces
+        return [trace]
+
+    monkeypatch.setattr("network.cli.custody_hunt_command.gather", know)
+    told = ["custody", "hunt", trace.record_id.hex(), *arguments, "--dir", str(folder)]
+    said = CliRunner().invoke(main, told)
+    assert ("Nothing was found" in said.stdout) == (said.exit_code == 0), said.output
+    result = CliRunner().invoke(main, [*told, "--json"])
+    assert result.exit_code == said.exit_code
+    return result.exit_code, json.loads(result.stdout)
+
+
+@pytest.mark.parametrize("status", ["erasing", "erased", "expired"])
+def test_a_record_that_is_gone_is_not_called_clean_without_its_trace(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, status: str
+) -> None:
+    trace, path = Trace(secrets.token_bytes(16), status), tmp_path / "mistyped.json"
+    trace.add("id", trace.record_id)
+    trace.add("root", secrets.token_bytes(32))
+    exit_code, report = _hunt_for(monkeypatch, folder, trace)
+    assert (exit_code, report["ok"], report["not_compared"]) == (1, False, [trace.record_id.hex()])
+    assert not report["found"]
+    exit_code, report = _hunt_for(monkeypatch, folder, trace, "--trace", str(path), "--plaintext", __file__)
+    assert (exit_code, report["error"]["code"]) == (1, "FILE_UNUSABLE")
+    assert "mistyped.json does not exist" in report["error"]["detail"]
+    assert not path.exists(), "a trace that finds nothing is not written"
+    write_traces(path, [trace])
+    assert _hunt_for(monkeypatch, folder, trace, "--trace", str(path))[1]["not_compared"] == [trace.record_id.hex()]
+
+
+def test_a_trace_of_before_a_picture_and_a_record_that_is_kept_are_compared(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, picture = tmp_path / "before.json", tmp_path / "picture"
+    kept = Trace(secrets.token_bytes(16), "active")
+    kept.add("id", kept.record_id)
+    kept.add("ciphertext", secrets.token_bytes(100), 4)
+    assert _hunt_for(monkeypatch, folder, kept, "--trace", str(path))[0] == 0
+    assert path.exists()
+    gone = Trace(kept.record_id, "erased")
+    assert _hunt_for(monkeypatch, folder, gone, "--trace", str(path))[0] == 0
+    picture.write_bytes(secrets.token_bytes(1000))
+    gone = Trace(secrets.token_bytes(16), "erased")
+    exit_code, report = _hunt_for(monkeypatch, folder, gone, "--plaintext", str(picture))
+    assert (exit_code, report["not_compared"]) == (0, [])
 
 
 def test_a_folder_that_lies_elsewhere_by_a_link_is_searched_once_and_a_loop_ends(tmp_path: Path) -> None:
