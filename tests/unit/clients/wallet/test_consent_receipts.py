@@ -13,9 +13,11 @@ from typing import Any
 
 import msgspec
 import pytest
+from click.testing import CliRunner
 
 from clients.bundle import consent_receipts as file
 from clients.bundle.chain_proofs import ProvedChain
+from clients.wallet import consent_commands
 from clients.wallet import consent_receipts as wallet_receipts
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.consenting import Consenting
@@ -308,6 +310,17 @@ async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: Notice
         with pytest.raises(BlockRobotError, match=told) as caught:
             file.check_file(path, ward.genesis)
         assert caught.value.code == "CONSENT_RECEIPT_INVALID"
+
+
+def test_no_file_is_written_of_no_receipt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (wallet_receipts.Receipts((), (), ()), b"{}"))
+    path = tmp_path / "receipts.json"
+    for more in ((), ("--json",)):
+        result = CliRunner().invoke(consent_commands.receipts, ["--out", str(path), *more])
+        assert result.exit_code == 0, result.output
+        assert str(path) not in result.stdout
+    assert json.loads(result.stdout)["file"] is None
+    assert not path.exists()
 
 
 async def test_a_receipt_that_was_fetched_twice_is_told_once(ward: NoticeWard) -> None:
