@@ -112,7 +112,12 @@ class Share:
         """For whom it is, in words."""
         if self.given is None:
             return "somebody (this wallet was restored, and the chain does not say who)"
-        return self.given.label or f"member {self.given.handle.hex()[:12]}"
+        start = self.given.handle.hex()[:12]
+        return f"{self.given.label} (handle {start})" if self.given.label else f"member {start}"
+
+
+def _same_name(label: str, name: str) -> bool:
+    return bool(label) and label.strip().casefold() == name.strip().casefold()
 
 
 def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
@@ -179,9 +184,14 @@ class Sharing:
         """Return the member with this handle (64 hexadecimal digits), or of a name under which one was shared before.
 
         Asked in the member session: anybody may look up a member. Raises SHARE_WITH_NON_MEMBER unless she is an active
-        member of the staff or an officer, of an organisation that is still there; SHARE_NOT_POSSIBLE for what is no handle.
+        member of the staff or an officer, of an organisation that is still there; SHARE_NOT_POSSIBLE for what is no handle,
+        for a name that stands for two, and for a `label` by which another is called already: no name ever moves.
         """
         handle, known = self._read_handle(wanted)
+        label = label.strip()
+        for other in self._called(label) - {handle}:
+            text = f"You already call somebody else {label!r} (handle {other.hex()[:12]}). Give another name with --as."
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", text)
         wallet, session = self._wallet, self._wallet.keys.identity
         await wallet.require_registered()
         if handle == wallet.store.content.handle:
@@ -201,8 +211,13 @@ class Sharing:
         )
 
     def _read_handle(self, wanted: str) -> tuple[bytes, str]:
+        called = self._called(wanted)
+        if len(called) > 1:
+            starts = " and ".join(sorted(handle.hex()[:12] for handle in called))
+            text = f"You call several {wanted!r} (handles {starts}). Name the one you mean by the whole handle."
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", text)
         for given in reversed(self._wallet.store.content.given_grants):
-            if given.label and given.label.casefold() == wanted.strip().casefold():
+            if given.handle in called and _same_name(given.label, wanted):
                 return given.handle, given.label
         try:
             handle = bytes.fromhex("".join(wanted.replace("-", "").split()))
@@ -215,6 +230,10 @@ class Sharing:
             )
         known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
         return handle, known[-1] if known else ""
+
+    def _called(self, name: str) -> set[bytes]:
+        """Return the handles of all whom this wallet's owner ever called so."""
+        return {given.handle for given in self._wallet.store.content.given_grants if _same_name(given.label, name)}
 
     async def share(
         self, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell

@@ -173,7 +173,7 @@ class SharedWard(Ward):
     async def share(self, wallet: Wallet, purpose: str = "care", **given: Any) -> Shared:
         """Share all of the patient's records with somebody, for a week."""
         entries = await self.entries()
-        grantee = await self.grantee(wallet)
+        grantee = await self.grantee(wallet, given.get("label", "Dr Weber"))
         until_ms = given.get("until_ms", self.until_ms())
         return await self.sharing.share(entries, grantee, purpose, until_ms, self.told.append)
 

@@ -77,8 +77,8 @@ async def test_nobody_else_finds_the_grant_and_a_second_reading_begins_where_the
     monkeypatch.setattr(grants, "PAGE_COUNT", 2)
     ward.record_visit(1)
     nurse = ward.come_in("nurse", "staff")
-    for other in (doctor, nurse, doctor):
-        await ward.share(other)
+    for other, label in ((doctor, "Dr Weber"), (nurse, "Nurse"), (doctor, "Dr Weber")):
+        await ward.share(other, label=label)
     assert len(await receiving.inbox()) == 2
     assert len(await ward.receiving(nurse).inbox()) == 1
     assert doctor.store.content.scanned_grants_count == 3
@@ -383,6 +383,6 @@ async def test_an_owner_with_new_words_still_sees_and_ends_what_she_shared(
     await change_words(ward.wallet)
     await ward.share(doctor)
     first, second = await ward.sharing.shares()
-    assert {share.name for share in (first, second)} == {"Dr Weber"}
+    assert {share.name for share in (first, second)} == {f"Dr Weber (handle {doctor.store.content.handle.hex()[:12]})"}
     await ward.sharing.revoke(first)
     assert [receipt.is_open for receipt in await receiving.inbox()] == [False, True]

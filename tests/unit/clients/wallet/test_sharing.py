@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from clients.wallet.keystore import Keystore
@@ -61,7 +62,8 @@ async def test_the_wallet_remembers_with_whom_and_shows_who_looked_by_the_chain(
     ward.record_visit()
     shared = await ward.share(doctor)
     (share,) = await ward.sharing.shares()
-    assert (share.grant.grant_id, share.name, share.looks) == (shared.grant_id, "Dr Weber", ())
+    assert (share.grant.grant_id, share.looks) == (shared.grant_id, ())
+    assert share.name.startswith("Dr Weber (handle ")
     assert share.given is not None
     assert hash_grant_member(share.given.salt, share.given.handle) == share.grant.member_hash
     receiving = ward.receiving(doctor)
@@ -93,6 +95,27 @@ async def test_a_name_that_was_given_once_finds_the_same_member_again(ward: Shar
     text = doctor.store.content.handle.hex()
     spaced = " ".join(text[start : start + 8] for start in range(0, 64, 8))
     assert (await ward.sharing.find_grantee(spaced)).handle == again.handle
+
+
+async def test_a_name_never_moves_to_another_person(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    await ward.share(doctor)
+    nurse = ward.come_in("nurse", "staff").store.content.handle
+    with pytest.raises(BlockRobotError, match=r"SHARE_NOT_POSSIBLE.*already call") as refused:
+        await ward.sharing.find_grantee(nurse.hex(), " dr weber ")
+    assert doctor.store.content.handle.hex()[:12] in str(refused.value)
+    assert (await ward.sharing.find_grantee(doctor.store.content.handle.hex(), "Dr Weber")).label == "Dr Weber"
+    (share,) = await ward.sharing.shares()
+    assert share.name == f"Dr Weber (handle {doctor.store.content.handle.hex()[:12]})"
+
+
+async def test_a_name_that_stands_for_two_in_an_older_wallet_finds_neither(ward: SharedWard, doctor: Wallet) -> None:
+    ward.record_visit()
+    await ward.share(doctor)
+    given = ward.wallet.store.content.given_grants
+    given.append(msgspec.structs.replace(given[0], grant_id=bytes(32), handle=b"\x07" * 32))
+    with pytest.raises(BlockRobotError, match=r"SHARE_NOT_POSSIBLE.*handle"):
+        await ward.sharing.find_grantee("Dr Weber")
 
 
 @pytest.mark.parametrize("role", ["subject", "robot", "auditor"])
@@ -174,7 +197,7 @@ async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Walle
     only = [entry for entry in entries if entry.record_id == first]
     await ward.sharing.share(only, grantee, "care", ward.until_ms(), ward.told.append)
     (share,) = await ward.sharing.recipients(only)
-    assert share.name == "Dr Weber"
+    assert share.name.startswith("Dr Weber (handle ")
     assert await ward.sharing.recipients([entry for entry in entries if entry.record_id == second]) == []
 
 
