@@ -6,7 +6,6 @@ wrong with one's own visits.
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.opening import run_opened, show_moment
-from clients.wallet.pictures import write_frames
+from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
     KIND_CORRECTED,
     KIND_DENIED,
@@ -270,7 +269,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
 @click.command("confirm-deleted")
 @click.argument("grant")
 @click.argument("record_ids", nargs=-1)
-@click.option("--delete", is_flag=True, help="Delete the folders that `look` wrote on this machine, first.")
+@click.option("--delete", is_flag=True, help="Delete what `look` wrote on this machine, first.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
@@ -285,7 +284,7 @@ def confirm_deleted(
     Example: blockrobot wallet confirm-deleted 3fa2c19b07de --delete
     """
 
-    async def action(opened: Wallet) -> tuple[list[bytes], list[Path]]:
+    async def action(opened: Wallet) -> tuple[list[bytes], list[Path], list[Path]]:
         receiving, receipt = await _find(opened, grant)
         chosen = _choose(receipt, record_ids, receipt.to_confirm)
         if not chosen:
@@ -293,23 +292,26 @@ def confirm_deleted(
         places = copies_left(receipt, chosen)
         if places and not delete:
             raise BlockRobotError("COPIES_REMAIN", f"There is still a copy in {places[0]}.")
-        doing = f"Delete {len(places)} folders, and say" if places else "Say"
+        doing = f"Delete what `look` wrote into {len(places)} folders, and say" if places else "Say"
         confirm(
             f"{doing} on the ledger that you have no copy left of {len(chosen)} records: not elsewhere on this machine,"
             " not on another, not on paper, and with nobody whom you gave one.",
             "Is that so?",
             yes=yes,
         )
-        for place in places:
-            shutil.rmtree(place)
+        kept = [path for place in places for path in delete_frames(place)]
         await receiving.confirm_deleted(receipt, chosen)
-        return chosen, places
+        return chosen, places, kept
 
-    chosen, places = run_opened(ctx, action)
+    chosen, places, kept = run_opened(ctx, action)
     if as_json:
-        deleted = [str(place) for place in places]
-        print_json({"ok": True, "records": [record_id.hex() for record_id in chosen], "deleted": deleted})
+        deleted = [str(place) for place in places if not place.exists()]
+        records = [record_id.hex() for record_id in chosen]
+        print_json({"ok": True, "records": records, "deleted": deleted, "kept": [str(path) for path in kept]})
         return
+    for folder in dict.fromkeys(path.parent for path in kept):
+        names = ", ".join(path.name for path in kept if path.parent == folder)
+        console.print(f"{folder} stays: it holds what `look` did not write ({names}). No copy may be among it.")
     console.print(f"The owner sees now that you have deleted your copies of {len(chosen)} records.")
 
 

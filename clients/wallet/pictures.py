@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Awaitable, Callable, Sequence
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from clients.wallet.viewing import FrameView, RecordView, Viewing
 from consensus.records.renditions import ENCODING_PNG16, Rendition
 
 _PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
+_WRITTEN = re.compile(r"[0-9]{8,}\.(png|depth\.png|rgb\.png|rgb\.jpg|label\.json|wav)")
 FindBackground = Callable[[Rendition], Awaitable[bytes]]
 
 
@@ -62,6 +64,22 @@ async def write_frames(
         _write(folder / f"{rendition.sequence:08d}.depth.png", own_pixels(rendition))
         written.append(picture)
     return written
+
+
+def delete_frames(folder: Path) -> list[Path]:
+    """Delete what `write_frames` wrote into a record's folder, and the folder unless it holds anything else.
+
+    Returns what else it holds: files of the user's own are not ours to delete.
+    """
+    others = []
+    for path in sorted(folder.iterdir()):
+        if _WRITTEN.fullmatch(path.name) and not path.is_dir():
+            path.unlink()
+        else:
+            others.append(path)
+    if not others:
+        folder.rmdir()
+    return others
 
 
 def _write(path: Path, data: bytes) -> None:

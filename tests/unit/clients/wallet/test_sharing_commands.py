@@ -114,6 +114,26 @@ def test_the_whole_story_on_two_command_lines(people: People, tmp_path: Path) ->
     assert (again.exit_code, "NOT_FOUND" in again.output) == (3, True)
 
 
+def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and_is_named(
+    people: People, tmp_path: Path
+) -> None:
+    ward, doctor = people.ward, people.doctor
+    visit, (first, second) = ward.record_visit()
+    asyncio.run(ward.share(doctor))
+    name = people.told(ward.wallet, "shares")["shares"][0]["grant_id"][:12]
+    out = tmp_path / "shared"
+    people.run(doctor, "look", name, "--out", out)
+    note = out / first.hex() / "mynote.txt"
+    note.write_text("mine")
+    asyncio.run(ward.erase(visit, [first, second]))
+    done = people.run(doctor, "confirm-deleted", name, "--delete", "--yes")
+    assert done.exit_code == 0, done.output
+    assert [path.name for path in note.parent.iterdir()] == ["mynote.txt"]
+    assert not (out / second.hex()).exists()
+    assert f"{note.parent} stays" in done.output.replace("\n", "")
+    assert "mynote.txt" in done.output
+
+
 def test_what_was_ended_is_told_on_both_sides(people: People, tmp_path: Path) -> None:
     _, (record_id,) = people.ward.record_visit(1)
     people.share(record_id, "--yes")
