@@ -5,10 +5,13 @@ Exit codes: 0 done, 1 failed, 2 usage (click's own), 3 not found, 4 refused, 5 n
 
 from __future__ import annotations
 
+import asyncio
 import functools
 import json
 import os
+import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,6 +72,40 @@ def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
         return
     with console.status(text) as status:
         yield status.update
+
+
+@contextmanager
+def _stopped_by_interrupt() -> Iterator[None]:
+    """While inside, the first Ctrl-C raises Abort. asyncio.run only cancels its task, which a question never notices."""
+    try:
+        running = asyncio.current_task()
+    except RuntimeError:
+        running = None
+    before = signal.getsignal(signal.SIGINT)
+    ours = callable(before) and threading.current_thread() is threading.main_thread()
+    try:
+        if ours:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        if running is not None and running.cancelling():
+            raise click.Abort  # Ctrl-C came while the text before the question was written
+        yield
+    except KeyboardInterrupt:
+        raise click.Abort from None
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, before)
+
+
+def ask(question: str, *, err: bool = False) -> None:
+    """Ask yes or no at the terminal, also within the event loop. Raises Abort for no, and at the first Ctrl-C."""
+    with _stopped_by_interrupt():
+        click.confirm(question, abort=True, err=err)
+
+
+def ask_for(text: str) -> str:
+    """Ask for a line at the terminal, also within the event loop. Raises Abort at the first Ctrl-C."""
+    with _stopped_by_interrupt():
+        return str(click.prompt(text))
 
 
 def fail(error: BlockRobotError, *, as_json: bool = False) -> int:

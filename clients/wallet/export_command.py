@@ -15,7 +15,7 @@ from clients.bundle.checking import Verdict, unproved
 from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
 from clients.bundle.writing import require_free, write_bundle
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.exporting import Exporting, Plan, Wanted
 from clients.wallet.opening import run_opened
 from clients.wallet.wallet import Wallet
@@ -79,7 +79,7 @@ def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
         click.echo(line, err=as_json)
     if yes:
         return
-    click.confirm("Write it?", abort=True, err=as_json)
+    ask("Write it?", err=as_json)
 
 
 @click.command()

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
 from clients.wallet.opening import run_opened, show_moment
 from consensus.errors import BlockRobotError
@@ -145,7 +145,7 @@ def _confirm(text: str, *, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    click.confirm(text, abort=True)
+    ask(text)
 
 
 def _require_room(found: Preview, visits: int | None) -> int:

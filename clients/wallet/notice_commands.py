@@ -10,7 +10,7 @@ import click
 from rich.markup import escape
 
 from clients.bundle.consent_receipts import CheckedReceipt
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
@@ -38,7 +38,7 @@ def tell_first(notices: Notices, told: Told, question: str, *, as_json: bool) ->
         return
     show_told(told)
     if is_at_terminal():
-        click.confirm(question, abort=True)
+        ask(question)
     notices.note_shown(told)
 
 

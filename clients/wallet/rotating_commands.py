@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
@@ -63,9 +63,7 @@ def _show_words(words: str, words_file: Path | None) -> None:
     console.print("Your 24 new words. Write them down now, and keep the old ones too; they are shown this once:\n")
     console.print(words, style="bold")
     wanted = secrets.randbelow(WORDS_COUNT)
-    while (
-        click.prompt(f"\nFrom what you wrote down: word number {wanted + 1}").strip().lower() != words.split()[wanted]
-    ):
+    while ask_for(f"\nFrom what you wrote down: word number {wanted + 1}").strip().lower() != words.split()[wanted]:
         console.print("That is not this word. Look again; nothing is changed yet.")
 
 
@@ -73,7 +71,7 @@ def _ask_or_say(question: str, *, yes: bool) -> None:
     if not yes:
         if not sys.stdin.isatty():
             raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm(question, abort=True)
+        ask(question)
 
 
 def _tell_progress(number: int, count: int, pause_s: float) -> None:

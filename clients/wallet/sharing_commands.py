@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import choose
@@ -85,7 +85,7 @@ def confirm(text: str, question: str, *, yes: bool) -> None:
     if not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
     click.echo(text, err=True)
-    click.confirm(question, abort=True, err=True)
+    ask(question, err=True)
 
 
 def _shared_json(shared: Shared) -> dict[str, Any]:

@@ -1,0 +1,48 @@
+"""A question within the event loop is not asked after a Ctrl-C, and the wallet has one place that asks so."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import clients
+
+_COMMAND = """
+import asyncio, os, signal
+import click
+from clients.sdk.terminal import ask, ask_for
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
+@click.command()
+def command():
+    async def main():
+        try:
+            {question}
+            print("went on")
+        finally:
+            await asyncio.sleep(0)
+            print("closed")
+    asyncio.run(main())
+
+command()
+"""
+
+
+def test_an_interrupt_right_before_a_question_leaves_it_unasked() -> None:
+    code = _COMMAND.format(question='os.kill(os.getpid(), signal.SIGINT); ask("Well?")')
+    done = subprocess.run(
+        [sys.executable, "-c", code], input="y\n", capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 1
+    assert "Well?" not in done.stdout
+    assert "went on" not in done.stdout
+    assert "Aborted!" in done.stderr
+
+
+def test_the_wallet_asks_within_the_loop_only_in_this_way() -> None:
+    outside = {"breach_commands.py", "cli.py", "opening.py", "rights_commands.py"}  # these ask before the loop begins
+    folder = Path(clients.__path__[0]) / "wallet"
+    texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
+    assert {name for name, text in texts.items() if "click.confirm(" in text or "click.prompt(" in text} <= outside
