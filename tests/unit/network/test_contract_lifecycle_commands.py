@@ -95,7 +95,7 @@ def test_list_and_show_as_json(chain: Consortium) -> None:
     listed = answer("list")
     assert listed["due"] == listed["proposals"] == []
     rows = {row["name"]: row for row in listed["contracts"]}
-    assert (rows["visitors"]["version"], rows["visitors"]["enabled"], len(rows)) == (1, True, 13)
+    assert (rows["visitors"]["version"], rows["visitors"]["enabled"], len(rows)) == (1, True, 14)
     shown = answer("show", "visitors")
     assert (shown["status"], shown["source"], shown["organisation"]) == ("active", VISITORS, "org-01")
     assert [entry["name"] for entry in shown["abi"]] == ["enter", "leave", "inside"]

@@ -107,7 +107,8 @@ def test_an_erasure_that_a_silent_custodian_owes_is_told_by_the_other(folder: Pa
 
 def _scrubbed(**changes: Any) -> dict[str, Any]:
     lists = ("missing", "held_though_erased", "unknown_to_chain", "other_facts", "unclaimed_frames", "unclaimed_keys")
-    report: dict[str, Any] = {name: [] for name in (*lists, "frames_held_though_erased", "corrupted")}
+    pairs = ("frames_held_though_erased", "corrupted", "parts_held_though_ended")
+    report: dict[str, Any] = {name: [] for name in (*lists, *pairs)}
     counts = {"height": 9, "records_count": 7, "clips_compared_count": 7, "frames_compared_count": 30}
     files = {"dirty_slots_count": 0, "log_bytes": 0, "dirty_bytes": 0}
     return {"ok": True, "nothing_erased_is_left": True, **report, **counts, **files, **changes}

@@ -144,11 +144,20 @@ def test_where_every_file_has_a_name_a_bundle_is_written_as_well(
 
 def test_what_ends_a_program_is_as_it_was_once_a_bundle_is_written(made: Made, tmp_path: Path) -> None:
     numbers = (signal.SIGTERM, signal.SIGINT)
-    before = [signal.getsignal(number) for number in numbers]
+    before = [signal.SIG_DFL, signal.default_int_handler]
+    # Whoever started the tests may have had them ignored.
+    outside = [signal.signal(number, handler) for number, handler in zip(numbers, before, strict=True)]
     during = []
-    write_bundle(tmp_path / "mine.zip", made.contents, heard=lambda *_: during.extend(map(signal.getsignal, numbers)))
-    assert [signal.getsignal(number) for number in numbers] == before
-    assert set(during).isdisjoint(before)
+    try:
+        write_bundle(
+            tmp_path / "mine.zip", made.contents, heard=lambda *_: during.extend(map(signal.getsignal, numbers))
+        )
+        assert [signal.getsignal(number) for number in numbers] == before
+        assert during
+        assert set(during).isdisjoint(before)
+    finally:
+        for number, handler in zip(numbers, outside, strict=True):
+            signal.signal(number, handler)
 
 
 def test_a_bundle_that_a_stranger_would_refuse_never_gets_its_name(
