@@ -27,7 +27,8 @@ async def test_a_robot_that_is_killed_again_and_again_loses_nothing_that_it_had_
         for step in LIKELIEST:
             await robot.live(step)
         await robot.live()
-        await robot.check()
+        # Each kill may also meet another clip that was counted and not yet spooled: its owner is told that it is missing.
+        await robot.check(lost_max_count=len(LIKELIEST))
         assert len(robot.diaries.spooled) > len(LIKELIEST)
 
 
