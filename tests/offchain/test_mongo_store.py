@@ -130,6 +130,7 @@ QUERIES: Mapping[str, Query] = {
     "missing": lambda store: store.missing(10),
     "missing_of_owner": lambda store: store.missing_of_owner(OWNER),
     "missing_clip": lambda store: store.missing_clip(RECORD_ID),
+    "missing_over": lambda store: store.missing_over(5000),
     "apply": lambda store: store.apply(BlockEffects(checkpoint=Checkpoint(5, TXID, 5000))),
     "grant": lambda store: store.grant(TXID),
     "grants_of_owner": lambda store: store.grants_of_owner(OWNER),
