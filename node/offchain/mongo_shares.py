@@ -87,7 +87,8 @@ class MongoShares:
 
     async def missing_over(self, at_ms: int) -> list[bytes]:
         """See `ShareStore.missing_over`."""
-        found = await self._many("missing", {"expires_at_ms": {"$lt": at_ms + 1}}, fields=("_id",))
+        over = {"expires_at_ms": {"$lt": at_ms + 1}}
+        found = await self._many("missing", over, fields=("_id",), sort=(("expires_at_ms", ASCENDING),))
         return [document["_id"] for document in found]
 
     async def forget_share(self, grant_id: bytes) -> None:
