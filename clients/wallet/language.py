@@ -1,0 +1,119 @@
+"""What the wallet says, in the language of who uses it: one catalogue of texts, `texts/en.toml` and `texts/pt.toml`.
+
+The command line and the wallet's page read the same files. Must never take a text from anywhere else, and never leave
+someone without one: what a language lacks is said in English, and a test fails.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+
+import click
+
+from consensus.errors import BlockRobotError
+
+LANGUAGES = ("en", "pt")
+DEFAULT_LANGUAGE = "en"
+LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
+ONE, OTHER = "one", "other"
+_META_KEY = "blockrobot.language"
+_FOLDER = Path(__file__).with_name("texts")
+
+Form = str | Mapping[str, str]
+"""A text, or its plural forms: `one` and `other`, chosen by the value that is called `count`."""
+
+
+def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, Form]:
+    flat: dict[str, Form] = {}
+    for name, value in table.items():
+        key = f"{prefix}{name}"
+        if isinstance(value, str):
+            flat[key] = value
+        elif isinstance(value, Mapping) and set(value) == {ONE, OTHER}:
+            flat[key] = MappingProxyType({form: str(text) for form, text in value.items()})
+        elif isinstance(value, Mapping):
+            flat.update(_flatten(value, f"{key}."))
+        else:
+            raise AssertionError(f"{key} is no text")
+    return flat
+
+
+@functools.cache
+def load(language: str) -> Mapping[str, Form]:
+    """Return a language's texts by their dotted keys (`records.none`)."""
+    return MappingProxyType(_flatten(tomllib.loads((_FOLDER / f"{language}.toml").read_text(encoding="utf-8"))))
+
+
+def _known(wanted: str) -> str | None:
+    """Return the language that a locale or a language's name means (`pt_PT.UTF-8`, `pt-BR`), or None."""
+    name = wanted.replace("-", "_").split(".")[0].split("@")[0].split("_")[0].lower()
+    if name in LANGUAGES:
+        return name
+    return DEFAULT_LANGUAGE if name in {"c", "posix"} else None
+
+
+def find_language(environment: Mapping[str, str] | None = None) -> str:
+    """Return the language that BLOCKROBOT_LANGUAGE names, else the locale (LC_ALL, LC_MESSAGES, LANG), else English."""
+    environment = os.environ if environment is None else environment
+    for variable in (LANGUAGE_VARIABLE, "LC_ALL", "LC_MESSAGES", "LANG"):
+        wanted = environment.get(variable, "")
+        if wanted:
+            return _known(wanted) or DEFAULT_LANGUAGE
+    return DEFAULT_LANGUAGE
+
+
+def language_in_use() -> str:
+    """Return the language of the command that runs: what `--language` said, else what the environment says."""
+    context = click.get_current_context(silent=True)
+    chosen = None if context is None else context.meta.get(_META_KEY)
+    return chosen or find_language()
+
+
+def choose_language(context: click.Context, language: str | None) -> None:
+    """Let the running command speak that language (None: as the environment says), in its errors too."""
+    if language is not None:
+        context.meta[_META_KEY] = language
+
+
+def text(key: str, /, *, language: str | None = None, **values: object) -> str:
+    """Return a text with its values put in; `count` also chooses its plural form. Raises KeyError for no such text."""
+    language = language or language_in_use()
+    form = load(language).get(key)
+    if form is None:
+        form = load(DEFAULT_LANGUAGE)[key]
+    if not isinstance(form, str):
+        form = form[ONE if values["count"] == 1 else OTHER]
+    return form.format(**values) if values else form
+
+
+def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
+    """Return all texts below a prefix (`page`), keys without it; plural forms stay {"one", "other"}.
+
+    Values are not put in: whoever shows them replaces `{name}`.
+    """
+    start = f"{prefix}."
+    texts = {**load(DEFAULT_LANGUAGE), **load(language)}
+    return {
+        key.removeprefix(start): form if isinstance(form, str) else dict(form)
+        for key, form in texts.items()
+        if key.startswith(start)
+    }
+
+
+def describe_error(error: BlockRobotError, language: str | None = None) -> tuple[str, str]:
+    """Return what happened and the next step in the language, as far as the catalogue has them, else in English.
+
+    A sentence that was made for this one case is kept beside the translated meaning, in English: it has the particulars.
+    """
+    texts = load(language or language_in_use())
+    meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")
+    detail = error.detail
+    if isinstance(meaning, str):
+        detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
+    own_step = error.next_step == error.entry.next_step and isinstance(next_step, str)
+    return detail, str(next_step) if own_step else error.next_step
