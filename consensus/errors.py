@@ -43,6 +43,10 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("CERTIFICATE_INVALID", 400, "A certificate is not signed by a quorum of the producers.", "Ask another node; this one is damaged or dishonest."),
     ErrorEntry("BLOCK_INVALID", 400, "The block breaks a rule of the protocol.", "Ask another node; this one is damaged or dishonest."),
     ErrorEntry("GENESIS_INVALID", 400, "The genesis file is damaged or its parts contradict each other.", "Get the genesis file again from your organisation."),
+    # Pages for one person on this machine
+    ErrorEntry("PAGE_LINK_INVALID", 401, "The link that opened this page has been used, has expired, or is not one of this page's.", "Make a new link: run the command that opened the page again."),
+    ErrorEntry("PAGE_SESSION_REQUIRED", 401, "This page has no session, or its session has ended.", "Open the page by a new link: run the command that opened it again."),
+    ErrorEntry("PAGE_ORIGIN_REFUSED", 403, "The request does not come from this page itself.", "Open the page by the link that the command made, not by another name or from another page."),
     # Transactions
     ErrorEntry("TRANSACTION_TOO_LARGE", 413, "The transaction is larger than the chain allows.", "Split it into smaller transactions."),
     ErrorEntry("TRANSACTION_WRONG_CHAIN", 400, "The transaction was signed for another chain.", "Use the genesis file of the network you send it to."),

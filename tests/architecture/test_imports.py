@@ -12,7 +12,7 @@ from importlinter.application import use_cases
 from importlinter.configuration import configure
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("consensus", "contracts", "node", "clients", "network")
+PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
 NODE_LIBRARIES = ("lmdb", "pymongo", "prometheus_client")
 

@@ -15,7 +15,7 @@ import pytest
 from consensus.errors import CATALOGUE
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = ("consensus", "contracts", "node", "clients", "network")
+PACKAGES = ("consensus", "contracts", "node", "clients", "network", "pages")
 DIALECT_FOLDERS = (ROOT / "contracts" / "privacy", ROOT / "contracts" / "system")
 
 MODULE_MAX_LINES = 500
@@ -45,7 +45,7 @@ FORBIDDEN_WORDS = re.compile(
 
 @cache
 def modules() -> tuple[Path, ...]:
-    """Return every Python file of the five packages that CPython runs (contracts are in a language of their own)."""
+    """Return every Python file of the six packages that CPython runs (contracts are in a language of their own)."""
     found = (path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
     return tuple(sorted(path for path in found if path.parent not in DIALECT_FOLDERS))
 
@@ -253,7 +253,7 @@ def test_every_limit_carries_its_unit() -> None:
 
 @cache
 def strings_in_code() -> dict[str, list[str]]:
-    """Return every string constant of the five packages (not of the catalogue itself) and where it stands."""
+    """Return every string constant of the six packages (not of the catalogue itself) and where it stands."""
     found: dict[str, list[str]] = {}
     for path in modules():
         if path == ROOT / "consensus" / "errors.py":

@@ -1,0 +1,259 @@
+"""A page for one person on this machine: the wallet's page, the cluster's console.
+
+Its neighbours are other users of the machine and other pages in the same browser. So it listens on 127.0.0.1 alone, on a
+port that the system draws; takes requests only under that very Host (against DNS rebinding) and that Origin; and answers
+nothing before a secret is shown that only this user's files held. The secret goes once from a file with mode 0600 into
+the page's memory. Must never stand in a command line, a query, a cookie or a log line.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import html
+import json
+import logging
+import os
+import secrets
+import time
+from collections.abc import Awaitable, Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from pages.serving import PAGES_ASSETS, SECURITY_HEADERS, Assets
+
+LOOPBACK = "127.0.0.1"
+SESSION_HEADER = "X-BlockRobot-Session"
+TOKEN_BYTES = 32
+LINK_LIFETIME_MS = 120_000
+LINK_ATTEMPTS_MAX_COUNT = 10
+SESSIONS_MAX_COUNT = 8
+REQUEST_MAX_BYTES = 1 << 20
+PROBLEM_TYPE = "application/problem+json"
+
+_log = logging.getLogger("pages.local")
+_SAFE_METHODS = frozenset({"GET", "HEAD"})
+Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+
+
+@dataclass(frozen=True, slots=True)
+class LocalRoute:
+    """One route of a local page; its path begins with `/api/`, and it answers only who shows a session."""
+
+    method: str
+    path: str
+    handler: Handler
+
+
+@dataclass(frozen=True, slots=True)
+class Opened:
+    """Where a local page is. The address alone opens nothing; the file does, once."""
+
+    url: str
+    redirect_file: Path
+
+
+class LocalPage:
+    """A page served on this machine for the user who started it. Use `start` and `stop`, or `async with`.
+
+    `idle_minutes`: after so long without a request every session ends (0: never). `now_ms` is a monotonic clock.
+    """
+
+    def __init__(
+        self,
+        assets: Assets,
+        routes: Iterable[LocalRoute],
+        *,
+        redirect_folder: Path,
+        title: str,
+        idle_minutes: int = 0,
+        now_ms: Callable[[], int] = lambda: time.monotonic_ns() // 1_000_000,
+    ) -> None:
+        self._assets = assets
+        self._shared = Assets(PAGES_ASSETS)
+        self._folder = redirect_folder
+        self._title = title
+        self._idle_ms = idle_minutes * 60_000
+        self._now_ms = now_ms
+        self._sessions: dict[str, int] = {}
+        self._link: _Link | None = None
+        self._runner: web.AppRunner | None = None
+        self._origin = ""
+        self.app = web.Application(client_max_size=REQUEST_MAX_BYTES, middlewares=[self._guard])
+        self.app.router.add_get("/", self._index)
+        self.app.router.add_post("/session", self._exchange)
+        self.app.router.add_get("/shared/{name:.+}", self._shared_file)
+        for route in routes:
+            if not route.path.startswith("/api/"):
+                raise ValueError(f"{route.path} does not begin with /api/")
+            self.app.router.add_route(route.method, route.path, route.handler)
+        self.app.router.add_get("/{name:.+}", self._file)
+
+    async def __aenter__(self) -> LocalPage:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        await self.stop()
+
+    @property
+    def url(self) -> str:
+        """The page's address, without a secret."""
+        return f"{self._origin}/"
+
+    async def start(self) -> Opened:
+        """Listen, and write the first link. Raises OSError if the machine gives no port or the folder no file."""
+        runner = web.AppRunner(self.app, access_log=None, handle_signals=False, shutdown_timeout=1.0)
+        await runner.setup()
+        site = web.TCPSite(runner, LOOPBACK, 0)
+        await site.start()
+        self._runner = runner
+        port = runner.addresses[0][1]
+        self._origin = f"http://{LOOPBACK}:{port}"
+        return Opened(url=self.url, redirect_file=await self.new_link())
+
+    async def stop(self) -> None:
+        """End all sessions, remove the link and stop listening."""
+        self._sessions.clear()
+        await self._drop_link()
+        if self._runner is not None:
+            await self._runner.cleanup()
+            self._runner = None
+
+    async def new_link(self) -> Path:
+        """Write a new redirect file and return its path; the former one opens nothing any more."""
+        await self._drop_link()
+        token = secrets.token_urlsafe(TOKEN_BYTES)
+        path = await asyncio.to_thread(_write_redirect, self._folder, f"{self._origin}/#{token}", self._title)
+        self._link = _Link(token, path, self._now_ms() + LINK_LIFETIME_MS)
+        return path
+
+    def end_sessions(self) -> None:
+        """End all sessions: every page must be opened by a new link."""
+        self._sessions.clear()
+
+    async def _drop_link(self) -> None:
+        link, self._link = self._link, None
+        if link is not None:
+            await asyncio.to_thread(link.path.unlink, missing_ok=True)
+
+    @web.middleware
+    async def _guard(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+        try:
+            self._require_own_page(request)
+            if request.path.startswith("/api/"):
+                self._require_session(request)
+            response = await handler(request)
+        except BlockRobotError as error:
+            response = problem_response(error)
+        except web.HTTPException as error:
+            code = {404: "ROUTE_UNKNOWN", 405: "METHOD_NOT_ALLOWED", 413: "REQUEST_TOO_LARGE"}.get(error.status)
+            response = problem_response(BlockRobotError(code or "REQUEST_INVALID"))
+        except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
+            _log.error("unexpected fault in %s: %s", request.match_info.route.resource, type(error).__name__)
+            response = problem_response(BlockRobotError("INTERNAL"))
+        if not response.prepared:
+            response.headers.update(LOCAL_HEADERS)
+        return response
+
+    def _require_own_page(self, request: web.Request) -> None:
+        if request.headers.get("Host", "") != self._origin.removeprefix("http://"):
+            raise BlockRobotError("PAGE_ORIGIN_REFUSED", "The request names another host than this page's own address.")
+        origin = request.headers.get("Origin")
+        if origin != self._origin and (origin is not None or request.method not in _SAFE_METHODS):
+            raise BlockRobotError("PAGE_ORIGIN_REFUSED")
+
+    def _require_session(self, request: web.Request) -> None:
+        now = self._now_ms()
+        given = request.headers.get(SESSION_HEADER, "")
+        for session, last_ms in list(self._sessions.items()):
+            if self._idle_ms and now - last_ms > self._idle_ms:
+                del self._sessions[session]
+            elif hmac.compare_digest(session.encode(), given.encode()):
+                self._sessions[session] = now
+                return
+        raise BlockRobotError("PAGE_SESSION_REQUIRED")
+
+    async def _exchange(self, request: web.Request) -> web.Response:
+        """Take the link's secret, once, and give the session's."""
+        body = await read_object(request)
+        link = self._link
+        given = body.get("token")
+        if link is None or self._now_ms() > link.ends_ms or not isinstance(given, str):
+            raise BlockRobotError("PAGE_LINK_INVALID")
+        if not hmac.compare_digest(link.token.encode(), given.encode()):
+            link.attempts += 1
+            if link.attempts >= LINK_ATTEMPTS_MAX_COUNT:
+                await self._drop_link()
+            raise BlockRobotError("PAGE_LINK_INVALID")
+        await self._drop_link()
+        session = secrets.token_urlsafe(TOKEN_BYTES)
+        if len(self._sessions) >= SESSIONS_MAX_COUNT:
+            self._sessions.pop(min(self._sessions, key=lambda known: self._sessions[known]))
+        self._sessions[session] = self._now_ms()
+        return web.json_response({"session": session})
+
+    async def _index(self, request: web.Request) -> web.Response:
+        return self._assets.response("index.html", request.headers.get("If-None-Match", ""))
+
+    async def _shared_file(self, request: web.Request) -> web.Response:
+        return self._shared.response(request.match_info["name"], request.headers.get("If-None-Match", ""))
+
+    async def _file(self, request: web.Request) -> web.Response:
+        return self._assets.response(request.match_info["name"], request.headers.get("If-None-Match", ""))
+
+
+LOCAL_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+
+
+@dataclass(slots=True)
+class _Link:
+    token: str
+    path: Path
+    ends_ms: int
+    attempts: int = 0
+
+
+def problem_response(error: BlockRobotError) -> web.Response:
+    """Return a refusal as a problem document (RFC 9457), with its code and next step."""
+    document = {
+        "type": f"urn:blockrobot:error:{error.code}",
+        "title": error.entry.meaning,
+        "status": error.entry.status,
+        "code": error.code,
+        "detail": error.detail,
+        "next_step": error.next_step,
+        "retryable": error.entry.retryable,
+    }
+    return web.Response(status=error.entry.status, body=json.dumps(document).encode(), content_type=PROBLEM_TYPE)
+
+
+async def read_object(request: web.Request) -> dict[str, Any]:
+    """Return a request's JSON object. Raises REQUEST_INVALID for anything else, REQUEST_TOO_LARGE beyond the limit."""
+    try:
+        body = await request.json()
+    except (ValueError, RecursionError):
+        raise BlockRobotError("REQUEST_INVALID", "The request's body is no JSON.") from None
+    if not isinstance(body, dict):
+        raise BlockRobotError("REQUEST_INVALID", "The request's body is no JSON object.")
+    return body
+
+
+def _write_redirect(folder: Path, target: str, title: str) -> Path:
+    """Write the file that sends a browser to the page. Only its owner can read it."""
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    path = folder / f"open-{secrets.token_hex(8)}.html"
+    address, words = html.escape(target, quote=True), html.escape(title)
+    text = (
+        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{words}</title>'
+        f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">'
+        f'<p><a href="{address}">Open {words}</a>. This link works once.</p></html>\n'
+    )
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        file.write(text)
+    return path

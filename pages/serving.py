@@ -1,0 +1,99 @@
+"""Serves a page's own files with strict headers. Must never read a file for a request: all are read once, at the start.
+
+Nothing else than these files may run in a page or be shown by it: no inline code, no other host, no frame around it
+(Content Security Policy Level 3, W3C).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+
+PAGES_ASSETS = Path(__file__).parent / "assets"
+ASSET_MAX_BYTES = 1 << 20
+ASSETS_MAX_COUNT = 200
+
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".json": "application/json",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+}
+
+SECURITY_HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; media-src blob:; "
+        "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), display-capture=()",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Asset:
+    """One file of a page. `etag` is a strong entity tag (RFC 9110), quotes included."""
+
+    content: bytes
+    content_type: str
+    etag: str
+
+
+class Assets:
+    """The files of a page, in memory, by name relative to their folder; of two folders with the same name the first wins.
+
+    Files of other types than pages are made of are left out. Raises ValueError for a file or a number beyond the limits:
+    that is a mistake in the program, not in a request.
+    """
+
+    def __init__(self, *folders: Path) -> None:
+        self._assets: dict[str, Asset] = {}
+        for folder in folders:
+            for path in sorted(folder.rglob("*")):
+                name = path.relative_to(folder).as_posix()
+                if path.suffix in _TYPES and path.is_file() and name not in self._assets:
+                    self._assets[name] = _read(path)
+        if len(self._assets) > ASSETS_MAX_COUNT:
+            raise ValueError(f"a page of {len(self._assets)} files")
+
+    def names(self) -> list[str]:
+        """Return the names of all files."""
+        return list(self._assets)
+
+    def get(self, name: str) -> Asset:
+        """Return a file. Raises ROUTE_UNKNOWN."""
+        asset = self._assets.get(name)
+        if asset is None:
+            raise BlockRobotError("ROUTE_UNKNOWN", "The page has no such file.")
+        return asset
+
+    def response(self, name: str, request_etag: str = "") -> web.Response:
+        """Return a file as an answer, or 304 if the browser has it (`request_etag`: the If-None-Match header).
+
+        Raises ROUTE_UNKNOWN.
+        """
+        asset = self.get(name)
+        headers = {**SECURITY_HEADERS, "ETag": asset.etag, "Cache-Control": "no-cache"}
+        if asset.etag in [tag.strip() for tag in request_etag.split(",")]:
+            return web.Response(status=304, headers=headers)
+        return web.Response(body=asset.content, headers={**headers, "Content-Type": asset.content_type})
+
+
+def _read(path: Path) -> Asset:
+    content = path.read_bytes()
+    if len(content) > ASSET_MAX_BYTES:
+        raise ValueError(f"{path.name} has {len(content)} bytes")
+    digest = hashlib.sha256(content).hexdigest()[:32]
+    return Asset(content=content, content_type=_TYPES[path.suffix], etag=f'"{digest}"')
