@@ -1,0 +1,100 @@
+// Makes elements and asks questions. Never parses text as HTML: what others wrote is always shown as text.
+
+const SVG_TAGS = new Set(["svg", "g", "path", "line", "rect", "circle", "polyline", "polygon", "text", "title", "desc", "defs", "marker", "tspan"]);
+const SVG_NAMESPACE = "http://www.w3.org/2000/svg";
+
+/** Make an element. Props: `class`, `on<event>` listeners, properties (value, checked, disabled, hidden...), attributes. */
+export function h(tag, props = {}, ...children) {
+  return build(document.createElement(tag), props, children);
+}
+
+/** Make an SVG element. */
+export function s(tag, props = {}, ...children) {
+  if (!SVG_TAGS.has(tag)) throw new Error(`not an SVG element: ${tag}`);
+  return build(document.createElementNS(SVG_NAMESPACE, tag), props, children);
+}
+
+const PROPERTIES = new Set(["value", "checked", "disabled", "hidden", "indeterminate", "open", "readOnly", "selected"]);
+
+function build(node, props, children) {
+  for (const [name, value] of Object.entries(props ?? {})) {
+    if (value === undefined || value === null || value === false) continue;
+    if (name.startsWith("on") && typeof value === "function") node.addEventListener(name.slice(2).toLowerCase(), value);
+    else if (PROPERTIES.has(name)) node[name] = value;
+    else node.setAttribute(name === "className" ? "class" : name, value === true ? "" : String(value));
+  }
+  append(node, children);
+  return node;
+}
+
+function append(node, children) {
+  for (const child of children.flat(Infinity)) {
+    if (child === undefined || child === null || child === false) continue;
+    node.append(child instanceof Node ? child : document.createTextNode(String(child)));
+  }
+}
+
+/** Replace all children of a node. */
+export function replace(node, ...children) {
+  node.textContent = "";
+  append(node, children);
+  return node;
+}
+
+let liveRegion = null;
+
+/** Say something to who listens to the page: politely, without moving the focus. */
+export function announce(text) {
+  if (!liveRegion) {
+    liveRegion = h("div", { class: "visually-hidden", role: "status", "aria-live": "polite" });
+    document.body.append(liveRegion);
+  }
+  liveRegion.textContent = "";
+  setTimeout(() => { liveRegion.textContent = text; }, 50);
+}
+
+let dialogCount = 0;
+
+/**
+ * Ask in a dialog; resolve to the fields' values by name ({} without fields), or to null if it was cancelled.
+ * fields: [{name, label, type, hint, value, required, options: [{value, label}], autocomplete}].
+ */
+export function ask({ title, body = [], confirm, cancel, danger = false, fields = [] }) {
+  return new Promise((resolve) => {
+    const before = document.activeElement;
+    const id = `dialog-${(dialogCount += 1)}`;
+    const inputs = fields.map((field) => [field, makeInput(field, `${id}-${field.name}`)]);
+    let answer = null;
+    const form = h("form", { method: "dialog", onsubmit: (event) => {
+      event.preventDefault();
+      answer = Object.fromEntries(inputs.map(([field, input]) => [field.name, field.type === "checkbox" ? input.checked : input.value]));
+      dialog.close();
+    } },
+      h("h2", { id }, title), body,
+      inputs.map(([field, input]) => field.type === "checkbox"
+        ? h("div", { class: "field" }, h("label", { class: "switch" }, input, field.label), field.hint && h("div", { class: "quiet" }, field.hint))
+        : h("div", { class: "field" }, h("label", { for: input.id }, field.label), input, field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))),
+      h("div", { class: "row" },
+        cancel && h("button", { type: "button", onclick: () => dialog.close() }, cancel),
+        h("button", { type: "submit", class: danger ? "danger primary" : "primary" }, confirm)));
+    const dialog = h("dialog", { "aria-labelledby": id }, form);
+    dialog.addEventListener("close", () => {
+      dialog.remove();
+      before?.focus?.();
+      resolve(answer);
+    });
+    document.body.append(dialog);
+    dialog.showModal();
+  });
+}
+
+function makeInput(field, id) {
+  const shared = { id, name: field.name, required: field.required, autocomplete: field.autocomplete ?? "off", "aria-describedby": field.hint ? `${id}-hint` : undefined };
+  if (field.options) {
+    const select = h("select", shared, field.options.map((option) => h("option", { value: option.value }, option.label)));
+    if (field.value !== undefined) select.value = field.value;
+    return select;
+  }
+  if (field.type === "checkbox") return h("input", { ...shared, type: "checkbox", checked: Boolean(field.value) });
+  return h("input", { ...shared, type: field.type ?? "text", value: field.value ?? "", min: field.min, max: field.max, step: field.step });
+}
