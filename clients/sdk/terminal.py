@@ -1,6 +1,6 @@
 """How every command speaks: lines or one JSON object; errors with code and next step. Must never show a traceback.
 
-Exit codes: 0 done, 1 failed, 2 usage (click's own), 3 not found, 4 refused, 5 not final in time.
+Exit codes: `consensus.exit_codes`; 2 (wrong usage) is click's own too.
 """
 
 from __future__ import annotations
@@ -21,18 +21,14 @@ import click
 import structlog
 from rich.console import Console
 
+from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 
-EXIT_FAILED = 1
-EXIT_NOT_FOUND = 3
-EXIT_REFUSED = 4
-EXIT_NOT_FINAL = 5
-
-_STATUS_TO_EXIT = {404: EXIT_NOT_FOUND, 401: EXIT_REFUSED, 403: EXIT_REFUSED, 504: EXIT_NOT_FINAL}
-
 # What a command answers goes to standard output, alone; what it notes on the way goes to standard error.
 structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
+
+EXIT_FAILED = exit_codes.EXIT_FAILED
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -115,7 +111,7 @@ def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
         click.echo(json.dumps({"ok": False, "error": problem}, ensure_ascii=False))
     else:
         click.echo(f"{error.detail}\n  {error.code}. Next step: {error.next_step}", err=True)
-    return _STATUS_TO_EXIT.get(error.entry.status, EXIT_FAILED)
+    return exit_codes.exit_code_of(error.entry)
 
 
 def plain_errors(command: F) -> F:

@@ -14,6 +14,7 @@ from clients.sdk.http import NetworkClient
 from clients.sdk.receipts import FinalReceipt
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
+from consensus.exit_codes import EXIT_REFUSED
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PrivateKey
 from contracts.kit.arguments import find_entry, read_arguments, signature_of
@@ -137,7 +138,7 @@ def call(
     else:
         _print_receipt(receipt, form, next_step)
     if not receipt.ok:
-        raise click.exceptions.Exit(1)
+        raise click.exceptions.Exit(EXIT_REFUSED)
 
 
 def _read_source(path: Path | None) -> str | None:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from consensus.errors import CATALOGUE
+from consensus.exit_codes import exit_code_of
 from node.api.authorisation import write_authorisation_page
 from node.api.openapi import errors_of
 from node.api.routes import ROUTES
@@ -39,7 +40,8 @@ take that on loopback only: elsewhere a TLS proxy stands before it, with a certi
 
 _ERRORS_INTRODUCTION = """\
 Every refusal of BlockRobot, on the terminal, in a log or as a problem document, has a code from this table. The
-status is the one of HTTP. *Again* tells whether the same request may succeed later or at another node."""
+status is the one of HTTP, *exit* the exit code of a command that ends in it ([what it means](cli.md)). *Again* tells
+whether the same request may succeed later or at another node."""
 
 
 def _describe_parameter(parameter: Parameter) -> str:
@@ -86,7 +88,8 @@ def write_errors_page() -> str:
     lines.append("|---|---|---|---|---|")
     for entry in sorted(CATALOGUE.values(), key=lambda entry: entry.code):
         again = "yes" if entry.retryable else "no"
-        lines.append(f"| `{entry.code}` | {entry.status} | {entry.meaning} | {entry.next_step} | {again} |")
+        codes = f"`{entry.code}` | {entry.status} | {exit_code_of(entry)}"
+        lines.append(f"| {codes} | {entry.meaning} | {entry.next_step} | {again} |")
     return "\n".join(lines) + "\n"
 
 

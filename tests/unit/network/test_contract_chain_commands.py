@@ -97,7 +97,7 @@ def test_a_call_is_signed_and_its_receipt_shown(chain: Consortium) -> None:
 def test_a_refused_call_shows_code_line_and_next_step(chain: Consortium) -> None:
     result = run("call", "settings", "propose", "colour", "1", "--as", "org-01")
     lines = result.output.splitlines()
-    assert result.exit_code == 1
+    assert result.exit_code == 4
     assert lines[0] == "Refused: SETTING_UNKNOWN: There is no such setting."
     assert lines[1].endswith(': require(name in NAMES, "SETTING_UNKNOWN", "There is no such setting.")')
     assert lines[-1].startswith("Next step: ")

@@ -84,7 +84,7 @@ def test_a_setting_goes_from_proposal_to_force(chain: Consortium) -> None:
 @pytest.mark.parametrize("value", ["-5", "9" * 29, "0"])
 def test_a_value_out_of_range_is_refused_with_the_range_whatever_it_looks_like(chain: Consortium, value: str) -> None:
     refused = run(settings, "propose", "base_timeout_ms", value, "--as", "org-01")
-    assert refused.exit_code == 1
+    assert refused.exit_code == 4
     assert "50 to 60000" in refused.stderr
 
 
