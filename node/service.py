@@ -30,7 +30,7 @@ from node.directory_file import newest_beginning
 from node.disk import SystemDisk
 from node.engine import Outbox
 from node.faults import FaultSwitch, FillableDisk, read_or_make_token
-from node.interface import WallClock
+from node.interface import EngineRounds, WallClock
 from node.offchain.erase_keys import EraseKeys
 from node.offchain.open_store import open_store
 from node.operator import create_operator_listener
@@ -40,6 +40,7 @@ from node.pruning import answer_requests
 from node.restoring import open_journal
 from node.snapshot.joining import Joiner
 from node.snapshot.shelf import SnapshotShelf
+from node.spoken import NotingOutbox, SpokenRounds
 from node.storage.lmdb_store import DATA_FILE_NAME, LmdbStore
 from node.walled_contracts import open_contracts
 
@@ -92,6 +93,7 @@ class Node:
         self._faults: FaultSwitch | None = None
         self._token = ""
         self._custodian_key: PrivateKey | None = None
+        self._spoken = SpokenRounds(self._clock.now_ms, self._leader_name)
         if config.faults_enabled:
             self._faults = FaultSwitch(config.name, config.data_dir, self._clock)
         if config.faults_enabled or config.custodian_key_path is not None:
@@ -121,7 +123,7 @@ class Node:
 
     async def _open(self) -> None:
         """Open the files and make all parts; nothing is said to anybody yet."""
-        config, genesis, stack, faults, wrap = self.config, self.genesis, self._stack, self._faults, self._wrap_outbox
+        config, genesis, stack, faults = self.config, self.genesis, self._stack, self._faults
         ledger = await open_ledger(config, genesis)
         stack.push_async_callback(ledger.close)
         if faults is not None:
@@ -148,7 +150,7 @@ class Node:
                 directory=directory,
                 custody=await self._open_custody(directory),
                 keep_blocks=config.keep_blocks,
-                wrap_outbox=None if wrap is None else lambda outbox: wrap(outbox, self._parts),
+                wrap_outbox=self._around_outbox,
                 machine=self._contracts.machine,
                 waits_for_machine=self._contracts.machine is not None,
             )
@@ -206,11 +208,23 @@ class Node:
         """Return how the node is doing, ready for JSON."""
         links = self._network.describe()
         own = {"ready": self.is_ready(), "now_ms": self._clock.now_ms(), "contracts": self._contracts.describe()}
-        return {**self._parts.describe(), **links, **own}
+        return {**self._parts.describe(), **links, **own, "rounds": self._spoken.describe()}
 
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""
-        return self._parts.metrics()
+        return self._parts.metrics() + self._network.traffic.render()
+
+    def _around_outbox(self, outbox: Outbox) -> Outbox:
+        """Put around the engine's outbox what notes the words, and around that what was given."""
+        noting = NotingOutbox(outbox, self._spoken)
+        return noting if self._wrap_outbox is None else self._wrap_outbox(noting, self._parts)
+
+    def _leader_name(self, epoch: int, round_number: int) -> str | None:
+        """Name who leads a round, if it is one of the epoch that the node is in."""
+        schedule = self._parts.engine.epoch.schedule
+        if schedule.epoch != epoch:
+            return None
+        return self._parts.directory.name_of_producer(schedule.producers[schedule.leader(round_number)])
 
     def _own_key(self, directory: Directory, path: Path | None, role: str) -> PrivateKey | None:
         """Read one of the node's own keys. Raises CONFIGURATION_INVALID if it was never the node's.
@@ -265,6 +279,8 @@ class Node:
             pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
             receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key),
+            rounds=EngineRounds(parts.engine),
+            public_explorer=config.public_explorer,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))
         operator = create_operator_listener(self, self._faults, self._token, parts.upkeep)

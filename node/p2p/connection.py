@@ -14,8 +14,10 @@ from typing import Any, Protocol, cast
 import structlog
 
 from consensus.errors import BlockRobotError
+from node.p2p.traffic import Traffic
 from node.p2p.wire import (
     GOSSIP_KINDS,
+    HEADER_SIZE_BYTES,
     FrameDecoder,
     FrameKind,
     RequestKind,
@@ -72,7 +74,9 @@ class ConnectionOwner(Protocol):
 class PeerConnection(asyncio.Protocol):
     """A connection, dialled or accepted. `peer` is empty until the certificate was looked at."""
 
-    def __init__(self, owner: ConnectionOwner, shaper: LinkShaper | None, dialled: str | None) -> None:
+    def __init__(
+        self, owner: ConnectionOwner, shaper: LinkShaper | None, dialled: str | None, traffic: Traffic | None = None
+    ) -> None:
         self.peer = ""
         self.dialled = dialled
         self.certificate: bytes | None = None
@@ -82,6 +86,7 @@ class PeerConnection(asyncio.Protocol):
         self.gossip_dropped_count = 0
         self._owner = owner
         self._shaper = shaper
+        self._traffic = traffic or Traffic()
         self._decoder = FrameDecoder()
         self._is_resuming = False
         self._is_cut_off = False
@@ -156,6 +161,7 @@ class PeerConnection(asyncio.Protocol):
     # Frames
 
     def _dispatch(self, kind: FrameKind, payload: bytes) -> None:
+        self._traffic.note(self.peer, "received", int(kind), HEADER_SIZE_BYTES + len(payload))
         if not self.greeted and kind not in {FrameKind.HELLO, FrameKind.REFUSAL}:
             raise BlockRobotError("PEER_MESSAGE_INVALID", "The peer spoke before it said hello.")
         if kind is FrameKind.REQUEST:
@@ -188,6 +194,7 @@ class PeerConnection(asyncio.Protocol):
         return held_back + self.transport.get_write_buffer_size()
 
     def _pass_on(self, frame: bytes) -> None:
+        self._traffic.note(self.peer, "sent", frame[HEADER_SIZE_BYTES - 1], len(frame))
         if self._shaper is not None:
             self._shaper.deliver(self.peer, frame, self._write)
         else:

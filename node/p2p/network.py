@@ -26,6 +26,7 @@ from node.p2p.connection import LinkShaper, PeerConnection
 from node.p2p.identity import PROVEN_REFUSALS, identify_peer
 from node.p2p.refusals import Refusals
 from node.p2p.tls import Credentials
+from node.p2p.traffic import Traffic
 from node.p2p.wire import PROTOCOL_VERSION, FrameKind, Hello, Refusal, RequestKind, encode_frame
 
 DIAL_BACKOFF_MIN_MS = 50
@@ -90,6 +91,7 @@ class PeerNetwork:
         self._shaper = shaper
         self._clock = clock
         self._directory = directory or Directory.of_genesis(genesis)
+        self.traffic = Traffic()
         self._peers: dict[str, PeerConnection] = {}
         self._open: set[PeerConnection] = set()
         self._server: asyncio.Server | None = None
@@ -110,7 +112,7 @@ class PeerNetwork:
         loop = asyncio.get_running_loop()
         listener = bind_listener(self._config.host, self._config.p2p_port)
         self._server = await loop.create_server(
-            lambda: PeerConnection(self, self._shaper, None),
+            lambda: PeerConnection(self, self._shaper, None, self.traffic),
             sock=listener,
             ssl=self._credentials.listening,
             ssl_handshake_timeout=DIAL_TIMEOUT_MS / 1000,
@@ -200,7 +202,10 @@ class PeerNetwork:
         try:
             async with asyncio.timeout(DIAL_TIMEOUT_MS / 1000):
                 _, connection = await loop.create_connection(
-                    lambda: PeerConnection(self, self._shaper, name), host, port, ssl=self._credentials.dialling
+                    lambda: PeerConnection(self, self._shaper, name, self.traffic),
+                    host,
+                    port,
+                    ssl=self._credentials.dialling,
                 )
         except ssl.SSLCertVerificationError:
             detail = f"The node at {name}'s address shows a certificate of no authority of this network."
