@@ -1,0 +1,61 @@
+"""Looks for what somebody who cannot see well, hear of a picture or use a mouse would stumble over on a page.
+
+These are checks of our own after WCAG 2.2, levels A and AA (`accessible.js` beside this file), not a certified tool: no
+finding here does not say that there is none.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from playwright.async_api import Page
+
+_SCRIPT = (Path(__file__).parent / "accessible.js").read_text(encoding="utf-8")
+STOPS_MAX_COUNT = 150
+"""More stops than these are not walked through by Tab: a list of 2,000 records is the same row many times."""
+
+_WHERE = """() => {
+  const active = document.activeElement;
+  if (!active || active === document.body) return null;
+  const style = getComputedStyle(active);
+  const label = active.labels && active.labels[0] ? getComputedStyle(active.labels[0]) : style;
+  const rings = [style, label].some((one) =>
+    (one.outlineStyle !== 'none' && parseFloat(one.outlineWidth) > 0) || one.boxShadow !== 'none');
+  return {stop: active.dataset.tabStop ?? null, rings, name: active.localName + (active.id ? '#' + active.id : '')};
+}"""
+
+
+async def find_accessibility_faults(page: Page, *, by_keyboard: bool = True) -> list[str]:
+    """Return what is wrong on the page as it stands, each with the element; nothing if nothing was found.
+
+    Looked at: names of controls and pictures, labels, headings, landmarks, contrast by computed colours, targets' sizes,
+    language, identifiers, sideways scrolling, and (`by_keyboard`) that Tab reaches every control and shows where it is.
+    The focus is moved by it. Take the page in each of its states: a dialogue that is open is judged alone.
+    """
+    found: dict[str, Any] = await page.evaluate(_SCRIPT)
+    faults: list[str] = list(found["faults"])
+    stops: list[str] = found["stops"]
+    if by_keyboard and len(stops) <= STOPS_MAX_COUNT:
+        faults += await _walk(page, stops)
+    await page.evaluate("() => document.querySelectorAll('[data-tab-stop]').forEach((e) => delete e.dataset.tabStop)")
+    return faults
+
+
+async def _walk(page: Page, stops: list[str]) -> list[str]:
+    """Press Tab until every stop was met or more presses than stops were of no use."""
+    faults: list[str] = []
+    missing = {str(number) for number in range(len(stops))}
+    await page.evaluate("() => document.activeElement && document.activeElement.blur()")
+    for _ in range(2 * len(stops) + 5):
+        if not missing:
+            break
+        await page.keyboard.press("Tab")
+        where = await page.evaluate(_WHERE)
+        if where is None or where["stop"] not in missing:
+            continue
+        missing.discard(where["stop"])
+        if not where["rings"]:
+            faults.append(f"focus: nothing shows that it is on {stops[int(where['stop'])]}")
+    faults += [f"keyboard: Tab does not reach {stops[int(number)]}" for number in sorted(missing, key=int)]
+    return faults

@@ -1,0 +1,90 @@
+"""A browser, watched pages and a real network for the stories of this folder.
+
+All asynchronous tests here share one event loop with the browser. A fixture of a test file's own says so too:
+`@pytest_asyncio.fixture(loop_scope="session")`.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+import pytest_asyncio
+from playwright.async_api import Browser, Page, async_playwright
+
+from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.watched_page import Pages, Watch
+
+HERE = Path(__file__).parent
+CHROMIUM_NAMES = ("chromium", "chromium-browser")
+FLAGS = [
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+]
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Everything in this folder needs the system's Chromium, and runs on the browser's event loop."""
+    for item in items:
+        if item.path.is_relative_to(HERE):
+            item.add_marker(pytest.mark.system_packages)
+            if item.get_closest_marker("asyncio") is not None:
+                item.add_marker(pytest.mark.asyncio(loop_scope="session"), append=False)
+
+
+def find_chromium() -> str:
+    """Return where the system's Chromium is."""
+    found = next(filter(None, map(shutil.which, CHROMIUM_NAMES)), None)
+    assert found, "There is no Chromium: `make test` installs it, `make test SYSTEM_PACKAGES=none` leaves these out."
+    return found
+
+
+@pytest_asyncio.fixture(scope="session", loop_scope="session")
+async def browser() -> AsyncIterator[Browser]:
+    """The system's Chromium, started once."""
+    async with async_playwright() as playwright:
+        # The tests' pages are our own, and root (in a container) has no other way to start it.
+        started = await playwright.chromium.launch(
+            executable_path=find_chromium(), headless=True, chromium_sandbox=False, args=FLAGS
+        )
+        yield started
+        await started.close()
+
+
+@pytest.fixture
+def watch() -> Watch:
+    """What the browser complained of in this test: `watch.expect(pattern)` for what the story brings about."""
+    return Watch()
+
+
+@pytest_asyncio.fixture(loop_scope="session")
+async def pages(browser: Browser, watch: Watch) -> AsyncIterator[Pages]:
+    """Opens pages of any size, colour scheme and locale; afterwards nobody may have complained."""
+    opened = Pages(browser, watch)
+    yield opened
+    await opened.close()
+    assert watch.unexpected() == []
+
+
+@pytest_asyncio.fixture(loop_scope="session")
+async def page(pages: Pages) -> Page:
+    """One empty page, wide and light, in a browser context of its own."""
+    return await pages.open()
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="session")
+async def recorded_network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[RecordedNetwork]:
+    """Four real nodes and one recorded person, once for each file of tests."""
+    made = RecordedNetwork(tmp_path_factory.mktemp("recorded"))
+    try:
+        await made.start()
+        yield made
+    finally:
+        await made.close()

@@ -1,0 +1,75 @@
+"""The judge of pages itself: it finds what is wrong, and has nothing to say of a good page. And the network is there."""
+
+from __future__ import annotations
+
+from playwright.async_api import Page
+
+from clients.wallet.viewing import Viewing
+from tests.ui.accessible import find_accessibility_faults
+from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.watched_page import NARROW, Pages, Watch
+
+GOOD = """<!doctype html><html lang=en><meta name=viewport content="width=device-width, initial-scale=1"><title>Good</title>
+<body style="background:#fff;color:#222"><main><h1>Records</h1><p>Some <a href="#a">link in a sentence</a> of words.</p>
+<h2 id=a>Days</h2><label>Day <input name=day style="height:30px"></label>
+<button style="min-height:30px">Play</button><svg role=img aria-label="a line" width=10 height=10></svg>
+<table><tr><th>Day</th></tr><tr><td>1</td></tr></table></main></body></html>"""
+BAD = {
+    "language": "<html><title>x</title><main><h1>x</h1></main>",
+    "name": "<html lang=en><title>x</title><main><h1>x</h1><button style='width:40px;height:40px'></button></main>",
+    "label": "<html lang=en><title>x</title><main><h1>x</h1><input placeholder=Day style='height:40px'></main>",
+    "picture": "<html lang=en><title>x</title><main><h1>x</h1><img src='data:,'></main>",
+    "headings": "<html lang=en><title>x</title><main><h1>x</h1><h3>y</h3></main>",
+    "landmarks": "<html lang=en><title>x</title><h1>x</h1>",
+    "contrast": "<html lang=en><title>x</title><main><h1>x</h1><p style='color:#999'>pale</p></main>",
+    "order": "<html lang=en><title>x</title><main><h1>x</h1><a href='#' tabindex=3>a</a></main>",
+    "target": "<html lang=en><title>x</title><main><h1>x</h1><button style='padding:0;font-size:8px'>a</button></main>",
+    "id": "<html lang=en><title>x</title><main><h1 id=a>x</h1><p id=a>y</p></main>",
+    "reflow": "<html lang=en><title>x</title><main><h1>x</h1><div style='width:3000px'>wide</div></main>",
+    "focus": "<html lang=en><title>x</title><main><h1>x</h1><button style='outline:none;min-height:30px;min-width:30px'>a</button></main>",
+    "keyboard": "<html lang=en><title>x</title><main><h1>x</h1><span role=button style='display:block;height:30px'>do</span></main>",
+    "reference": "<html lang=en><title>x</title><main aria-labelledby=gone><h1>x</h1></main>",
+    "table": "<html lang=en><title>x</title><main><h1>x</h1><table><tr><td>1</td></tr></table></main>",
+}
+
+
+async def test_a_good_page_has_no_faults(page: Page) -> None:
+    await page.set_content(GOOD)
+    assert await find_accessibility_faults(page) == []
+
+
+async def test_every_kind_of_fault_is_found_and_named(page: Page) -> None:
+    found = {}
+    for kind, text in BAD.items():
+        await page.set_content("<!doctype html>" + text)
+        found[kind] = {fault.partition(":")[0] for fault in await find_accessibility_faults(page)}
+    found["label"].discard("name")  # who has no label has no name either
+    assert {kind: faults for kind, faults in found.items() if faults != {kind}} == {}
+
+
+async def test_pale_words_on_a_dark_ground_of_an_outer_element_are_found(pages: Pages) -> None:
+    page = await pages.open(NARROW, color_scheme="dark")
+    await page.set_content(
+        "<!doctype html><html lang=en><title>x</title><main style='background:#111'><h1 style='color:#eee'>x</h1>"
+        "<p style='color:#444'>pale</p><p style='color:rgba(255,255,255,.9)'>well</p></main>"
+    )
+    assert [fault.partition(" ")[0] for fault in await find_accessibility_faults(page)] == ["contrast:"]
+
+
+async def test_what_a_page_complains_of_and_whom_it_calls_is_noticed(page: Page, watch: Watch) -> None:
+    await page.set_content("<script>console.error('broken'); fetch('http://192.0.2.1/x').catch(() => {})</script>")
+    await page.wait_for_timeout(50)
+    faults = watch.unexpected()
+    assert any("broken" in fault for fault in faults)
+    assert "request to http://192.0.2.1/x" in faults
+    watch.expect("broken|192.0.2.1")
+    assert watch.unexpected() == []
+
+
+async def test_a_recorded_person_can_look_at_her_record(recorded_network: RecordedNetwork) -> None:
+    (entry,) = recorded_network.records[:1]
+    async with recorded_network.wallet() as ann:
+        viewing = Viewing(ann)
+        access_id = await viewing.request_access([entry], "demo")
+        view = await viewing.view(entry, access_id)
+    assert entry.metadata.frame_count == len(view.frames) > 0
