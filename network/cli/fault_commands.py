@@ -20,6 +20,7 @@ from network.faults.actions import Action, Heal, Kill, Pause, Restart, Resume, c
 from network.faults.control import FaultControl
 from network.faults.plan import FaultPlan, parse_plan
 from network.faults.profiles import LINK_PROFILES
+from network.faults.requested import carry_out_requested, open_control
 from network.faults.run import StepDone, run_plan
 from node.faults import DISKS
 
@@ -27,21 +28,12 @@ _PROFILES = "; ".join(f"{name}: {profile.meaning}" for name, profile in LINK_PRO
 
 
 def _control(folder: Path | None, seed: int = 0) -> FaultControl:
-    cluster = Cluster(network_folder(folder))
-    if not any(cluster.is_running(name) for name in cluster.names):
-        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"No node of the network in {cluster.folder} is running.")
-    return FaultControl(cluster, seed)
+    return open_control(Cluster(network_folder(folder)), seed)
 
 
-def _do(control: FaultControl, action: Action, *, as_json: bool, wait_for: str = "") -> None:
+def _do(control: FaultControl, action: Action, *, as_json: bool) -> None:
     """Do one thing, wait for a node that was started, and say what was done."""
-
-    async def work() -> None:
-        await control.carry_out(action)
-        if wait_for:
-            await control.cluster.wait_answering(wait_for)
-
-    asyncio.run(work())
+    asyncio.run(carry_out_requested(control, action))
     if as_json:
         print_json({"ok": True, "done": action.describe()})
     else:
@@ -80,7 +72,7 @@ def restart(node: str, folder: Path | None, as_json: bool) -> None:
     Example: blockrobot fault restart node-2
     """
     control = FaultControl(Cluster(network_folder(folder)))
-    _do(control, Restart(control.reader.node(node)), as_json=as_json, wait_for=node)
+    _do(control, Restart(control.reader.node(node)), as_json=as_json)
 
 
 @fault.command()
@@ -172,10 +164,7 @@ def skew(node: str, offset: str, folder: Path | None, as_json: bool) -> None:
     Examples: blockrobot fault skew node-2 +1h; blockrobot fault skew node-2 -90s; blockrobot fault skew node-2 0
     """
     control = _control(folder)
-    action = control.reader.skew(node, offset)
-    if action.offset_ms:
-        control.require_running(node)
-    _do(control, action, as_json=as_json)
+    _do(control, control.reader.skew(node, offset), as_json=as_json)
 
 
 @fault.command()
@@ -191,10 +180,7 @@ def disk(node: str, state: str, disk: str, folder: Path | None, as_json: bool) -
     Examples: blockrobot fault disk node-2 full; blockrobot fault disk node-2 free --of ledger
     """
     control = _control(folder)
-    action = control.reader.disk(node, disk, is_full=state == "full")
-    if action.is_full:
-        control.require_running(node)
-    _do(control, action, as_json=as_json)
+    _do(control, control.reader.disk(node, disk, is_full=state == "full"), as_json=as_json)
 
 
 @fault.command(epilog=f"Behaviours: {', '.join(BEHAVIOURS)}. Several are joined with +.")
@@ -210,7 +196,7 @@ def byzantine(node: str, behaviour: str, seed: int, folder: Path | None, as_json
     Examples: blockrobot fault byzantine node-4 equivocate; blockrobot fault byzantine node-4 double-vote+garbage
     """
     control = _control(folder)
-    _do(control, control.reader.byzantine(node, behaviour, seed), as_json=as_json, wait_for=node)
+    _do(control, control.reader.byzantine(node, behaviour, seed), as_json=as_json)
 
 
 @fault.command(name="list")

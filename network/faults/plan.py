@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from random import Random
 from typing import Any
@@ -59,7 +59,7 @@ _FIGURES = ("profile", "delay_ms", "jitter_ms", "loss", "bandwidth_kbytes_per_s"
 _NUMBERS = ("delay_ms", "jitter_ms", "loss", "bandwidth_kbytes_per_s")
 _TABLE = re.compile(r"^\s*\[\[\s*(\w+)\s*\]\]")
 RANDOM_KINDS = ("kill", "pause", "partition", "link", "skew", "byzantine")
-_FIELDS: dict[str, frozenset[str]] = {
+STEP_FIELDS: dict[str, frozenset[str]] = {
     "kill": frozenset({"node"}),
     "restart": frozenset({"node"}),
     "pause": frozenset({"node"}),
@@ -71,6 +71,7 @@ _FIELDS: dict[str, frozenset[str]] = {
     "disk": frozenset({"node", "disk", "full"}),
     "byzantine": frozenset({"node", "behaviour", "seed"}),
 }
+"""The fields of each kind of step, beside `at` and `do`."""
 _OF_ONE_NODE: dict[str, Callable[[str], Action]] = {"kill": Kill, "restart": Restart, "pause": Pause, "resume": Resume}
 
 
@@ -158,14 +159,14 @@ class _PlanReader:
     def _step(self, line: int, table: dict[str, Any]) -> Step:
         at_ms = self.duration(line, table, "at")
         kind = table.pop("do", None)
-        if not isinstance(kind, str) or kind not in _FIELDS:
-            raise _wrong(self._line_of("do", line), f"do is one of {', '.join(_FIELDS)}.")
+        if not isinstance(kind, str) or kind not in STEP_FIELDS:
+            raise _wrong(self._line_of("do", line), f"do is one of {', '.join(STEP_FIELDS)}.")
         for key in table:
-            if key not in _FIELDS[kind]:
+            if key not in STEP_FIELDS[kind]:
                 raise _wrong(
-                    self._line_of(key, line), f"{kind} has no {key!r}; it has {', '.join(sorted(_FIELDS[kind]))}."
+                    self._line_of(key, line), f"{kind} has no {key!r}; it has {', '.join(sorted(STEP_FIELDS[kind]))}."
                 )
-        return Step(at_ms, self.checked(line, table, lambda: self._action(kind, table)), line)
+        return Step(at_ms, self.checked(line, table, lambda: action_of(self._reader, kind, table)), line)
 
     def checked(self, line: int, table: dict[str, Any], read: Callable[[], Action]) -> Action:
         """Read an action; what is wrong with it is said with the line of the value that is named, if one is."""
@@ -189,27 +190,28 @@ class _PlanReader:
             raise _wrong(place, f"{key} lies between 0 and 24h.")
         return duration_ms
 
-    def _action(self, kind: str, table: dict[str, Any]) -> Action:
-        reader = self._reader
-        make = _OF_ONE_NODE.get(kind)
-        if make is not None:
-            return make(reader.node(_text(table, "node")))
-        makers: dict[str, Callable[[], Action]] = {
-            "partition": lambda: reader.partition(_text(table, "groups")),
-            "link": lambda: reader.link(_text(table, "link"), make_link_fault(**_figures(table))),
-            "heal": lambda: Heal((reader.node(_text(table, "node")),) if "node" in table else ()),
-            "skew": lambda: reader.skew(_text(table, "node"), _text(table, "offset")),
-            "disk": lambda: reader.disk(
-                _text(table, "node"), _text(table, "disk"), is_full=_typed(table, "full", bool, True)
-            ),
-            "byzantine": lambda: reader.byzantine(
-                _text(table, "node"), _text(table, "behaviour"), _typed(table, "seed", int, 0)
-            ),
-        }
-        return makers[kind]()
+
+def action_of(reader: ActionReader, kind: str, table: Mapping[str, Any]) -> Action:
+    """Return the action of a step of this kind with these fields. Raises FAULT_UNKNOWN, FAULT_INVALID."""
+    make = _OF_ONE_NODE.get(kind)
+    if make is not None:
+        return make(reader.node(_text(table, "node")))
+    makers: dict[str, Callable[[], Action]] = {
+        "partition": lambda: reader.partition(_text(table, "groups")),
+        "link": lambda: reader.link(_text(table, "link"), make_link_fault(**_figures(table))),
+        "heal": lambda: Heal((reader.node(_text(table, "node")),) if "node" in table else ()),
+        "skew": lambda: reader.skew(_text(table, "node"), _text(table, "offset")),
+        "disk": lambda: reader.disk(
+            _text(table, "node"), _text(table, "disk"), is_full=_typed(table, "full", bool, True)
+        ),
+        "byzantine": lambda: reader.byzantine(
+            _text(table, "node"), _text(table, "behaviour"), _typed(table, "seed", int, 0)
+        ),
+    }
+    return makers[kind]()
 
 
-def _typed(table: dict[str, Any], key: str, kind: type, default: Any = None) -> Any:
+def _typed(table: Mapping[str, Any], key: str, kind: type, default: Any = None) -> Any:
     value = table.get(key, default)
     if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
         what = {str: "a text", bool: "true or false", int: "a whole number"}[kind]
@@ -217,11 +219,11 @@ def _typed(table: dict[str, Any], key: str, kind: type, default: Any = None) -> 
     return value
 
 
-def _text(table: dict[str, Any], key: str) -> str:
+def _text(table: Mapping[str, Any], key: str) -> str:
     return str(_typed(table, key, str))
 
 
-def _figures(table: dict[str, Any]) -> dict[str, Any]:
+def _figures(table: Mapping[str, Any]) -> dict[str, Any]:
     """Return the figures of a link as they are given, checked for their kind."""
     given: dict[str, Any] = {}
     for key in _FIGURES:

@@ -1,0 +1,59 @@
+"""What a person asked for, by a command or a button: one way for both. Must never do it where it makes no sense.
+
+`read_action` makes an action of named fields, as a plan's step has them; `open_control` refuses a network that does not
+run; `carry_out_requested` refuses what only a node that runs could notice, does it, and waits for a node that it started.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from consensus.errors import BlockRobotError
+from network.cluster import Cluster
+from network.faults.actions import Action, ActionReader, FillDisk, GoByzantine, Restart, Skew, check_seed
+from network.faults.control import FaultControl
+from network.faults.plan import STEP_FIELDS, action_of
+
+LINK_SEED = "seed"
+
+
+def open_control(cluster: Cluster, seed: int = 0) -> FaultControl:
+    """Return the faults of a network of which a node runs. Raises CLUSTER_NOT_RUNNING."""
+    if not any(cluster.is_running(name) for name in cluster.names):
+        raise BlockRobotError("CLUSTER_NOT_RUNNING", f"No node of the network in {cluster.folder} is running.")
+    return FaultControl(cluster, seed)
+
+
+def read_action(fields: Mapping[str, Any], names: tuple[str, ...]) -> tuple[Action, int]:
+    """Return the action that `do` and the fields of its kind name, and the seed of a link's chance.
+
+    Raises FAULT_UNKNOWN, FAULT_INVALID.
+    """
+    table = dict(fields)
+    kind = table.pop("do", None)
+    if not isinstance(kind, str) or kind not in STEP_FIELDS:
+        raise BlockRobotError("FAULT_UNKNOWN", f"There is no fault {kind!r}; there are {', '.join(STEP_FIELDS)}.")
+    seed = 0
+    if kind == "link" and LINK_SEED in table:
+        seed = table.pop(LINK_SEED)
+        if not isinstance(seed, int) or isinstance(seed, bool):
+            raise BlockRobotError("FAULT_INVALID", "seed is missing or not a whole number.")
+        check_seed(seed)
+    for key in table:
+        if key not in STEP_FIELDS[kind]:
+            has = ", ".join(sorted(STEP_FIELDS[kind]))
+            raise BlockRobotError("FAULT_INVALID", f"{kind} has no {key!r}; it has {has}.")
+    return action_of(ActionReader(names), kind, table), seed
+
+
+async def carry_out_requested(control: FaultControl, action: Action) -> None:
+    """Do one thing, and wait for the node that it starts. Raises what `FaultControl.carry_out` and `wait_answering` do."""
+    match action:
+        case Skew(node=node, offset_ms=offset_ms) if offset_ms:
+            control.require_running(node)
+        case FillDisk(node=node, is_full=True):
+            control.require_running(node)
+    await control.carry_out(action)
+    if isinstance(action, Restart | GoByzantine):
+        await control.cluster.wait_answering(action.node)
