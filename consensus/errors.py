@@ -207,6 +207,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("WALLET_PASSPHRASE_WRONG", 403, "The passphrase does not open this wallet.", "Try again, or restore the wallet from its 24 words."),
     ErrorEntry("WALLET_DAMAGED", 500, "The wallet file is damaged.", "Restore the wallet from its 24 words."),
     ErrorEntry("WORDS_INVALID", 400, "The words are not a valid recovery phrase.", "Check spelling and order of the 24 words."),
+    ErrorEntry("WORDS_REPEATED", 400, "The same words are named twice.", "Give the words in force by --words-file, and each words that they replaced by --former, once."),
+    ErrorEntry("WORDS_SWAPPED", 409, "Words that were named as former ones are in force, and the others are not.", "Restore the wallet the other way round: the words in force by --words-file, those that they replaced by --former."),
     ErrorEntry("BUNDLE_INVALID", 400, "The file is no export bundle, or it is damaged or was changed.", "Check the file as `blockrobot wallet export` wrote it: not unpacked and packed again, and copied whole."),
     ErrorEntry("BUNDLE_UNPROVEN", 409, "Something in the export bundle does not follow from its proofs.", "Believe nothing of this file; ask whoever gave it to you for the bundle as it was exported."),
     ErrorEntry("BUNDLE_OTHER_CHAIN", 409, "The export bundle is of another network than the one you named.", "Compare the network's name and its genesis file with whoever runs the network."),

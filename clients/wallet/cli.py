@@ -27,10 +27,11 @@ from clients.wallet.notice_commands import notice, register
 from clients.wallet.notices import Notices
 from clients.wallet.opening import place_wallet, read_passphrase, run_opened, show_moment, wallet_options
 from clients.wallet.pictures import write_pictures
+from clients.wallet.restoring import read_words, require_distinct, restore_wallet
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
-from clients.wallet.rotating_commands import print_words, words_json, write_words
+from clients.wallet.rotating_commands import print_words, unreadable_words, words_json, write_words
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
 from clients.wallet.sharing_commands import share_json, tell_recipients
@@ -124,7 +125,7 @@ def restore(
 
     Example: blockrobot wallet restore --words-file words.txt
     """
-    path, _ = ctx.obj
+    path, genesis_path = ctx.obj
     if words_file:
         words = words_file.read_text(encoding="utf-8")
     elif sys.stdin.isatty():
@@ -132,15 +133,19 @@ def restore(
     else:
         raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
     keys = derive_keys(words)
-    replaced = [" ".join(file.read_text(encoding="utf-8").lower().split()) for file in former]
-    for each in replaced:
-        derive_keys(each)
-    words = " ".join(words.lower().split())
-    Keystore.create(path, words, read_passphrase(confirm=True), _cost(fast_passphrase), former=replaced)
+    replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+    require_distinct(read_words(words), replaced)
+    passphrase = read_passphrase(confirm=True)
+    known = restore_wallet(path, read_words(words), replaced, passphrase, _cost(fast_passphrase), genesis_path)
     if as_json:
-        print_json({"ok": True, "wallet": str(path), "member": keys.identity.public_key.hex()})
-    else:
-        console.print(f"Your wallet is {path} again. Next: blockrobot wallet records.")
+        member = keys.identity.public_key.hex()
+        print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})
+        return
+    console.print(f"Your wallet is {path} again. Next: blockrobot wallet records.")
+    if not former:
+        console.print("If you ever changed your words (wallet rotate), the old pictures need the former ones: --former.")
+    elif not known:
+        console.print("Which of these words are in force the network could not be asked. If it is the others: swap them.")
 
 
 _THINGS = {"emotion": "estimates", "audio": "sounds"}
@@ -176,6 +181,7 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
         "missing_records": report.missing_count,
         "erased_records": [record_id.hex() for record_id in report.erased_ids],
         "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
+        "needs_former_words": report.needs_former_words,
         "records": [
             _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in report.records
         ],
@@ -228,8 +234,7 @@ def records(ctx: click.Context, as_json: bool) -> None:
         if report.erased_ids:
             console.print(f"  {len(report.erased_ids)} records of this visit are erased.")
         if report.unreadable_ids:
-            count = len(report.unreadable_ids)
-            console.print(f"  [red]{count} records cannot be opened with your keys. Ask the hospital why.[/red]")
+            console.print(f"  [red]{unreadable_words(report)}[/red]")
         if report.missing_count:
             console.print(f"  [red]{report.missing_count} records are missing. Ask the hospital why.[/red]")
 

@@ -29,6 +29,7 @@ from clients.wallet.received import (
     Receiving,
     SharedView,
 )
+from clients.wallet.rotating_commands import unreadable_words
 from clients.wallet.sharing_commands import confirm
 from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK
@@ -129,8 +130,7 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
         if report.missing_count:
             console.print(f"[red]Your visit {name}: {report.missing_count} records are missing. Ask why.[/red]")
         if report.unreadable_ids:
-            count = len(report.unreadable_ids)
-            console.print(f"[red]Your visit {name}: {count} records do not open with your keys. Ask why.[/red]")
+            console.print(f"[red]Your visit {name}: {unreadable_words(report)}[/red]")
 
 
 @click.command()

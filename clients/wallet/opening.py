@@ -18,6 +18,7 @@ import click
 from clients.sdk.terminal import home_folder, load_genesis
 from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
+from consensus.genesis import Genesis
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
@@ -67,8 +68,15 @@ def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> 
     """
     path, genesis_path = ctx.obj
     genesis = load_genesis(genesis_path)
-    store = Keystore.open(path, read_passphrase())
+    return _run(Keystore.open(path, read_passphrase()), genesis, action)
 
+
+def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awaitable[T]]) -> T:
+    """Do something with a wallet that was made just now. Raises what that raises, and GENESIS_INVALID."""
+    return _run(store, load_genesis(genesis_path), action)
+
+
+def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable[T]]) -> T:
     async def main() -> T:
         async with Wallet(store, genesis) as opened:
             try:

@@ -19,7 +19,7 @@ from clients.wallet.keystore import WalletContent
 from clients.wallet.linking import tell_linked
 from clients.wallet.opening import STOLEN_PAGE, run_opened
 from clients.wallet.rotating import Rotating, Transferred
-from clients.wallet.wallet import Wallet
+from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
 
 SPREAD_DEFAULT_MINUTES = 10
@@ -119,6 +119,18 @@ def print_stuck(count: int) -> None:
             " too often. Whoever has those words sees them. You can have them erased: blockrobot wallet erase; see"
             f" {STOLEN_PAGE}.[/red]"
         )
+
+
+def unreadable_words(report: VisitReport) -> str:
+    """Say what to do about records of a visit that do not open."""
+    count = len(report.unreadable_ids)
+    what = "1 record" if count == 1 else f"{count} records"
+    if not report.needs_former_words:
+        return f"{what} cannot be opened with your keys. Ask the hospital why."
+    return (
+        f"{what} of before you changed your words cannot be opened without the former ones. Make the wallet again under"
+        " another name, with all words that you had: blockrobot wallet --profile NAME restore --words-file NEW --former OLD"
+    )
 
 
 def words_json(content: WalletContent) -> dict[str, Any]:

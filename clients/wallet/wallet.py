@@ -60,6 +60,11 @@ class VisitReport:
     unreadable_ids: tuple[bytes, ...] = ()
     standing: VisitRights = field(default_factory=VisitRights)
 
+    @property
+    def needs_former_words(self) -> bool:
+        """Whether records do not open since they are sealed to words of before: this visit's key was replaced."""
+        return bool(self.unreadable_ids and self.visit.current)
+
 
 _LOOK_UP_MS = 2_000
 _RIGHTS = tuple(
@@ -174,13 +179,19 @@ class Wallet:
         return (await self.network.call(self.owner_key(visit), contract, entry, arguments)).txid
 
     async def require_registered(self) -> None:
-        """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's."""
+        """Raise NOT_REGISTERED unless this wallet is registered: by its own memory, or (restored) by the chain's.
+
+        Raises WORDS_SWAPPED if it is words that it takes for former ones that are a member's.
+        """
         if self.store.content.handle:
             return
         member = await self.find_registration(self.keys)
         if member is None:
             raise BlockRobotError("NOT_REGISTERED")
         self._remember_registration(member)
+            for keys in self.eras[:-1]:
+                if await self.find_registration(keys) is not None:
+                    raise BlockRobotError("WORDS_SWAPPED")
 
     async def scan(self) -> list[KnownVisit]:
         """Read the announcements that are new since last time and return all visits that are this person's.
