@@ -34,6 +34,7 @@ SECTIONS: dict[str, frozenset[str]] = {
     "faults": frozenset({"enabled"}),
     "storage": frozenset({"keep_blocks", "snapshot_lag_blocks"}),
     "contracts": frozenset({"wall"}),
+    "explorer": frozenset({"public"}),
 }
 """The tables of the file and their fields."""
 
@@ -62,6 +63,8 @@ class NodeConfig:
     """From how many blocks behind on a snapshot is preferred to blocks; 0: only where there is no other way."""
     contract_wall: str = "on"
     """Whether contracts run in worker processes behind a wall: "on", "require" (all of the wall, or no start), "off"."""
+    public_explorer: bool = False
+    """Whether the explorer shows headers, producers and counts to anybody, without a session."""
     organisation: str = ""
     """Only for a node that joined later: whose it is. The genesis file says so of the first ones."""
 
@@ -165,7 +168,9 @@ def load_config(data_dir: Path) -> NodeConfig:
     unknown = sorted(set(document) - set(SECTIONS))
     if unknown:
         raise _invalid(f"there is an unknown table [{unknown[0]}].")
-    node, listen, keys, custody, log, faults, storage, contracts = (_Section(document, name) for name in SECTIONS)
+    node, listen, keys, custody, log, faults, storage, contracts, explorer = (
+        _Section(document, name) for name in SECTIONS
+    )
     ports = (listen.port("p2p_port"), listen.port("api_port"), listen.port("operator_port"))
     if len(set(ports)) != len(ports):
         raise _invalid("[listen] names a port twice.")
@@ -194,6 +199,7 @@ def load_config(data_dir: Path) -> NodeConfig:
         keep_blocks=storage.count("keep_blocks", KEEP_BLOCKS_MIN_COUNT),
         snapshot_lag_blocks=storage.count("snapshot_lag_blocks", SNAPSHOT_LAG_MIN_BLOCKS, SNAPSHOT_LAG_BLOCKS),
         contract_wall=wall,
+        public_explorer=explorer.flag("public"),
         organisation=node.optional_text("organisation") or "",
     )
 
@@ -234,6 +240,7 @@ def config_to_toml(config: NodeConfig) -> str:
         "",
         "[contracts]",
         f'wall = "{config.contract_wall}"',
+        *(["", "[explorer]", "public = true"] if config.public_explorer else []),
     ]
     return "\n".join(lines) + "\n"
 

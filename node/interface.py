@@ -13,7 +13,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from consensus.transaction import Transaction, decode_transaction
-from node.api.services import Clock, PoolStatus, SubmitResult, TransactionPlace
+from node.api.services import Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
 from node.call_check import CallCheck
 from node.engine import Engine
 from node.finality import FinalityFeed
@@ -92,6 +92,10 @@ class DecodedSnapshot:
         """Return the bytes of the finalized header of this height, pruned or not."""
         return read_header_bytes(self._snapshot, height)
 
+    def block_height(self, block_id: bytes) -> int | None:
+        """Return the height of the finalized block with this 32-byte id, or None."""
+        return self._snapshot.block_height(block_id)
+
     @property
     def earliest_height(self) -> int:
         """The height from which on all blocks and receipts are here."""
@@ -105,6 +109,24 @@ class DecodedSnapshot:
         """Return where a finalized transaction stands, or None."""
         found = self._snapshot.locate(txid)
         return None if found is None else TransactionPlace(height=found.height, index=found.index)
+
+
+class EngineRounds:
+    """`RoundWatch` over the node's engine."""
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+
+    def place(self) -> RoundPlace:
+        """Return where the node is in the protocol."""
+        core = self._engine.core
+        return RoundPlace(
+            epoch=core.epoch,
+            round=core.round,
+            leader=core.leader,
+            certified_height=core.finalized.height + len(core.certified_branch()),
+            timed_out_count=self._engine.rounds_timed_out_count,
+        )
 
 
 class FinalizedLedger:

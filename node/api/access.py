@@ -11,16 +11,24 @@ from node.api.standing import ROLE_CUSTODIAN, SessionKind
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """A rule: the kinds of session that may call, narrowed to roles if any are named. No kinds means anyone may."""
+    """A rule: the kinds of session that may call, narrowed to roles if any are named. No kinds means anyone may.
+
+    `opens_in_public`: at a node whose explorer is public (node.toml, off unless set) anyone may.
+    """
 
     label: str
     kinds: frozenset[SessionKind]
     roles: frozenset[str] = frozenset()
+    opens_in_public: bool = False
 
     @property
     def needs_session(self) -> bool:
-        """Tell whether the route is for sessions only."""
+        """Tell whether the route is for sessions only, as a node is unless told otherwise."""
         return bool(self.kinds)
+
+    def asks_session(self, *, is_public: bool) -> bool:
+        """Tell whether a node asks for a session here; `is_public` says that its explorer is for anybody."""
+        return self.needs_session and not (is_public and self.opens_in_public)
 
     def check(self, session: Session | None) -> None:
         """Raise SESSION_REQUIRED or NOT_PERMITTED unless this caller may pass."""
@@ -40,6 +48,9 @@ MEMBER_OR_OWNER = Access("a member's, an owner's or a grantee's session", frozen
 READER = Access(
     "a member's, an owner's or a grantee's session, also for a while after the grant",
     frozenset({"member", "owner", "grantee", "former-grantee"}),
+)
+EXPLORER = Access(
+    "a member's session; anyone, where node.toml makes the explorer public", frozenset({"member"}), opens_in_public=True
 )
 ROBOT = Access("a robot's session", frozenset({"member"}), frozenset({"robot"}))
 CUSTODIAN = Access("a custodian's session", frozenset({"member"}), frozenset({ROLE_CUSTODIAN}))

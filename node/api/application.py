@@ -67,7 +67,7 @@ class _Gate:
     def _authorise(self, route: Route, request: web.Request) -> Session | None:
         session: Session | None = None
         try:
-            if route.access.needs_session:
+            if route.access.asks_session(is_public=self._services.public_explorer):
                 session = self._session_of(request)
                 route.access.check(session)
         except BlockRobotError:

@@ -6,6 +6,7 @@ A route's rule stands in the route table (`Route.access`), a contract entry's in
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from consensus.errors import BlockRobotError
@@ -29,7 +30,8 @@ and one who was revoked get none. Transactions need no session: each is signed, 
 
 `yes`: the request reaches the route (which may still refuse what it asks for: a clip that is another's, say).
 `-`: it is refused before. Where no session counts, the code of the refusal stands below the caller; elsewhere it is
-`NOT_PERMITTED`."""
+`NOT_PERMITTED`. Rows marked `(public explorer)` are those of a node whose node.toml says `[explorer] public = true`; all
+others are the same there."""
 _ENTRIES_INTRODUCTION = """\
 ## Entries of contracts
 
@@ -75,9 +77,12 @@ CALLERS = (
 )
 
 
-def refusal_of(access: Access, caller: Caller) -> str:
-    """Return the code by which a rule refuses a caller, or an empty text if he passes."""
-    if not access.needs_session:
+def refusal_of(access: Access, caller: Caller, *, is_public: bool = False) -> str:
+    """Return the code by which a rule refuses a caller, or an empty text if he passes.
+
+    `is_public`: at a node whose explorer is public.
+    """
+    if not access.asks_session(is_public=is_public):
         return ""
     if caller.standing is None:
         return caller.refused_with
@@ -96,6 +101,10 @@ def _table(head: list[str], rows: list[list[str]]) -> list[str]:
     return [_row(head), "|---" * len(head) + "|", *map(_row, rows)]
 
 
+def _route_cell(access: Access, *, is_public: bool) -> Callable[[Caller], str]:
+    return lambda caller: "-" if refusal_of(access, caller, is_public=is_public) else "yes"
+
+
 def _entry_cell(rule: CallerRule, role: str) -> str:
     if role in rule.always:
         return "yes"
@@ -106,8 +115,10 @@ def write_authorisation_page() -> str:
     """Return the text of `docs/reference/authorisation.md`."""
     heads = [caller.name + (f"<br>`{caller.refused_with}`" if caller.refused_with else "") for caller in CALLERS]
     routes = [
-        [f"`{route.method} {route.path}`", *("-" if refusal_of(route.access, caller) else "yes" for caller in CALLERS)]
+        [f"`{route.method} {route.path}`{words}", *map(_route_cell(route.access, is_public=is_public), CALLERS)]
         for route in ROUTES
+        for is_public, words in ((False, ""), (True, "<br>(public explorer)"))
+        if route.access.opens_in_public or not is_public
     ]
     entries = [
         [f"`{contract}.{entry}`", rule.words, *(_entry_cell(rule, role) for role in ROLES)]

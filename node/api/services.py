@@ -77,6 +77,10 @@ class LedgerSnapshot(Protocol):
         """Return the bytes of the finalized header of this height, pruned or not; None where it is not known."""
         ...
 
+    def block_height(self, block_id: bytes) -> int | None:
+        """Return the height of the finalized block with this 32-byte id, or None."""
+        ...
+
     @property
     def earliest_height(self) -> int:
         """The height from which on all blocks and receipts are here; 0 unless older ones were pruned."""
@@ -213,6 +217,25 @@ class NodeStatus(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class RoundPlace:
+    """Where a node is in the protocol, none of it final; `leader` is a seat of the epoch's schedule."""
+
+    epoch: int
+    round: int
+    leader: int
+    certified_height: int
+    timed_out_count: int
+
+
+class RoundWatch(Protocol):
+    """Tells where the node is in the protocol."""
+
+    def place(self) -> RoundPlace:
+        """Return epoch, round, leader, certified height, and how many rounds this node gave up since its start."""
+        ...
+
+
 class Clock(Protocol):
     """The node's wall clock."""
 
@@ -223,7 +246,10 @@ class Clock(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ApiServices:
-    """All that `create_api` needs. `custody` and `receipts` are None at a node without a custodian."""
+    """All that `create_api` needs. `custody` and `receipts` are None at a node without a custodian.
+
+    `public_explorer` opens headers, producers and counts to anybody (`node.api.access.EXPLORER`).
+    """
 
     genesis: Genesis
     node_name: str
@@ -233,3 +259,5 @@ class ApiServices:
     pool: TransactionPool
     custody: CustodyService | None
     receipts: ReceiptIssuer | None = None
+    rounds: RoundWatch | None = None
+    public_explorer: bool = False

@@ -11,6 +11,7 @@ from node.api.routes import (
     contracts,
     event_pages,
     events,
+    explorer,
     finality,
     genesis,
     notices,
@@ -41,4 +42,5 @@ ROUTES: tuple[Route, ...] = (
     *backgrounds.ROUTES,
     *blocks.ROUTES,
     *contracts.ROUTES,
+    *explorer.ROUTES,
 )

@@ -49,6 +49,24 @@ ALLOWED = {
     "listContracts": MEMBERS,
     "getContract": MEMBERS,
     "getBlock": MEMBERS,
+    "getExplorerStatus": MEMBERS,
+    "listExplorerHeaders": MEMBERS,
+    "getExplorerHeader": MEMBERS,
+    "getExplorerEpoch": MEMBERS,
+    "listExplorerProducers": MEMBERS,
+    "explainRefusal": MEMBERS,
+    "redirectToExplorer": EVERYBODY,
+    "getExplorer": EVERYBODY,
+    "getExplorerFile": EVERYBODY,
+    "getSharedFile": EVERYBODY,
+}
+OPENED_BY_A_PUBLIC_EXPLORER = {
+    "getExplorerStatus",
+    "listExplorerHeaders",
+    "getExplorerHeader",
+    "getExplorerEpoch",
+    "listExplorerProducers",
+    "explainRefusal",
 }
 
 
@@ -60,6 +78,13 @@ def address_of(route: Route) -> str:
 @pytest.mark.parametrize("route", ROUTES, ids=lambda route: route.operation)
 def test_each_rule_lets_in_those_of_the_table_written_by_hand(route: Route) -> None:
     assert {caller.name for caller in CALLERS if not refusal_of(route.access, caller)} == ALLOWED[route.operation]
+
+
+@pytest.mark.parametrize("route", ROUTES, ids=lambda route: route.operation)
+def test_a_public_explorer_opens_its_own_routes_and_no_other(route: Route) -> None:
+    allowed = {caller.name for caller in CALLERS if not refusal_of(route.access, caller, is_public=True)}
+    is_opened = route.operation in OPENED_BY_A_PUBLIC_EXPLORER
+    assert allowed == (EVERYBODY if is_opened else ALLOWED[route.operation])
 
 
 def test_every_route_is_in_the_table_of_who_may_call_it() -> None:

@@ -1,0 +1,186 @@
+"""Finalized headers in words: who led, who voted, what was missed. Must never look at what is not final.
+
+A block's certificate stands in its child's header; that of the newest block in the proof that it is final, that of an
+epoch's last block in the proof of the next epoch.
+"""
+
+from __future__ import annotations
+
+from consensus.block import EpochProof, Header, QuorumCertificate, TimeoutCertificate, certificate_of
+from consensus.errors import BlockRobotError
+from consensus.genesis import Genesis
+from consensus.primitives.encoding import decode
+from consensus.primitives.hashing import sha256
+from consensus.schedule import Schedule
+from contracts.execution.describing import list_contracts
+from node.api.explorer_documents import (
+    CertificateDocument,
+    CountsDocument,
+    EpochDocument,
+    EvidenceDocument,
+    HeaderDocument,
+    ProducerDocument,
+    ProducersAnswer,
+    SeatDocument,
+    TimeoutDocument,
+)
+from node.api.services import LedgerSnapshot
+from node.api.standing import read_value
+
+MISSED_SHOWN_MAX_COUNT = 32
+
+
+class HeaderReader:
+    """Reads headers of one snapshot; schedules of epochs are read once each."""
+
+    def __init__(self, snapshot: LedgerSnapshot, genesis: Genesis) -> None:
+        self._snapshot = snapshot
+        self._genesis = genesis
+        self._schedules: dict[int, Schedule] = {0: genesis.schedule}
+
+    def schedule(self, epoch: int) -> Schedule:
+        """Return an epoch's schedule. Raises NOT_FOUND."""
+        if epoch not in self._schedules:
+            data = self._snapshot.epoch_proof(epoch)
+            if data is None:
+                raise BlockRobotError("NOT_FOUND", f"The chain has not entered epoch {epoch}.")
+            self._schedules[epoch] = Schedule.of(decode(data, EpochProof).epoch)
+        return self._schedules[epoch]
+
+    def _header(self, height: int) -> Header | None:
+        data = self._snapshot.header_bytes(height) if height >= 0 else None
+        return None if data is None else decode(data, Header)
+
+    def read(self, height: int) -> HeaderDocument | None:
+        """Return the finalized header of this height with what can be told of it, or None."""
+        data = self._snapshot.header_bytes(height)
+        if data is None:
+            return None
+        header, block_id = decode(data, Header), sha256(data)
+        block = self._snapshot.block(height) if height >= self._snapshot.earliest_height else None
+        own = self._own_certificate(header, block_id)
+        missed = self._missed_rounds(header)
+        schedule = self.schedule(header.epoch)
+        return HeaderDocument(
+            height=height,
+            block_id=block_id.hex(),
+            version=header.version,
+            epoch=header.epoch,
+            round=header.round,
+            parent_id=header.parent_id.hex(),
+            producer=header.producer,
+            timestamp_ms=header.timestamp_ms,
+            transactions_root=header.transactions_root.hex(),
+            receipts_root=header.receipts_root.hex(),
+            state_root=header.state_root.hex(),
+            transaction_count=None if block is None else len(block.transactions),
+            gas_used=header.gas_used,
+            is_boundary=header.is_boundary,
+            is_closing=header.is_closing,
+            certificate=None if own is None else _certificate(own),
+            parent_certificate=_certificate(header.qc),
+            timeout=None if header.tc is None else _timeout(header.tc),
+            missed_count=len(missed),
+            missed=[schedule.leader(number) for number in missed[:MISSED_SHOWN_MAX_COUNT]],
+        )
+
+    def _own_certificate(self, header: Header, block_id: bytes) -> QuorumCertificate | None:
+        """Return the certificate of a block, if a child or a proof holds one that producers signed."""
+        if header.height == 0:
+            return None
+        found = None
+        if header.is_boundary:
+            data = self._snapshot.epoch_proof(header.epoch + 1)
+            found = None if data is None else certificate_of(decode(data, EpochProof).finality)
+        elif header.height == self._snapshot.header.height:
+            proof = self._snapshot.finality
+            found = None if proof is None else certificate_of(proof)
+        else:
+            child = self._header(header.height + 1)
+            found = None if child is None else child.qc
+        return found if found is not None and found.block_id == block_id and found.votes else None
+
+    def _missed_rounds(self, header: Header) -> range:
+        """Return the rounds of the epoch between the parent's and this one: each was given up."""
+        if header.height == 0:
+            return range(0)
+        parent = self._header(header.height - 1)
+        before = parent.round if parent is not None and parent.epoch == header.epoch else 0
+        return range(before + 1, header.round)
+
+
+def _certificate(qc: QuorumCertificate) -> CertificateDocument:
+    return CertificateDocument(
+        epoch=qc.epoch, round=qc.round, block_id=qc.block_id.hex(), voters=[vote.index for vote in qc.votes]
+    )
+
+
+def _timeout(tc: TimeoutCertificate) -> TimeoutDocument:
+    voters = [timeout.index for timeout in tc.timeouts]
+    return TimeoutDocument(epoch=tc.epoch, round=tc.round, voters=voters, highest_qc_round=tc.highest_qc_round)
+
+
+def describe_epoch(reader: HeaderReader, snapshot: LedgerSnapshot, genesis: Genesis, number: int) -> EpochDocument:
+    """Return an epoch with the names of those who sit in it. Raises NOT_FOUND."""
+    schedule = reader.schedule(number)
+    leading = set(range(len(schedule.producers))) - set(schedule.leaderless) or set(range(len(schedule.producers)))
+    return EpochDocument(
+        number=number,
+        quorum=schedule.quorum,
+        faults_tolerated=schedule.faults_tolerated,
+        blocks_per_turn=schedule.blocks_per_turn,
+        seats=[
+            SeatDocument(index=index, name=_name_of(snapshot, genesis, key), key=key.hex(), leads=index in leading)
+            for index, key in enumerate(schedule.producers)
+        ],
+    )
+
+
+def _name_of(snapshot: LedgerSnapshot, genesis: Genesis, key: bytes) -> str:
+    """Return the name of the node whose producer key this is or was; an empty text if nobody knows."""
+    entry = read_value(snapshot, "producers", b"candidate/" + key)
+    if isinstance(entry, dict) and isinstance(entry.get("name"), str):
+        return str(entry["name"])
+    return next((node.name for node in genesis.nodes if node.producer_key == key), "")
+
+
+def describe_producers(snapshot: LedgerSnapshot) -> ProducersAnswer:
+    """Return who produces or stands for it, as the contract `producers` has it."""
+    epoch = read_value(snapshot, "producers", b"epoch") or {"number": snapshot.header.epoch, "producers": []}
+    seats = {key: index for index, key in enumerate(epoch["producers"])}
+    entries = {key: read_value(snapshot, "producers", b"candidate/" + key) for key in _candidates(snapshot)}
+    return ProducersAnswer(
+        height=snapshot.header.height,
+        epoch=epoch["number"],
+        producers=[_producer(key, entry, seats.get(key)) for key, entry in entries.items() if entry is not None],
+    )
+
+
+def _candidates(snapshot: LedgerSnapshot) -> list[bytes]:
+    return read_value(snapshot, "producers", b"keys") or []
+
+
+def _producer(key: bytes, entry: dict[str, object], seat: int | None) -> ProducerDocument:
+    fields = {name: entry[name] for name in ("name", "organisation", "status", "votes", "removals", "suspended_height")}
+    told = entry["evidence"]
+    evidence = None
+    if isinstance(told, dict) and told:
+        evidence = EvidenceDocument(
+            kind=told["kind"],
+            epoch=told["epoch"],
+            round=told["round"],
+            height=told["height"],
+            first_id=told["first_id"].hex(),
+            second_id=told["second_id"].hex(),
+        )
+    return ProducerDocument(key=key.hex(), seat=seat, evidence=evidence, **fields)  # type: ignore[arg-type]
+
+
+def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
+    """Count what the chain governs; no person is among it."""
+    return CountsDocument(
+        organisations=len(read_value(snapshot, "membership", b"organisations") or ()),
+        nodes=len(read_value(snapshot, "membership", b"nodes") or ()),
+        producers=len((read_value(snapshot, "producers", b"epoch") or {}).get("producers", ())),
+        contracts=len(list_contracts(snapshot)),
+    )

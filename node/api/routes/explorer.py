@@ -1,0 +1,246 @@
+"""What the explorer asks beyond the other routes: headers, producers, counts, meanings of codes; and its own files.
+
+A node whose explorer is public answers these, and only these, to anybody. Must never show anything of a person, nor what
+could still be undone, but for the round that the node says it is in.
+"""
+
+from __future__ import annotations
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from node.api.access import ANYONE, EXPLORER
+from node.api.chain_headers import HeaderReader, count_all, describe_epoch, describe_producers
+from node.api.documents import PAGE_MAX_COUNT
+from node.api.explorer_documents import (
+    EpochDocument,
+    ExplorerHeadersAnswer,
+    ExplorerStatusAnswer,
+    HeaderDocument,
+    ProducersAnswer,
+    RefusalAnswer,
+    RoundDocument,
+)
+from node.api.refusal_meanings import explain_refusal
+from node.api.routes.transactions import WAIT_MAX_MS
+from node.api.routing import BYTES, JSON, Answer, Call, Parameter, Route, json_answer
+from node.api.services import ApiServices, LedgerSnapshot, RoundWatch
+from node.explorer.page import answer_own, answer_shared
+
+_CODE_PATTERN = "^[A-Z][A-Z0-9_]{1,63}$"
+_NAME_PATTERN = "^[A-Za-z][A-Za-z0-9_-]{0,63}\\.[a-z]{2,4}$"
+_HTML = "text/html"
+
+
+def _rounds(watch: RoundWatch | None) -> RoundDocument | None:
+    if watch is None:
+        return None
+    place = watch.place()
+    return RoundDocument(
+        epoch=place.epoch,
+        round=place.round,
+        leader=place.leader,
+        certified_height=place.certified_height,
+        timed_out_count=place.timed_out_count,
+    )
+
+
+def _status(services: ApiServices, snapshot: LedgerSnapshot) -> ExplorerStatusAnswer:
+    return ExplorerStatusAnswer(
+        node=services.node_name,
+        network=services.genesis.network,
+        chain_id=services.genesis.chain_id.hex(),
+        now_ms=services.clock.now_ms(),
+        is_public=services.public_explorer,
+        head=snapshot.header.height,
+        earliest_height=snapshot.earliest_height,
+        epoch=snapshot.header.epoch,
+        rounds=_rounds(services.rounds),
+        counts=count_all(snapshot),
+    )
+
+
+async def _get_status(call: Call) -> web.StreamResponse:
+    services, after, wait_ms = call.services, call.int_of("after_height"), call.int_of("wait_ms")
+    with services.ledger.snapshot() as snapshot:
+        answer = _status(services, snapshot)
+    if wait_ms and answer.head <= after:
+        with call.hold_back() as allowed:
+            if allowed:
+                await services.ledger.wait_above(after, wait_ms)
+        with services.ledger.snapshot() as snapshot:
+            answer = _status(services, snapshot)
+    return json_answer(answer)
+
+
+async def _list_headers(call: Call) -> web.StreamResponse:
+    first, limit = call.int_of("from_height"), call.int_of("limit")
+    with call.services.ledger.snapshot() as snapshot:
+        head, earliest = snapshot.header.height, snapshot.earliest_height
+        reader = HeaderReader(snapshot, call.services.genesis)
+        headers = [reader.read(height) for height in range(first, min(first + limit, head + 1))]
+    found = [header for header in headers if header is not None]
+    return json_answer(ExplorerHeadersAnswer(head=head, earliest_height=earliest, headers=found))
+
+
+async def _get_header(call: Call) -> web.StreamResponse:
+    block_id = call.bytes_of("block_id")
+    with call.services.ledger.snapshot() as snapshot:
+        height = snapshot.block_height(block_id)
+        header = None if height is None else HeaderReader(snapshot, call.services.genesis).read(height)
+    if header is None:
+        raise BlockRobotError("NOT_FOUND", "No finalized block has this id.")
+    return json_answer(header)
+
+
+async def _get_epoch(call: Call) -> web.StreamResponse:
+    genesis = call.services.genesis
+    with call.services.ledger.snapshot() as snapshot:
+        answer = describe_epoch(HeaderReader(snapshot, genesis), snapshot, genesis, call.int_of("number"))
+    return json_answer(answer)
+
+
+async def _list_producers(call: Call) -> web.StreamResponse:
+    with call.services.ledger.snapshot() as snapshot:
+        answer = describe_producers(snapshot)
+    return json_answer(answer)
+
+
+async def _explain_refusal(call: Call) -> web.StreamResponse:
+    return json_answer(explain_refusal(call.http.match_info["code"]))
+
+
+def _etag(call: Call) -> str:
+    return call.http.headers.get("If-None-Match", "")
+
+
+async def _redirect(_call: Call) -> web.StreamResponse:
+    return web.Response(status=308, headers={"Location": "explorer/"})
+
+
+async def _get_index(call: Call) -> web.StreamResponse:
+    return answer_own("", _etag(call))
+
+
+async def _get_file(call: Call) -> web.StreamResponse:
+    return answer_own(call.http.match_info["name"], _etag(call))
+
+
+async def _get_shared_file(call: Call) -> web.StreamResponse:
+    return answer_shared(call.http.match_info["name"], _etag(call))
+
+
+_DATA_ROUTES = (
+    Route(
+        "GET",
+        "/v1/explorer/status",
+        "getExplorerStatus",
+        "Who answers, how far it is, the round it says it is in, and counts. With `wait_ms` the answer is held back "
+        "until there is a block above `after_height`, unless too many are.",
+        EXPLORER,
+        _get_status,
+        Answer(JSON, ExplorerStatusAnswer, "The node's own word."),
+        parameters=(
+            Parameter("after_height", "query", "The height that the caller knows.", default=0),
+            Parameter("wait_ms", "query", "How long to wait for a new block, in ms.", maximum=WAIT_MAX_MS, default=0),
+        ),
+    ),
+    Route(
+        "GET",
+        "/v1/explorer/headers",
+        "listExplorerHeaders",
+        "Finalized headers, decoded: who led, who voted, which rounds were given up before.",
+        EXPLORER,
+        _list_headers,
+        Answer(JSON, ExplorerHeadersAnswer, "The headers, lowest first."),
+        parameters=(
+            Parameter("from_height", "query", "The first height.", default=0),
+            Parameter("limit", "query", "How many at most.", None, 1, PAGE_MAX_COUNT, 50),
+        ),
+        errors=("NOT_FOUND",),
+    ),
+    Route(
+        "GET",
+        "/v1/explorer/headers/{block_id}",
+        "getExplorerHeader",
+        "The finalized header with this id, decoded.",
+        EXPLORER,
+        _get_header,
+        Answer(JSON, HeaderDocument, "The header."),
+        parameters=(Parameter("block_id", "path", "The block's id.", 32),),
+        errors=("NOT_FOUND",),
+    ),
+    Route(
+        "GET",
+        "/v1/explorer/epochs/{number}",
+        "getExplorerEpoch",
+        "Who sits in an epoch, in the order of turns.",
+        EXPLORER,
+        _get_epoch,
+        Answer(JSON, EpochDocument, "The epoch."),
+        parameters=(Parameter("number", "path", "The epoch.", maximum=(1 << 32) - 1),),
+        errors=("NOT_FOUND",),
+    ),
+    Route(
+        "GET",
+        "/v1/explorer/producers",
+        "listExplorerProducers",
+        "Producers and candidates: votes, suspensions, evidence.",
+        EXPLORER,
+        _list_producers,
+        Answer(JSON, ProducersAnswer, "All of them."),
+    ),
+    Route(
+        "GET",
+        "/v1/explorer/refusals/{code}",
+        "explainRefusal",
+        "What the code of a receipt means.",
+        EXPLORER,
+        _explain_refusal,
+        Answer(JSON, RefusalAnswer, "The meaning."),
+        parameters=(Parameter("code", "path", "The code.", pattern=_CODE_PATTERN),),
+    ),
+)
+_PAGE_ROUTES = (
+    Route(
+        "GET",
+        "/explorer",
+        "redirectToExplorer",
+        "The way to the explorer.",
+        ANYONE,
+        _redirect,
+        Answer(_HTML, None, "There.", 308),
+    ),
+    Route(
+        "GET",
+        "/explorer/",
+        "getExplorer",
+        "The explorer's page. It holds no data: what it shows it asks of the other routes, in the caller's session.",
+        ANYONE,
+        _get_index,
+        Answer(_HTML, None, "The page."),
+    ),
+    Route(
+        "GET",
+        "/explorer/{name}",
+        "getExplorerFile",
+        "A file of the explorer: script, style, picture.",
+        ANYONE,
+        _get_file,
+        Answer(BYTES, None, "The file, with its own type and an entity tag."),
+        parameters=(Parameter("name", "path", "The file's name.", pattern=_NAME_PATTERN),),
+        errors=("ROUTE_UNKNOWN",),
+    ),
+    Route(
+        "GET",
+        "/explorer/shared/{name}",
+        "getSharedFile",
+        "A file that all pages share.",
+        ANYONE,
+        _get_shared_file,
+        Answer(BYTES, None, "The file, with its own type and an entity tag."),
+        parameters=(Parameter("name", "path", "The file's name.", pattern=_NAME_PATTERN),),
+        errors=("ROUTE_UNKNOWN",),
+    ),
+)
+ROUTES = (*_DATA_ROUTES, *_PAGE_ROUTES)
