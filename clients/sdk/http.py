@@ -88,7 +88,8 @@ class NetworkClient:
     state names. It looks again by itself when it reads in somebody's session. With `urls` (names to addresses) it asks
     those nodes and no others. `first` names the node to begin with.
     `pinned` is what the property `pinned` was last time: the newest header that this client has verified, the epochs
-    that led there, and the nodes it knew. When the network's producers change, the client follows by itself.
+    that led there, and the nodes it knew. When the network's producers change, the client follows by itself. `troubles`
+    holds, by name, why a node was passed over; one that served since is not in it.
     """
 
     def __init__(
@@ -111,6 +112,7 @@ class NetworkClient:
         self._sessions = Sessions(genesis.chain_id, self._connections, self.clock)
         self._first = first
         self._is_finding = False
+        self.troubles: dict[str, BlockRobotError] = {}
         self.custody = CustodyClient(lambda: self._book.custodians, self.ask_node)
 
     async def __aenter__(self) -> NetworkClient:
@@ -223,12 +225,14 @@ class NetworkClient:
             except BlockRobotError as error:
                 if not _may_ask_another(error):
                     raise
+                self.troubles[node.name] = error
                 if error.code in {"NODE_UNREACHABLE", *_NOT_TAKING_PART}:
                     self._book.note_failure()
                 if failure is None or failure.code == "NODE_UNREACHABLE":
                     failure = error
                 continue
             self._first = node.name
+            self.troubles.pop(node.name, None)
             return result
         raise failure or BlockRobotError("NODE_UNREACHABLE")
 

@@ -15,7 +15,16 @@ _PAGE_COUNT = 100
 
 
 class VisitReader(Protocol):
-    """What an audit needs of a wallet."""
+    """What an audit needs of a wallet.
+
+    `trails` keeps, by visit, the entries that were read before, for a wallet that stays open: what is final never
+    changes, so only what is new is asked for. None keeps nothing.
+    """
+
+    @property
+    def trails(self) -> dict[bytes, list[AuditEntry]] | None:
+        """The entries that were read before, by visit."""
+        ...
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:
         """Derive the private key of one visit."""
@@ -48,8 +57,9 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit) -> list[AuditEntry
     key = wallet.owner_key(visit)
     count_key = b"audit\x00count/" + visit.owner
     count = (await wallet.values([count_key], key))[count_key] or 0
-    entries = []
-    for start in range(0, count, _PAGE_COUNT):
+    trails = wallet.trails
+    entries = [] if trails is None else trails.get(visit.owner, [])[:count]
+    for start in range(len(entries), count, _PAGE_COUNT):
         indexes = range(start, min(count, start + _PAGE_COUNT))
         keys = [b"audit\x00entry/" + visit.owner + u32(index) for index in indexes]
         values = await wallet.values(keys, key)
@@ -66,6 +76,8 @@ async def audit_visit(wallet: VisitReader, visit: KnownVisit) -> list[AuditEntry
                     data=value["data"],
                 )
             )
+    if trails is not None:
+        trails[visit.owner] = list(entries)
     return entries
 
 

@@ -108,7 +108,7 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
     that too. Raises PROOF_INVALID if one is left out, NOT_REGISTERED.
     """
     await wallet.require_registered()
-    content = wallet.store.content
+    content, known_count = wallet.store.content, wallet.store.content.scanned_grants_count
     while True:
         try:
             count, grants = await _read_page(wallet, content.scanned_grants_count)
@@ -123,7 +123,8 @@ async def find_received(wallet: Wallet) -> tuple[list[ReceivedGrant], bool]:
         content.scanned_grants_count += len(grants)
         if content.scanned_grants_count >= count:
             break
-    wallet.store.save()
+    if content.scanned_grants_count != known_count:
+        wallet.store.save()
     return list(content.received_grants), True
 
 

@@ -285,6 +285,7 @@ class _TrailReader:
 
     wallet: Wallet
     key: PrivateKey
+    trails: None = None
 
     def owner_key(self, visit: KnownVisit) -> PrivateKey:  # noqa: ARG002
         """Return the key in whose session the trail is read."""

@@ -46,12 +46,16 @@ class FrameView:
 
 @dataclass(frozen=True, slots=True)
 class RecordView:
-    """A record with all its frames, the custodians whose copies were used, and the leaves under its commitment."""
+    """A record with all its frames, the custodians whose copies were used, and the leaves under its commitment.
+
+    `refused` are custodians that were asked in vain before one answered, with the code of why.
+    """
 
     entry: RecordEntry
     frames: tuple[FrameView, ...]
     custodians: tuple[str, ...]
     commitment_leaves: tuple[bytes, ...] = ()
+    refused: tuple[tuple[str, str], ...] = ()
 
     @property
     def corrupted(self) -> list[int]:
@@ -96,12 +100,14 @@ class Viewing:
         frames: dict[int, FrameView] = {}
         used: list[str] = []
         leaves: list[bytes] = []
+        refused: list[tuple[str, str]] = []
         refusal: BlockRobotError | None = None
         for custodian in self._wallet.network.custody.custodians:
             try:
                 found, leaves = await self._view_at(custodian, entry, access_id)
             except BlockRobotError as error:
                 refusal = error
+                refused.append((custodian.name, error.code))
                 continue
             used.append(custodian.name)
             for frame in found:
@@ -112,7 +118,7 @@ class Viewing:
         if not frames:
             raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
         ordered = tuple(frames[index] for index in sorted(frames))
-        return RecordView(entry, ordered, tuple(used), tuple(leaves))
+        return RecordView(entry, ordered, tuple(used), tuple(leaves), tuple(refused))
 
     async def _view_at(
         self, custodian: NodeAddress, entry: RecordEntry, access_id: bytes

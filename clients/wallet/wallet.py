@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
-from clients.wallet.auditing import RECORDED_KIND, audit_visit
+from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.standing import VisitRights, read_standing
@@ -76,7 +76,8 @@ class Wallet:
     """An open wallet on a network. Use as `async with`.
 
     `member_gone` says, after a scan, that its words make nobody a member any more, though she did not leave: what is shown
-    is what the wallet knew before, and without the visits that are `out_of_reach`, whose key was replaced.
+    is what the wallet knew before, and without the visits that are `out_of_reach`, whose key was replaced. Who keeps it
+    open for long makes `trails` a dict, so that an entry of an audit is read once.
     """
 
     def __init__(self, store: Keystore, genesis: Genesis) -> None:
@@ -86,6 +87,7 @@ class Wallet:
         self.network = NetworkClient(genesis, pinned=store.content.pin or None)
         self.member_gone = False
         self.out_of_reach: tuple[KnownVisit, ...] = ()
+        self.trails: dict[bytes, list[AuditEntry]] | None = None
 
     async def __aenter__(self) -> Wallet:
         return self
@@ -187,11 +189,11 @@ class Wallet:
             return
         member = await self.find_registration(self.keys)
         if member is None:
-            raise BlockRobotError("NOT_REGISTERED")
-        self._remember_registration(member)
             for keys in self.eras[:-1]:
                 if await self.find_registration(keys) is not None:
                     raise BlockRobotError("WORDS_SWAPPED")
+            raise BlockRobotError("NOT_REGISTERED")
+        self._remember_registration(member)
 
     async def scan(self) -> list[KnownVisit]:
         """Read the announcements that are new since last time and return all visits that are this person's.
@@ -201,7 +203,7 @@ class Wallet:
         MEMBER_NO_MORE if she has none left.
         """
         await self.require_registered()
-        content = self.store.content
+        content, known_count = self.store.content, self.store.content.scanned_count
         while True:
             try:
                 page = await self._read_announcements(content.scanned_count)
@@ -215,7 +217,8 @@ class Wallet:
             content.scanned_count = page.next_number
             if page.next_number >= page.count:
                 break
-        self.store.save()
+        if content.scanned_count != known_count:
+            self.store.save()
         return [visit for visit in content.visits if not visit.taken]
 
     async def _scan_without_membership(self) -> list[KnownVisit]:
@@ -261,6 +264,13 @@ class Wallet:
             if error.code == "SESSION_REFUSED":
                 raise BlockRobotError("MEMBER_NO_MORE") from None
             raise
+
+    async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:
+        """Return what changes whenever anything changes of a visit, by one question: its state, its words, its trail."""
+        keys = [b"records\x00visit/" + visit.owner, b"audit\x00count/" + visit.owner]
+        keys += [place + visit.owner for place in _RIGHTS]
+        found = await self.values(keys, self.owner_key(visit))
+        return tuple(found[key] for key in keys)
 
     async def visit_report(self, visit: KnownVisit) -> VisitReport:
         """List a visit's records, each proven, opened and chained; say how many are missing.
