@@ -1,12 +1,22 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
-# Needed beforehand: Python 3.11 or later with venv, make, git.
+# Needed beforehand: Python 3.11 or later with venv, make, git. `make test` installs four Debian packages if they are missing
+# (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
-.PHONY: all demo test test-fast test-long lint types docs mongo-server clean
+SYSTEM_PACKAGES ?= install
+ifeq ($(SYSTEM_PACKAGES),none)
+TESTS := not long and not system_packages
+else ifeq ($(SYSTEM_PACKAGES),install)
+TESTS := not long
+else
+$(error SYSTEM_PACKAGES is `install` (what `make test` does anyway) or `none`, not `$(SYSTEM_PACKAGES)`)
+endif
+
+.PHONY: all demo system-packages test test-fast test-long lint types docs mongo-server clean
 
 all: $(VENV)/.runtime
 
@@ -30,8 +40,13 @@ lint: $(VENV)/.develop
 types: $(VENV)/.develop
 	$(BIN)/mypy
 
-test: lint types
-	$(BIN)/python -m pytest -m 'not long'
+system-packages:
+ifneq ($(SYSTEM_PACKAGES),none)
+	@$(PYTHON) tests/system_packages.py
+endif
+
+test: system-packages lint types
+	$(BIN)/python -m pytest -m '$(TESTS)'
 
 test-fast: $(VENV)/.develop
 	$(BIN)/python -m pytest tests/unit tests/property tests/architecture

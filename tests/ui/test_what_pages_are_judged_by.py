@@ -14,22 +14,23 @@ GOOD = """<!doctype html><html lang=en><meta name=viewport content="width=device
 <h2 id=a>Days</h2><label>Day <input name=day style="height:30px"></label>
 <button style="min-height:30px">Play</button><svg role=img aria-label="a line" width=10 height=10></svg>
 <table><tr><th>Day</th></tr><tr><td>1</td></tr></table></main></body></html>"""
+ONE = "<html lang=en><title>x</title><main><h1>x</h1>"
 BAD = {
     "language": "<html><title>x</title><main><h1>x</h1></main>",
-    "name": "<html lang=en><title>x</title><main><h1>x</h1><button style='width:40px;height:40px'></button></main>",
-    "label": "<html lang=en><title>x</title><main><h1>x</h1><input placeholder=Day style='height:40px'></main>",
-    "picture": "<html lang=en><title>x</title><main><h1>x</h1><img src='data:,'></main>",
-    "headings": "<html lang=en><title>x</title><main><h1>x</h1><h3>y</h3></main>",
+    "name": ONE + "<button style='width:40px;height:40px'></button></main>",
+    "label": ONE + "<input placeholder=Day style='height:40px'></main>",
+    "picture": ONE + "<img src='data:,'></main>",
+    "headings": ONE + "<h3>y</h3></main>",
     "landmarks": "<html lang=en><title>x</title><h1>x</h1>",
-    "contrast": "<html lang=en><title>x</title><main><h1>x</h1><p style='color:#999'>pale</p></main>",
-    "order": "<html lang=en><title>x</title><main><h1>x</h1><a href='#' tabindex=3>a</a></main>",
-    "target": "<html lang=en><title>x</title><main><h1>x</h1><button style='padding:0;font-size:8px'>a</button></main>",
+    "contrast": ONE + "<p style='color:#999'>pale</p></main>",
+    "order": ONE + "<a href='#' tabindex=3>a</a></main>",
+    "target": ONE + "<button style='padding:0;font-size:8px'>a</button></main>",
     "id": "<html lang=en><title>x</title><main><h1 id=a>x</h1><p id=a>y</p></main>",
-    "reflow": "<html lang=en><title>x</title><main><h1>x</h1><div style='width:3000px'>wide</div></main>",
-    "focus": "<html lang=en><title>x</title><main><h1>x</h1><button style='outline:none;min-height:30px;min-width:30px'>a</button></main>",
-    "keyboard": "<html lang=en><title>x</title><main><h1>x</h1><span role=button style='display:block;height:30px'>do</span></main>",
+    "reflow": ONE + "<div style='width:3000px'>wide</div></main>",
+    "focus": ONE + "<button style='outline:none;min-height:30px;min-width:30px'>a</button></main>",
+    "keyboard": ONE + "<span role=button style='display:block;height:30px'>do</span></main>",
     "reference": "<html lang=en><title>x</title><main aria-labelledby=gone><h1>x</h1></main>",
-    "table": "<html lang=en><title>x</title><main><h1>x</h1><table><tr><td>1</td></tr></table></main>",
+    "table": ONE + "<table><tr><td>1</td></tr></table></main>",
 }
 
 

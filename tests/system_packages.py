@@ -1,0 +1,119 @@
+"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film of real people, fonts.
+
+Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
+a password, and never end well with something missing.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+OPENCV_DOC = "/usr/share/doc/opencv-doc/*"
+PEDESTRIANS = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
+WAY_OUT = "make test SYSTEM_PACKAGES=none"
+
+
+@dataclass(frozen=True)
+class Package:
+    """A Debian package, what tests need it for, and what tells that it is there: any of some programs, or a file."""
+
+    name: str
+    purpose: str
+    programs: tuple[str, ...] = ()
+    file: Path | None = None
+
+    def is_there(self) -> bool:
+        """Tell whether what is needed is here, wherever it came from."""
+        if self.file is not None:
+            return self.file.is_file()
+        return any(shutil.which(program) for program in self.programs)
+
+
+PACKAGES = (
+    Package("chromium", "opens our pages", programs=("chromium", "chromium-browser")),
+    Package("graphviz", "draws the process map", programs=("dot",)),
+    Package("opencv-doc", "has a film of real pedestrians", file=PEDESTRIANS),
+    Package(
+        "fonts-liberation2",
+        "lets pages look alike everywhere",
+        file=Path("/usr/share/fonts/truetype/liberation2/LiberationSans-Regular.ttf"),
+    ),
+)
+
+
+class CannotInstallError(Exception):
+    """Packages are missing and cannot be installed here; the text says why."""
+
+
+def find_missing() -> list[Package]:
+    """Return what is not here."""
+    return [package for package in PACKAGES if not package.is_there()]
+
+
+def find_rights() -> list[str]:
+    """Return what goes before `apt-get`: nothing for root, `sudo -n` for who may. Raises CannotInstallError."""
+    if shutil.which("apt-get") is None:
+        raise CannotInstallError("this system has no apt-get")
+    if os.geteuid() == 0:
+        return []
+    if shutil.which("sudo") is None:
+        raise CannotInstallError("you are not root, and there is no sudo")
+    if subprocess.run(["sudo", "-n", "true"], capture_output=True, check=False).returncode != 0:
+        raise CannotInstallError("you are not root, and sudo would ask for a password")
+    return ["sudo", "-n"]
+
+
+def install(missing: list[Package]) -> None:
+    """Install packages by apt-get. Raises CannotInstallError."""
+    rights = find_rights()
+    # Small systems are set to leave /usr/share/doc out, and that is where the film is.
+    options = ["--yes", "--no-install-recommends", "--reinstall", "-o", f"Dpkg::Options::=--path-include={OPENCV_DOC}"]
+    quiet = ["env", "DEBIAN_FRONTEND=noninteractive", "apt-get", "-qq"]
+    for step in (["update"], ["install", *options, *(package.name for package in missing)]):
+        done = subprocess.run(
+            [*rights, *quiet, *step], stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False
+        )
+        if done.returncode != 0:
+            told = (done.stderr or done.stdout).strip().splitlines() or ["it said nothing"]
+            raise CannotInstallError(f"`apt-get {step[0]}` failed: {told[-1]}")
+    if still := [package.name for package in find_missing()]:
+        raise CannotInstallError(f"`apt-get install` ended well, and {', '.join(still)} is not here all the same")
+
+
+def refuse(missing: list[Package], reason: str) -> str:
+    """Return what is said where nothing can be installed: what is missing and why, and what to type."""
+    names = " ".join(package.name for package in missing)
+    lines = [f"Tests need Debian packages that are not here, and they cannot be installed: {reason}."]
+    lines += [f"  {package.name}: {package.purpose}" for package in missing]
+    lines += [
+        "Next step: install them, on Debian or Ubuntu by",
+        f"  sudo apt-get update && sudo apt-get install --no-install-recommends {names}",
+        "or leave out the tests that need them (they are counted at the end):",
+        f"  {WAY_OUT}",
+    ]
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Install what is missing; return 0 if then everything is here."""
+    missing = find_missing()
+    if not missing:
+        return 0
+    what = ", ".join(f"{package.name} ({package.purpose})" for package in missing)
+    sys.stdout.write(f"Installing for the tests, by apt-get: {what}.\n")
+    sys.stdout.flush()
+    try:
+        install(missing)
+    except CannotInstallError as error:
+        sys.stderr.write(refuse(missing, str(error)) + "\n")
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
