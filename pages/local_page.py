@@ -128,7 +128,7 @@ class LocalPage:
         """Write a new redirect file and return its path; the former one opens nothing any more."""
         await self._drop_link()
         token = secrets.token_urlsafe(TOKEN_BYTES)
-        path = await asyncio.to_thread(_write_redirect, self._folder, f"{self._origin}/#{token}", self._title)
+        path = await asyncio.to_thread(write_redirect, self._folder, f"{self._origin}/#{token}", self._title)
         self._link = _Link(token, path, self._now_ms() + LINK_LIFETIME_MS)
         return path
 
@@ -243,8 +243,8 @@ async def read_object(request: web.Request) -> dict[str, Any]:
     return body
 
 
-def _write_redirect(folder: Path, target: str, title: str) -> Path:
-    """Write the file that sends a browser to the page. Only its owner can read it."""
+def write_redirect(folder: Path, target: str, title: str) -> Path:
+    """Write the file that sends a browser to `target`, and return its path. Only its owner can read it."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / f"open-{secrets.token_hex(8)}.html"
     address, words = html.escape(target, quote=True), html.escape(title)

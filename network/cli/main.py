@@ -24,6 +24,7 @@ _COMMANDS = {
     "contract": ("network.cli.contract_commands", "contract"),
     "certificate": ("network.cli.certificate_commands", "certificate"),
     "doctor": ("network.cli.doctor_command", "doctor"),
+    "explore": ("network.cli.explore_command", "explore"),
     "bench": ("network.cli.bench_commands", "bench"),
     "custody": ("network.cli.custody_commands", "custody"),
     "experiment": ("network.cli.experiment_commands", "experiment"),
