@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from clients.sdk.terminal import home_folder, load_genesis
+from clients.wallet.claiming import claim_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.wallet import Wallet
 from consensus.genesis import Genesis
@@ -68,7 +69,9 @@ def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> 
     """
     path, genesis_path = ctx.obj
     genesis = load_genesis(genesis_path)
-    return _run(Keystore.open(path, read_passphrase()), genesis, action)
+    passphrase = read_passphrase()
+    with claim_wallet(path):
+        return _run(Keystore.open(path, passphrase), genesis, action)
 
 
 def run_made(store: Keystore, genesis_path: Path, action: Callable[[Wallet], Awaitable[T]]) -> T:
