@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import random
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,6 +137,7 @@ class Pipeline:
         `live` stream events come when they are received, so that time passes also while none comes. Raises what stops
         the robot for good, also while nothing comes: a full spool, a member key that was revoked.
         """
+        await asyncio.to_thread(self._open_visits.take_up, self._spool)
         for name in self._spool.names():
             self._delivery.start(name)
         self._live = live
@@ -290,14 +292,19 @@ class Pipeline:
             self._store(clip)
 
     def _store(self, clip: SpooledClip) -> None:
-        """Begin to bring a clip, counted in its visit first, to the disk; it is delivered from there."""
-
-        def put() -> str:
-            self._open_visits.save()
-            return self._spool.put(clip)
+        """Begin to bring a clip to the disk. Once it is there it is counted in its visit, and only then delivered."""
 
         async def store() -> None:
-            self._delivery.start(await asyncio.to_thread(put))
+            try:
+                name = await asyncio.to_thread(self._spool.put, clip)
+            except BlockRobotError:
+                self._open_visits.missed(clip.owner)
+                with suppress(BlockRobotError):  # a full disk may not take the count either
+                    await asyncio.to_thread(self._open_visits.save)
+                raise
+            self._open_visits.spooled(clip.owner, name)
+            await asyncio.to_thread(self._open_visits.save)
+            self._delivery.start(name)
 
         self._storing = asyncio.create_task(store())
 

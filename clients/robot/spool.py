@@ -48,6 +48,11 @@ class SpooledClip(Wire, frozen=True):
     captured_until_ms: int
 
 
+def number_of(name: str) -> int:
+    """Return the number in a clip's name. Of clips that wait the later spooled has the higher."""
+    return int(name.removesuffix(_SUFFIX))
+
+
 def count_waiting(folder: Path) -> int:
     """Return how many clips a spool's folder holds, without its key; 0 if there is no such folder."""
     return sum(path.stem.isdecimal() for path in folder.glob(f"*{_SUFFIX}"))
@@ -66,7 +71,7 @@ class Spool:
         waiting = (path for path in folder.glob(f"*{_SUFFIX}") if path.stem.isdecimal())
         self._sizes = {path.name: path.stat().st_size for path in waiting}
         self.peak_bytes = self.size_bytes
-        self._next = max((int(name.split(".")[0]) for name in self._sizes), default=0) + 1
+        self._next = max(map(number_of, self._sizes), default=0) + 1
 
     @property
     def size_bytes(self) -> int:

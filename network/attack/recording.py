@@ -137,8 +137,11 @@ class RobotDay:
             person=compute_person_tag(self.unit.identity.spool, row.handle),
         )
         clip = seal_clip(content, chain, now_ms=now_ms)
-        self.open_visits.note(chain.owner, chain.record_count)
-        self.delivery.start(self.spool.put(clip))
+        self.open_visits.count(chain.owner, chain.record_count)
+        name = self.spool.put(clip)
+        self.open_visits.spooled(clip.owner, name)
+        self.open_visits.save()
+        self.delivery.start(name)
         return clip
 
     async def end(self) -> None:

@@ -43,8 +43,7 @@ Call = Callable[[tuple[Any, ...], Any], bool]
 class Step:
     """A step: before or after the nth call of `owner.name` that `counts`.
 
-    `halts`: other calls of it wait for the end. `spoils`: half of the file that is written is cut off first. `loses`: a
-    clip was counted in its visit that is lost, which its owner is told.
+    `halts`: other calls of it wait for the end. `spoils`: half of the file that is written is cut off first.
     """
 
     owner: Any
@@ -54,7 +53,6 @@ class Step:
     number: int = 1
     halts: bool = False
     spoils: bool = False
-    loses: bool = False
 
 
 def _calls(entry: str) -> Call:
@@ -89,14 +87,14 @@ STEPS: dict[str, Step] = {
     "frame-decided": Step(Keeper, "take", after=True, number=2),
     "clip-filled": Step(Pipeline, "_seal_one", number=2),
     "clip-sealed": Step(pipeline, "seal_clip", after=True, number=2),
-    "visit-counted-before-sync": Step(os, "fsync", counts=_syncs_visits, number=2),
-    "visit-counted": Step(OpenVisits, "save", after=True, number=2, loses=True),
-    "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True, loses=True),
-    "spooled-before-sync": Step(os, "fsync", counts=_syncs_clip, number=2, loses=True),
-    "spooled-after-sync": Step(os, "fsync", after=True, counts=_syncs_clip, number=2, loses=True),
-    # From here on a clip is never lost.
+    "spooled-half": Step(os, "fsync", counts=_syncs_clip, number=2, spoils=True),
+    "spooled-before-sync": Step(os, "fsync", counts=_syncs_clip, number=2),
+    "spooled-after-sync": Step(os, "fsync", after=True, counts=_syncs_clip, number=2),
+    # From here on a clip is never lost, nor is its visit without it.
     "spooled-before-folder-sync": Step(sealed_file, "sync_folder", counts=_in_spool, number=2),
     "spooled": Step(Spool, "put", after=True, number=2),
+    "visit-counted-before-sync": Step(os, "fsync", counts=_syncs_visits, number=2),
+    "visit-counted": Step(OpenVisits, "save", after=True, number=3),
     "announcing": Step(RobotNetwork, "submit_and_wait", counts=_calls("open_visit")),
     "announcement-submitted": Step(NetworkClient, "submit", after=True, counts=_calls("open_visit")),
     "announced": Step(RobotNetwork, "submit_and_wait", after=True, counts=_calls("open_visit")),

@@ -11,8 +11,8 @@ from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.robot_to_kill import STEPS
 
-LIKELIEST = ("spooled-before-folder-sync", "uploaded-to-one", "record-submitted", "receipt-seen")
-"""Where a picture would be lost or doubled most easily: stored but not yet kept, at one custodian, on its way, told."""
+LIKELIEST = ("visit-counted-before-sync", "uploaded-to-one", "record-submitted", "receipt-seen")
+"""Where a picture would be lost or doubled most easily: stored but not yet counted, at one custodian, on its way, told."""
 
 DESTROYING = ("clip-nameless", "clip-destroyed", "visit-lowered")
 LIVES_COUNT = 6
@@ -27,8 +27,7 @@ async def test_a_robot_that_is_killed_again_and_again_loses_nothing_that_it_had_
         for step in LIKELIEST:
             await robot.live(step)
         await robot.live()
-        # Each kill may also meet another clip that was counted and not yet spooled: its owner is told that it is missing.
-        await robot.check(lost_max_count=len(LIKELIEST))
+        await robot.check()
         assert len(robot.diaries.spooled) > len(LIKELIEST)
 
 
@@ -82,5 +81,5 @@ async def test_a_live_robot_that_is_killed_at_any_moment_loses_nothing_that_it_h
             await robot.watch(LIVE_S, killed_after_s=moments.uniform(0.0, 3.0))
         killed_with_count = len(robot.diaries.spooled)
         await robot.watch(LIVE_S)
-        await robot.check(lost_max_count=LIVES_COUNT)
+        await robot.check()
         assert killed_with_count > LIVES_COUNT

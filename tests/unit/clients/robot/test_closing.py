@@ -16,6 +16,7 @@ from clients.robot.open_visits import OpenVisits
 from clients.robot.scenario import parse_scenario
 from clients.robot.visits import CLOSE_DELAY_MAX_MS
 from consensus.limits import VISIT_MAX_MS
+from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import LATENCY_MS, Run
 from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
@@ -47,7 +48,7 @@ def test_all_that_was_announced_in_this_run_is_closed_and_no_node_is_asked(tmp_p
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(owner, 2)
+    note(visits, owner, 2)
     delivery = run_virtual(run.deliver_all())
     assert closed_by(run, delivery, visits) == {owner: 2}
     assert run.network.asked_visits == []
@@ -56,7 +57,7 @@ def test_all_that_was_announced_in_this_run_is_closed_and_no_node_is_asked(tmp_p
 def test_a_visit_that_this_run_never_tried_to_announce_is_forgotten_and_no_node_hears_of_it(tmp_path: Path) -> None:
     run = Run(tmp_path / "spool", clips=0)
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(b"\x02" * 33, 1)
+    note(visits, b"\x02" * 33, 1)
     assert closed_by(run, run.delivery(), visits) == {}
     assert (run.network.calls, run.network.asked_visits) == ([], [])
 
@@ -65,7 +66,7 @@ def test_a_visit_that_this_run_never_tried_to_announce_is_forgotten_and_no_node_
 def test_of_an_earlier_runs_visit_the_chain_is_asked_whether_it_was_announced(tmp_path: Path, announced: bool) -> None:
     """The robot was killed: it cannot know. A network that is away is asked until it answers."""
     owner = b"\x02" * 33
-    OpenVisits(tmp_path / "visits", KEY).note(owner, 1)
+    note(OpenVisits(tmp_path / "visits", KEY), owner, 1)
     run = Run(tmp_path / "spool", clips=0)
     run.network.visits = {owner: []} if announced else {}
     run.network.question_refusals = ["NODE_UNREACHABLE"] * 3
@@ -79,7 +80,7 @@ def test_during_a_run_a_visit_is_closed_once_it_is_over_and_all_its_records_are_
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(owner, 2)
+    note(visits, owner, 2)
     going_on = {owner}
 
     async def main() -> list[dict[bytes, int]]:
@@ -115,7 +116,7 @@ class TwoOver(Run):
 
     def seal(self, number: int, owner: bytes) -> None:
         """Do as the pipeline does when it seals the visit's next clip."""
-        self.visits.note(owner, self.visits.counts.get(owner, 0) + 1)
+        note(self.visits, owner, self.visits.counts.get(owner, 0) + 1)
         self.under_way.start(self.spool.put(msgspec.structs.replace(clip(number), owner=owner)))
 
     async def close_while(self, meanwhile: Callable[[], None], *, cut_ms: int) -> dict[bytes, int]:
@@ -172,7 +173,7 @@ def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_what_is_
     async def main() -> None:
         delivery = run.delivery()
         for place, name in enumerate(run.names):
-            visits.note(first.owner, place + 1)
+            note(visits, first.owner, place + 1)
             delivery.start(name)
             await delivery.drain()
             if place == 0:
@@ -185,7 +186,7 @@ def test_a_visit_that_went_on_after_a_clip_was_destroyed_is_closed_with_what_is_
 
 def test_a_visit_of_an_earlier_life_is_left_to_the_end_of_the_run(tmp_path: Path) -> None:
     """How many of its records are final only that life knew."""
-    OpenVisits(tmp_path / "visits", KEY).note(b"\x02" * 33, 0)
+    note(OpenVisits(tmp_path / "visits", KEY), b"\x02" * 33, 0)
     run = Run(tmp_path / "spool", clips=0)
     visits = OpenVisits(tmp_path / "visits", KEY)
     run_virtual(run.delivery().close_over(visits, lambda _: False))
@@ -196,7 +197,7 @@ def test_a_visit_all_of_whose_clips_were_destroyed_during_the_run_is_forgotten_w
     run = Run(tmp_path / "spool")
     sealed = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(sealed.owner, 1)
+    note(visits, sealed.owner, 1)
     run.refused = {sealed.upload.record_id}
 
     async def main() -> None:
@@ -212,7 +213,7 @@ def test_an_announcement_whose_answer_was_lost_before_she_said_no_is_closed_all_
     run = Run(tmp_path / "spool")
     sealed = run.spool.get(run.names[0])
     visits = OpenVisits(tmp_path / "visits", KEY)
-    visits.note(sealed.owner, 0)
+    note(visits, sealed.owner, 0)
 
     async def main() -> Delivery:
         run.network.answers_lost_count = 1

@@ -3,16 +3,24 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import os
+import shutil
 import threading
 from pathlib import Path
 
 import pytest
 
+from clients.robot.bag import make_bag
 from clients.robot.delivery import Delivery
 from clients.robot.open_visits import OpenVisits
+from clients.robot.scenario import parse_scenario
 from clients.robot.spool import Spool, SpooledClip
+from consensus.errors import BlockRobotError
+from tests.unit.clients.robot.counted import note
+from tests.unit.clients.robot.test_consent_in_a_run import WALK
 from tests.unit.clients.robot.test_delivery import Run
+from tests.unit.clients.robot.test_pipeline import UID, Robot, roster
 from tests.unit.clients.robot.test_spool import KEY
 from tests.virtual_time import run_virtual
 
@@ -25,7 +33,7 @@ class Counted(Run):
         self.folder = folder
         self.visits = OpenVisits(folder / "visits", KEY)
         self.owner = self.spool.get(self.names[0]).owner
-        self.visits.note(self.owner, clips)
+        note(self.visits, self.owner, clips)
 
     async def note_dropped(self, clip: SpooledClip) -> None:
         await super().note_dropped(clip)
@@ -112,3 +120,58 @@ def test_what_is_being_destroyed_when_a_run_is_ended_is_destroyed_and_counted(
 
     asyncio.run(main(run.delivery()))
     assert (len(run.dropped), run.on_disk) == (1, (1, {run.owner: 1}))
+
+
+@pytest.mark.usefixtures("inline_threads")
+def test_killed_at_any_sync_of_a_run_a_robot_counts_what_was_ever_spooled_and_nothing_else(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is counted that never was on the medium, and nothing is on its way to the chain that is not counted."""
+    bag = make_bag(parse_scenario(WALK), {"ann": UID}, tmp_path / "bags", workers=1)
+    robot = Robot(tmp_path / "robot", bag, roster())
+    sync, start, remove = os.fsync, Delivery.start, Spool.remove
+    found: list[tuple[int, int]] = []
+    delivered: list[str] = []
+    copies = itertools.count()
+
+    def look() -> tuple[int, int]:
+        """Begin again with a copy of what is on the medium now. Return what was counted, and what was ever spooled."""
+        left = tmp_path / f"left-{next(copies)}"
+        shutil.copytree(tmp_path / "robot", left)
+        with monkeypatch.context() as plain:
+            plain.setattr(os, "fsync", sync)
+            spool, visits = Spool(left / "spool", KEY), OpenVisits(left / "open-visits", KEY)
+            counted, spooled = sum(visits.counts.values()), len(spool.names()) + len(delivered)
+            visits.take_up(spool)
+        assert sum(visits.counts.values()) == spooled
+        return counted, spooled
+
+    def synced(descriptor: int) -> None:
+        sync(descriptor)
+        if not robot.network.closed:
+            found.append(look())
+
+    def started(delivery: Delivery, name: str) -> None:
+        counted, spooled = look()
+        assert counted == spooled, "nobody else may hear of it before it is counted"
+        start(delivery, name)
+
+    def removed(spool: Spool, name: str) -> None:
+        remove(spool, name)
+        delivered.append(name)
+
+    monkeypatch.setattr(os, "fsync", synced)
+    monkeypatch.setattr(Delivery, "start", started)
+    monkeypatch.setattr(Spool, "remove", removed)
+    run_virtual(robot.run())
+    assert len(delivered) > 2
+    assert {spooled - counted for counted, spooled in found} == {0, 1}
+
+
+@pytest.mark.usefixtures("inline_threads")
+def test_a_clip_for_which_there_is_no_room_counts_as_missing(tmp_path: Path, small_bag: Path) -> None:
+    robot = Robot(tmp_path / "robot", small_bag, roster())
+    robot.spool = Spool(tmp_path / "robot" / "spool", KEY, max_bytes=10)
+    with pytest.raises(BlockRobotError, match="SPOOL_FULL"):
+        run_virtual(robot.run())
+    assert list(OpenVisits(tmp_path / "robot" / "open-visits", KEY).counts.values()) == [1]

@@ -20,6 +20,7 @@ from clients.robot.statistics import RunStatistics
 from clients.robot.visits import VisitBook
 from consensus.primitives.keys import PrivateKey
 from consensus.records.roster import ROSTER_VERSION, Roster, RosterRow
+from tests.unit.clients.robot.counted import note
 from tests.unit.clients.robot.registry_stand_in import ROBOT, RegistryStandIn, consents_on
 from tests.unit.clients.robot.test_spool import KEY, clip
 from tests.virtual_time import run_virtual, virtual_now_ms
@@ -294,7 +295,7 @@ def test_a_clip_that_was_destroyed_is_counted_and_its_visit_has_a_record_less(tm
     async def story(desk: Desk) -> None:
         visits = OpenVisits(tmp_path / "open-visits", KEY)
         sealed = clip(7)
-        visits.note(sealed.owner, 2)
+        note(visits, sealed.owner, 2)
         desk.statistics.clip_sealed(sealed.upload.record_id, [(5, 100), (6, 133)], "ann")
         for _ in range(3):  # a clip of an earlier run has no frames that this one knows
             await note_dropped(sealed, desk.consents, desk.statistics, visits, desk.log, virtual_now_ms())
