@@ -10,7 +10,7 @@ from consensus.errors import BlockRobotError
 
 GRAPHVIZ_PROGRAM = "dot"
 DRAWING_MAX_S = 60.0
-PICTURE_FORMS = ("svg", "png")
+PICTURE_FORMS: dict[str, tuple[str, ...]] = {"svg": (), "png": ("-Gdpi=160",)}  # a PNG is to be sharp on paper too
 
 
 def write_dot(text: str, path: Path) -> None:
@@ -29,9 +29,9 @@ def draw_with_graphviz(dot_file: Path) -> list[Path]:
             "DRAWING_UNAVAILABLE", f"Graphviz's `{GRAPHVIZ_PROGRAM}` is not installed here; {dot_file.name} is written."
         )
     pictures = []
-    for form in PICTURE_FORMS:
+    for form, options in PICTURE_FORMS.items():
         picture = dot_file.with_suffix(f".{form}")
-        command = [program, f"-T{form}", "-o", str(picture), str(dot_file)]
+        command = [program, f"-T{form}", "-o", str(picture), *options, str(dot_file)]
         try:
             subprocess.run(command, check=True, capture_output=True, timeout=DRAWING_MAX_S)
         except (OSError, subprocess.SubprocessError) as error:

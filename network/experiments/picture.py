@@ -9,7 +9,7 @@ import html
 from dataclasses import dataclass
 
 from network.experiments.flow_graph import FlowGraph, Pair
-from network.experiments.process_map import edge_label
+from network.experiments.process_map import counted, edge_label
 
 BOX_WIDTH, BOX_HEIGHT, GAP = 330, 64, 44
 LEFT, TOP = 20, 20
@@ -97,7 +97,7 @@ def _lay_out(graph: FlowGraph, order: list[str]) -> list[_Arrow]:
 def _draw_box(graph: FlowGraph, name: str, place: int) -> str:
     tally = graph.activities[name]
     y = TOP + place * (BOX_HEIGHT + GAP)
-    marks = [f"{tally.absolute:,} in {tally.cases:,} cases"]
+    marks = [counted(tally)]
     marks += [f"{graph.starts[name]:,} begin here"] if name in graph.starts else []
     marks += [f"{graph.ends[name]:,} end here"] if name in graph.ends else []
     middle = LEFT + BOX_WIDTH / 2
