@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
-from clients.wallet import cli, consent_commands, notice_commands
+from clients.wallet import cli, consent_commands, notice_commands, records_command
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
@@ -50,7 +50,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
 
         return asyncio.run(main())
 
-    for module in (cli, notice_commands, consent_commands):
+    for module in (cli, records_command, notice_commands, consent_commands):
         monkeypatch.setattr(module, "run_opened", run_opened)
     return opened
 

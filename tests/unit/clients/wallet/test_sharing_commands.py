@@ -189,7 +189,7 @@ def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_rea
     assert {path.stat().st_mode & 0o777 for path in written} == {0o600}
     assert (out / free.hex()).stat().st_mode & 0o777 == 0o700
     named = people.run(people.doctor, "look", row["grant_id"][:8], barred.hex(), "--out", out)
-    assert (named.exit_code, "RECORD_RESTRICTED" in named.output) == (1, True)
+    assert (named.exit_code, "RECORD_RESTRICTED" in named.output) == (4, True)
 
 
 def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
