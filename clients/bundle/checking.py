@@ -149,12 +149,12 @@ class _Check:
         self._check_manifest(manifest)
         genesis_text = self._reader.read(layout.GENESIS, layout.DOCUMENT_MAX_BYTES)
         genesis = self._check_genesis(genesis_text, manifest)
-        proofs = self._read_proofs()
+        proofs = self._read_proofs(manifest.version)
         proven = prove(genesis, proofs)
         self._check_signatures(genesis.chain_id, manifest_bytes, proven)
         self._expect(first_files())
         visits = self._check_frames(proven)
-        self._expect(tell_all(proven, visits) + proof_files(proofs) + fixed_files(genesis_text))
+        self._expect(tell_all(proven, visits) + proof_files(proofs) + fixed_files(genesis_text, manifest.version))
         self._order += [layout.MANIFEST, layout.SIGNATURES]
         names, known = [entry.name for entry in self._reader.entries], set(self._order)
         for name in names:
@@ -166,9 +166,10 @@ class _Check:
         return self._verdict(manifest, proven, visits)
 
     def _check_manifest(self, manifest: doc.Manifest) -> None:
-        if (manifest.format, manifest.version) != (doc.FORMAT, doc.FORMAT_VERSION):
+        if manifest.format != doc.FORMAT or manifest.version not in doc.FORMAT_VERSIONS:
             raise BlockRobotError(
-                "BUNDLE_INVALID", f"The bundle has version {manifest.version} of its format; this program knows 1."
+                "BUNDLE_INVALID",
+                f"The bundle has version {manifest.version} of its format; this program knows 1 and 2.",
             )
         listed = [(entry.name, entry.size, entry.sha256) for entry in manifest.entries]
         there = [
@@ -198,7 +199,7 @@ class _Check:
             raise BlockRobotError("BUNDLE_OTHER_CHAIN", sentence)
         return genesis
 
-    def _read_proofs(self) -> Proofs:
+    def _read_proofs(self, version: int) -> Proofs:
         size = sum(entry.size for entry in self._reader.entries if entry.name.startswith("proofs/"))
         if size > layout.PROOFS_MAX_BYTES:
             raise BlockRobotError("BUNDLE_INVALID", f"The proofs are larger than {layout.PROOFS_MAX_BYTES} bytes.")
@@ -212,6 +213,7 @@ class _Check:
             visits=tuple(states),
             receipts=self._read(layout.CONSENT_PROOFS, doc.ReceiptProofs),
             openings=self._read(layout.RECORD_OPENINGS, doc.RecordOpenings),
+            keys=self._read(layout.KEY_HISTORY, doc.KeyHistory) if version == doc.FORMAT_VERSION_WITH_KEYS else None,
         )
 
     def _read(self, name: str, kind: type[doc.D]) -> doc.D:

@@ -1,4 +1,4 @@
-"""The bundle's JSON documents, version 1, as types. Must never hold a secret key, nor a field that a reader may overlook.
+"""The bundle's JSON documents, versions 1 and 2, as types. Must never hold a secret key, nor a field easily overlooked.
 
 The documents under `proofs/` are what is checked; those under `data/` are the same, told so that people and other
 programs can use it, and follow from the proofs byte for byte. Bytes are lower-case hexadecimal, times milliseconds
@@ -15,6 +15,9 @@ from consensus.errors import BlockRobotError
 
 FORMAT = "blockrobot-export"
 FORMAT_VERSION = 1
+FORMAT_VERSION_WITH_KEYS = 2
+"""Version 2 has one document more, `proofs/keys.json`. A bundle that does not need it is written as version 1."""
+FORMAT_VERSIONS = (FORMAT_VERSION, FORMAT_VERSION_WITH_KEYS)
 
 
 class Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,6 +73,19 @@ class ReceiptProofs(Document, frozen=True):
     """The receipts of what the person said about consent, in the order of the chain."""
 
     receipts: list[ReceiptProof]
+
+
+class KeyChange(Document, frozen=True):
+    """A transaction by which the person got keys (she registered, or put new keys in place), and its receipt."""
+
+    transaction: str
+    proof: ReceiptProof
+
+
+class KeyHistory(Document, frozen=True):
+    """How the person came to her present keys, in the order of the chain: which sealing keys were hers before."""
+
+    steps: list[KeyChange]
 
 
 class RecordOpening(Document, frozen=True):
@@ -381,6 +397,7 @@ DOCUMENTS: tuple[tuple[str, type[Document]], ...] = (
     ("proofs/consents.json", ReceiptProofs),
     ("proofs/records.json", RecordOpenings),
 )
+DOCUMENTS_WITH_KEYS: tuple[tuple[str, type[Document]], ...] = (*DOCUMENTS, ("proofs/keys.json", KeyHistory))
 
 
 def write_document(document: Document) -> bytes:
@@ -410,13 +427,14 @@ def read_bytes(name: str, text: str) -> bytes:
     return data
 
 
-def make_schema() -> dict[str, Any]:
-    """Return the JSON Schema (2020-12) of all documents: `$defs` by type, `x-files` says which file has which."""
-    kinds = [kind for _, kind in DOCUMENTS]
+def make_schema(version: int) -> dict[str, Any]:
+    """Return the JSON Schema (2020-12) of a version's documents: `$defs` by type, `x-files` says which file has which."""
+    documents = DOCUMENTS if version == FORMAT_VERSION else DOCUMENTS_WITH_KEYS
+    kinds = [kind for _, kind in documents]
     _, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": f"{FORMAT}, version {FORMAT_VERSION}",
-        "x-files": {name: {"$ref": f"#/$defs/{kind.__name__}"} for name, kind in DOCUMENTS},
+        "title": f"{FORMAT}, version {version}",
+        "x-files": {name: {"$ref": f"#/$defs/{kind.__name__}"} for name, kind in documents},
         "$defs": dict(sorted(components.items())),
     }

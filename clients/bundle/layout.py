@@ -18,6 +18,7 @@ RIGHTS = "data/rights.json"
 CONSENTS = "data/consents.json"
 CHAIN_PROOFS = "proofs/chain.json"
 CONSENT_PROOFS = "proofs/consents.json"
+KEY_HISTORY = "proofs/keys.json"
 RECORD_OPENINGS = "proofs/records.json"
 
 DOCUMENT_MAX_BYTES = 64 * 1024 * 1024

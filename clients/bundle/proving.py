@@ -14,6 +14,7 @@ from clients.bundle import documents as doc
 from clients.bundle import layout, telling
 from clients.bundle.chain_proofs import ProvedChain, ProvedReceipt
 from clients.bundle.frames import FrameSource, Piece, walk_frames
+from clients.bundle.key_history import prove_sealing_keys
 from clients.bundle.texts import README_TEXT, player_page
 from clients.bundle.visits import VisitFacts, read_visit
 from consensus.errors import BlockRobotError
@@ -27,13 +28,19 @@ Heard = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Proofs:
-    """The documents under proofs/. `person` is None where the bundle leaves out who she is."""
+    """The documents under proofs/. `person` is None where the bundle leaves out who she is; `keys`, where none changed."""
 
     chain: doc.ChainProofs
     person: doc.StateProofs | None
     visits: tuple[doc.StateProofs, ...]
     receipts: doc.ReceiptProofs
     openings: doc.RecordOpenings
+    keys: doc.KeyHistory | None = None
+
+    @property
+    def version(self) -> int:
+        """The version of the format that has these documents."""
+        return doc.FORMAT_VERSION if self.keys is None else doc.FORMAT_VERSION_WITH_KEYS
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,16 +55,16 @@ class Proven:
     """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
 
 
-def schema_text() -> bytes:
-    """Return the JSON Schema of this version of the format, as it was published."""
-    return resources.files("clients.bundle").joinpath("schema_v1.json").read_bytes()
+def schema_text(version: int) -> bytes:
+    """Return the JSON Schema of a version of the format, as it was published."""
+    return resources.files("clients.bundle").joinpath(f"schema_v{version}.json").read_bytes()
 
 
 def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     """Check everything but the frames. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, PROOF_*, CERTIFICATE_INVALID, ENCODING_*."""
     chain = ProvedChain(genesis, proofs.chain.epochs)
     receipts = [chain.receipt(layout.CONSENT_PROOFS, proof) for proof in proofs.receipts.receipts]
-    consents, sealing, member = _prove_person(chain, proofs.person, receipts)
+    consents, sealing, member = _prove_person(chain, genesis, proofs, receipts)
     openings = {doc.read_bytes(layout.RECORD_OPENINGS, row.record_id): row for row in proofs.openings.records}
     visits = tuple(
         read_visit(chain.state(layout.state_proofs_name(number), proof), openings, sealing)
@@ -77,16 +84,20 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
 
 
 def _prove_person(
-    chain: ProvedChain, proof: doc.StateProofs | None, receipts: Sequence[ProvedReceipt]
-) -> tuple[doc.ConsentsDocument, bytes | None, bytes]:
-    """Return the consents, the person's sealing key and her member key; nothing where she is left out."""
-    if proof is None:
-        if receipts:
-            raise BlockRobotError("BUNDLE_INVALID", "The bundle holds receipts of consent without saying whose.")
-        return telling.NO_PERSON, None, b""
-    proved = chain.state(layout.state_proofs_name(0), proof)
+    chain: ProvedChain, genesis: Genesis, proofs: Proofs, receipts: Sequence[ProvedReceipt]
+) -> tuple[doc.ConsentsDocument, tuple[bytes, ...], bytes]:
+    """Return the consents, the person's sealing keys and her member key; nothing where she is left out."""
+    if proofs.person is None:
+        if receipts or proofs.keys is not None:
+            raise BlockRobotError(
+                "BUNDLE_INVALID", "The bundle holds receipts of consent or keys without saying whose."
+            )
+        return telling.NO_PERSON, (), b""
+    proved = chain.state(layout.state_proofs_name(0), proofs.person)
     member, state = telling.read_person(proved)
-    sealing: bytes = state["sealing"]
+    sealing: tuple[bytes, ...] = (state["sealing"],)
+    if proofs.keys is not None:
+        sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, state)
     return telling.tell_consents(proved, receipts), sealing, member
 
 
@@ -140,12 +151,14 @@ def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:
         parts.append((layout.state_proofs_name(0), proofs.person))
     parts += [(layout.state_proofs_name(number), proof) for number, proof in enumerate(proofs.visits, 1)]
     parts += [(layout.CONSENT_PROOFS, proofs.receipts), (layout.RECORD_OPENINGS, proofs.openings)]
+    if proofs.keys is not None:
+        parts.append((layout.KEY_HISTORY, proofs.keys))
     return [(name, doc.write_document(part)) for name, part in parts]
 
 
-def fixed_files(genesis_text: bytes) -> list[tuple[str, bytes]]:
+def fixed_files(genesis_text: bytes, version: int) -> list[tuple[str, bytes]]:
     """Return the files that stand before the manifest and do not depend on the person."""
-    return [(layout.GENESIS, genesis_text), (layout.SCHEMA, schema_text())]
+    return [(layout.GENESIS, genesis_text), (layout.SCHEMA, schema_text(version))]
 
 
 def first_files() -> list[tuple[str, bytes]]:

@@ -5,7 +5,7 @@ Every key that is proved must be one that the visit's own trail leads to, and ev
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -126,12 +126,12 @@ def _values(proved: Proved, prefix: bytes) -> dict[bytes, Any]:
     return {key[len(prefix) :]: proof.value for key, proof in proved.items() if key.startswith(prefix)}
 
 
-def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_public: bytes | None) -> VisitFacts:
+def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing: Sequence[bytes]) -> VisitFacts:
     """Return one visit from what is proved of it, with the records opened.
 
-    `sealing_public` is the person's proved sealing key, or None where the bundle does not say who she is: metadata is
-    the exporter's word then. Raises BUNDLE_UNPROVEN for keys that are missing or lead nowhere, for metadata that is not
-    what was sealed, and for a quarantined visit of which a record is opened.
+    `sealing` are the person's proved sealing keys, former ones too; none where the bundle does not say who she is:
+    metadata is the exporter's word then. Raises BUNDLE_UNPROVEN for keys that are missing or lead nowhere, for metadata
+    that is not what was sealed, and for a quarantined visit of which a record is opened.
     """
     owners = list(_values(proved, VISIT))
     if len(owners) != 1:
@@ -152,7 +152,7 @@ def read_visit(proved: Proved, openings: Mapping[bytes, RecordOpening], sealing_
         raise _unproven("The proofs of a visit leave out what its trail leads to, or hold something else.")
     count = _present_count(proved, COUNT + owner)
     ids = [entry["record_id"] for _, entry in trail if entry["kind"] == RECORDED]
-    records = [_read_record(proved, record_id, owner, openings.get(record_id), sealing_public) for record_id in ids]
+    records = [_read_record(proved, record_id, owner, openings.get(record_id), sealing) for record_id in ids]
     if proved[QUARANTINE + owner].value is not None and any(record.opening for record in records):
         raise _unproven(
             "A visit is quarantined, since it may show somebody else, and yet the bundle opens records of it."
@@ -206,8 +206,15 @@ def _place(record: RecordFacts) -> tuple[int, bytes]:
     return place, record.record_id
 
 
+def _opens(sealing: bytes, box_key: bytes, sealed: bytes, content: bytes) -> bool:
+    try:
+        return open_disclosed_metadata(sealing, box_key, sealed) == content
+    except BlockRobotError:
+        return False
+
+
 def _read_record(
-    proved: Proved, record_id: bytes, owner: bytes, opening: RecordOpening | None, sealing_public: bytes | None
+    proved: Proved, record_id: bytes, owner: bytes, opening: RecordOpening | None, sealing: Sequence[bytes]
 ) -> RecordFacts:
     state = _present(proved, RECORD + record_id, "a record")
     if state["owner"] != owner:
@@ -223,8 +230,8 @@ def _read_record(
         raise _unproven("A record has an impossible place in its visit.")
     box_key = read_bytes(RECORD_OPENINGS, opening.box_key)
     if box_key:
-        if sealing_public is None:
+        if not sealing:
             raise _unproven("The bundle opens sealed metadata without saying whose it is.")
-        if open_disclosed_metadata(sealing_public, box_key, state["sealed_metadata"]) != content:
+        if not any(_opens(key, box_key, state["sealed_metadata"], content) for key in sealing):
             raise _unproven(f"The metadata of record {record_id.hex()} is not what the robot sealed.")
     return RecordFacts(record_id, state, verdict, opening, metadata, metadata_proved=bool(box_key))

@@ -79,11 +79,11 @@ def write_entries(file: BinaryIO, contents: Contents, heard: Heard = never_heard
         if len(content) > layout.DOCUMENT_MAX_BYTES:
             raise BlockRobotError("EXPORT_TOO_LARGE", f"{name} would be larger than 64 MiB.")
         writer.add(name, content)
-    _add_all(writer, fixed_files(genesis_to_json(genesis).encode()))
+    _add_all(writer, fixed_files(genesis_to_json(genesis).encode(), contents.proofs.version))
     manifest = doc.write_document(
         doc.Manifest(
             format=doc.FORMAT,
-            version=doc.FORMAT_VERSION,
+            version=contents.proofs.version,
             network=genesis.network,
             chain_id=genesis.chain_id.hex(),
             genesis_id=genesis.block_id.hex(),

@@ -161,7 +161,7 @@ class Exporting:
             self._heard("proofs of visits", number, len(plan.visits))
         # A visit that was found by its new key alone has another number in the wallet than on the chain.
         visits.sort(key=lambda pair: int(pair[1].values[VISIT + pair[0].visit.owner]["sequence"]))
-        person = PersonProofs(None, (), (), b"")
+        person = PersonProofs(None, (), ())
         if plan.wanted.identity:
             person = await collect_person(wallet)
             self._problems += person.problems
@@ -169,7 +169,7 @@ class Exporting:
             opening
             for chosen, proofs in visits
             for entry in sorted(chosen.entries, key=lambda each: (each.metadata.index_in_visit, each.record_id))
-            if (opening := self._open(entry, proofs.values, person.sealing_public)) is not None
+            if (opening := self._open(entry, proofs.values, person.sealing)) is not None
         ]
         corrections = [
             row
@@ -184,6 +184,7 @@ class Exporting:
             visits=tuple(proofs.document for _, proofs in visits),
             receipts=doc.ReceiptProofs(list(person.receipts)),
             openings=doc.RecordOpenings(openings, corrections),
+            keys=person.keys,
         )
         problems = tuple(sorted(self._problems, key=lambda each: (each.record_id, each.code, each.sentence)))
         return Contents(
@@ -267,7 +268,9 @@ class Exporting:
 
     # Opening
 
-    def _open(self, entry: RecordEntry, values: dict[bytes, Any], sealing_public: bytes) -> doc.RecordOpening | None:
+    def _open(
+        self, entry: RecordEntry, values: dict[bytes, Any], sealing: tuple[bytes, ...]
+    ) -> doc.RecordOpening | None:
         """Return what opens a record, as the ledger has it now; nothing of one that was erased meanwhile."""
         state = values[RECORD + entry.record_id]
         if values.get(QUARANTINE + entry.visit.owner) is not None:
@@ -282,8 +285,8 @@ class Exporting:
             return None
         box_key = b""
         sealed_to = self._wallet.open_metadata(state["sealed_metadata"])[1]
-        # What was sealed to a key that was replaced since is the exporter's word: the ledger names her present one.
-        if sealing_public == sealed_to.sealing_public:
+        # What was sealed to a key that is not proved to be hers is the exporter's word.
+        if sealed_to.sealing_public in sealing:
             box_key = derive_box_key(sealed_to.sealing, state["sealed_metadata"])
         leaves, salts = self._open_frames(entry, state["erased_frames"])
         return doc.RecordOpening(entry.record_id.hex(), encode(entry.metadata).hex(), box_key.hex(), leaves, salts)

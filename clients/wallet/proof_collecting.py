@@ -11,7 +11,9 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle import telling, visits
+from clients.bundle.key_history import CONTRACT, REGISTERED, ROTATED, own_steps, read_step
 from clients.sdk.answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
+from clients.sdk.blocks import read_transaction
 from clients.sdk.contract_events import Place, read_events
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT
 from clients.sdk.receipts import FinalReceipt
@@ -98,12 +100,13 @@ async def collect_visit(wallet: Wallet, visit: KnownVisit, chosen: frozenset[byt
 
 @dataclass(frozen=True, slots=True)
 class PersonProofs:
-    """What proves who the person is and what she said; `sealing_public` is the key that robots seal to."""
+    """What proves who the person is and what she said; `sealing` are the keys that robots sealed to, as `keys` prove."""
 
     state: doc.StateProofs | None
     receipts: tuple[doc.ReceiptProof, ...]
     problems: tuple[doc.Problem, ...]
-    sealing_public: bytes
+    sealing: tuple[bytes, ...] = ()
+    keys: doc.KeyHistory | None = None
 
 
 async def collect_person(wallet: Wallet) -> PersonProofs:
@@ -118,7 +121,44 @@ async def collect_person(wallet: Wallet) -> PersonProofs:
         raise BlockRobotError("NOT_REGISTERED")
     await collector.read([telling.CHOICES + row["handle"], telling.LAST_WORD + row["handle"]])
     receipts, problems = await _collect_words(wallet, member)
-    return PersonProofs(collector.document(), tuple(receipts), tuple(problems), row["sealing"])
+    sealing, keys = [row["sealing"]], None
+    if len(wallet.eras) > 1:
+        sealing, keys, more = await _collect_keys(wallet, row["sealing"])
+        problems += more
+    return PersonProofs(collector.document(), tuple(receipts), tuple(problems), tuple(sealing), keys)
+
+
+async def _collect_keys(wallet: Wallet, present: bytes) -> tuple[list[bytes], doc.KeyHistory | None, list[doc.Problem]]:
+    """Find how the person came to her keys, and fetch what proves it; what is too old for every node is left out."""
+    member = wallet.keys.identity
+    steps: list[doc.KeyChange] = []
+    sealing: list[bytes] = []
+    problems: list[doc.Problem] = []
+    try:
+        for txid in reversed(own_steps(await _identity_events(wallet, member), member.public_key)):
+            receipt = await wallet.network.wait_final(txid, lane=member.public_key)
+            if receipt.evidence is None:
+                raise BlockRobotError("PROOF_INVALID", "The node proved nothing of it.")
+            transaction = await read_transaction(wallet.network, member, receipt.height, txid)
+            sealing.insert(0, read_step(transaction).sealing)
+            steps.insert(0, doc.KeyChange(transaction.wire.hex(), receipt_proof(receipt, receipt.evidence)))
+    except BlockRobotError as error:
+        sentence = f"How you came to your former keys could not be read whole, so some is your own word: {error.detail}"
+        problems.append(doc.Problem("", error.code, sentence))
+    return sealing or [present], doc.KeyHistory(steps) if steps else None, problems
+
+
+async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[bytes, str, dict[str, Any]]]:
+    found: list[tuple[bytes, str, dict[str, Any]]] = []
+    for name in (REGISTERED, ROTATED):
+        place: Place | None = None
+        while True:
+            page = await read_events(wallet.network, member, place, contract=CONTRACT, name=name)
+            found += [(event.txid, event.name, event.data) for event in page.events if event.name == name]
+            if not page.events:
+                break
+            place = page.next
+    return found
 
 
 async def _collect_words(wallet: Wallet, member: PrivateKey) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:

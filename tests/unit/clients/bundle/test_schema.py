@@ -9,25 +9,29 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from clients.bundle.documents import DOCUMENTS, FORMAT_VERSION, make_schema
+from clients.bundle.documents import DOCUMENTS, FORMAT_VERSION, FORMAT_VERSIONS, make_schema
 from clients.bundle.proving import schema_text
 from clients.bundle.texts import README_TEXT, player_page
 from tests.unit.clients.bundle.conftest import Made
 
 ROOT = Path(__file__).resolve().parents[4]
-SCHEMA = json.loads(schema_text())
+SCHEMA = json.loads(schema_text(FORMAT_VERSION))
 
 
-def test_the_schema_is_that_of_the_types() -> None:
-    assert make_schema() == SCHEMA
+@pytest.mark.parametrize("version", FORMAT_VERSIONS)
+def test_the_schema_is_that_of_the_types(version: int) -> None:
+    assert make_schema(version) == json.loads(schema_text(version))
 
 
-def test_the_docs_publish_the_same_schema() -> None:
-    assert (ROOT / "docs" / "reference" / "export-bundle-v1.schema.json").read_bytes() == schema_text()
+@pytest.mark.parametrize("version", FORMAT_VERSIONS)
+def test_the_docs_publish_the_same_schema(version: int) -> None:
+    place = ROOT / "docs" / "reference" / f"export-bundle-v{version}.schema.json"
+    assert place.read_bytes() == schema_text(version)
 
 
-def test_the_schema_itself_is_sound() -> None:
-    jsonschema.Draft202012Validator.check_schema(SCHEMA)
+@pytest.mark.parametrize("version", FORMAT_VERSIONS)
+def test_the_schema_itself_is_sound(version: int) -> None:
+    jsonschema.Draft202012Validator.check_schema(json.loads(schema_text(version)))
 
 
 @pytest.mark.parametrize("place", [name for name, _ in DOCUMENTS])
@@ -40,7 +44,13 @@ def test_every_document_of_a_bundle_keeps_to_its_schema(made: Made, place: str) 
         validator.validate(json.loads(made.files[name]))
 
 
-def test_what_a_bundle_says_to_people_is_fixed_within_a_version() -> None:
-    """Else a bundle written by one release would be refused by the next. A change here is version 2 of the format."""
-    said = sha256(README_TEXT.encode() + player_page([]) + schema_text()).hexdigest()
-    assert (FORMAT_VERSION, said) == (1, "3b6794043fc297e651c9f885ccd5f384500fd46682b44da7d479d12da570150d")
+@pytest.mark.parametrize(
+    ("version", "digest"),
+    [
+        (1, "3b6794043fc297e651c9f885ccd5f384500fd46682b44da7d479d12da570150d"),
+        (2, "fdc702d6ebb66ff24f4401adeef88dbe4adc4791047ab721dc8fd667400e753d"),
+    ],
+)
+def test_what_a_bundle_says_to_people_is_fixed_within_a_version(version: int, digest: str) -> None:
+    """Else a bundle written by one release would be refused by the next. A change here is another version of the format."""
+    assert sha256(README_TEXT.encode() + player_page([]) + schema_text(version)).hexdigest() == digest

@@ -166,6 +166,7 @@ class ShortWire:
         self.custody = Custodians()
         self.asked: list[tuple[bytes, bytes]] = []
         self.before_proofs: Callable[[], None] | None = None
+        self.pruned_height = 0
         self.nodes: tuple[NodeAddress, ...] = (NodeAddress("node-1", "http://127.0.0.1:2"),)
 
     async def close(self) -> None:
@@ -219,7 +220,12 @@ class ShortWire:
         return await work(self.nodes[0])
 
     async def ask_node(self, node: NodeAddress, method: str, path: str, **given: Any) -> bytes:
-        """The page of events: all of a contract, from a place on."""
+        """A block, or the page of events: all of a contract, from a place on."""
+        if path.startswith("/v1/blocks/"):
+            height = int(path.rsplit("/", 1)[1])
+            if height == self.pruned_height:
+                raise BlockRobotError("BLOCK_PRUNED")
+            return json.dumps({"block": encode(self.chain.blocks[height - 1]).hex()}).encode()
         assert (method, path) == ("GET", "/v1/events/page")
         wanted = given["query"]
         first = tuple(map(int, wanted.get("from", "0:0").split(":")))
