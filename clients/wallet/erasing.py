@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.wallet import Wallet
+from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
@@ -48,6 +49,17 @@ class Erasing:
             self._wallet.store.content.asked_erasures.append(erasure_id)
         self._wallet.store.save()
         return ids
+
+    async def request_each(
+        self, entries: Sequence[RecordEntry], frames: list[int]
+    ) -> list[tuple[KnownVisit, list[bytes]]]:
+        """Ask for the erasure of records of any visits, visit by visit; return each visit's erasure ids."""
+        asked = []
+        for owner in dict.fromkeys(entry.visit.owner for entry in entries):
+            part = [entry for entry in entries if entry.visit.owner == owner]
+            ids = await self.request(part[0].visit, [entry.record_id for entry in part], frames)
+            asked.append((part[0].visit, ids))
+        return asked
 
     async def report(self, visit: KnownVisit, erasure_id: bytes) -> ErasureReport:
         """Return one request's state, proven against a finalized header."""

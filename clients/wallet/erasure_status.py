@@ -15,6 +15,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.erasing import Erasing, ErasureReport
+from clients.wallet.keystore import KnownVisit
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
@@ -45,15 +46,28 @@ class AskedErasure:
 
 async def find_erasures(wallet: Wallet, now_ms: int) -> list[AskedErasure]:
     """Return every erasure that was asked for in this person's name, the oldest first."""
-    genesis = wallet.network.genesis
-    names = {node.custodian_key: f"{node.name} of {node.organisation}" for node in genesis.custodians}
-    found = []
-    for visit in await wallet.scan():
-        for entry in await audit_visit(wallet, visit):
-            if entry.kind == "erasure_requested":
-                report = await Erasing(wallet).report(visit, entry.data["erasure_id"])
-                found.append(describe_erasure(report, entry, names, now_ms))
+    names = custodian_names(wallet)
+    found = [
+        describe_erasure(report, asked, names, now_ms)
+        for visit in await wallet.scan()
+        for report, asked in await read_erasures(wallet, visit)
+    ]
     return sorted(found, key=lambda each: each.asked_at_ms)
+
+
+def custodian_names(wallet: Wallet) -> dict[bytes, str]:
+    """Return what custodians are called, by their keys."""
+    return {node.custodian_key: f"{node.name} of {node.organisation}" for node in wallet.genesis.custodians}
+
+
+async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
+    """Return the erasures that were asked for of one visit, proven, with the entry of its audit that asks."""
+    erasing = Erasing(wallet)
+    return [
+        (await erasing.report(visit, entry.data["erasure_id"]), entry)
+        for entry in await audit_visit(wallet, visit)
+        if entry.kind == "erasure_requested"
+    ]
 
 
 def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes, str], now_ms: int) -> AskedErasure:

@@ -52,7 +52,7 @@ def _read_ids(texts: tuple[str, ...]) -> tuple[bytes, ...]:
     return tuple(dict.fromkeys(ids))
 
 
-def _warning(plan: Plan, *, now: bool) -> list[str]:
+def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
     """Return what the bundle would give away, in plain sentences."""
     wanted = plan.wanted
     lines = [f"The bundle will hold {len(plan.visits)} visits with {plan.record_count} records. Whoever has it learns:"]
@@ -75,7 +75,7 @@ def _warning(plan: Plan, *, now: bool) -> list[str]:
 def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
     if yes and as_json:
         return
-    for line in _warning(plan, now=now):
+    for line in bundle_warning(plan, now=now):
         click.echo(line, err=as_json)
     if yes:
         return
@@ -133,12 +133,13 @@ def export(
 
     verdict = run_opened(ctx, action)
     if as_json:
-        print_json(_told(out, verdict))
+        print_json(bundle_json(out, verdict))
     else:
         _print(out, verdict)
 
 
-def _told(out: Path, verdict: Verdict) -> dict[str, Any]:
+def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
+    """Return what a bundle holds, and what it lacks, for a program."""
     problems = verdict.manifest.problems
     return {
         "ok": True,
@@ -160,7 +161,7 @@ def _told(out: Path, verdict: Verdict) -> dict[str, Any]:
 
 
 def _print(out: Path, verdict: Verdict) -> None:
-    told = _told(out, verdict)
+    told = bundle_json(out, verdict)
     console.print(
         f"{out}: {told['visits']} visits, {told['records']} records, {told['pictures']} pictures, "
         f"{told['audit_entries']} events, {told['bytes'] / 1e6:.1f} MB, proved up to block {told['proved_until_height']}."

@@ -7,6 +7,7 @@ the sealed bytes tells a damaged file from a wrong passphrase.
 
 from __future__ import annotations
 
+import hmac
 import os
 import secrets
 import tempfile
@@ -195,6 +196,11 @@ class Keystore:
         except msgspec.MsgspecError:
             raise BlockRobotError("WALLET_DAMAGED", f"{path} was written by another version.") from None
         return cls(path, key, header, content)
+
+    def opens_with(self, passphrase: str) -> bool:
+        """Tell whether this passphrase opens the file. As dear as opening it."""
+        salt, operations, memory = msgspec.msgpack.decode(self._header[len(_MAGIC) :], type=tuple[bytes, int, int])
+        return hmac.compare_digest(_derive_key(passphrase, salt, PassphraseCost(operations, memory)), self._key)
 
     def save(self) -> None:
         """Seal the content and replace the file in one step."""

@@ -23,6 +23,7 @@ from clients.wallet.sharing import (
     Share,
     Shared,
     Sharing,
+    Tell,
     place_end,
     require_purpose_to_share,
     select_shareable,
@@ -88,7 +89,8 @@ def confirm(text: str, question: str, *, yes: bool) -> None:
     ask(question, err=True)
 
 
-def _shared_json(shared: Shared) -> dict[str, Any]:
+def shared_json(shared: Shared) -> dict[str, Any]:
+    """Return a grant that was made, for a program."""
     return {
         "grant_id": shared.grant_id.hex(),
         "visit": shared.visit.owner.hex(),
@@ -109,6 +111,20 @@ def tell_of_first(error: BlockRobotError, done: Sequence[Shared]) -> BlockRobotE
     count = sum(len(shared.records) for shared in done)
     text = f"{count} records are shared already, and stay so until you end it (blockrobot wallet revoke: {names})."
     return BlockRobotError(error.code, f"{text} The others are not: {error.detail}")
+
+
+async def share_each(
+    sharing: Sharing, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
+) -> list[Shared]:
+    """Share any number of records of one visit, as many grants as it takes. A failure says what is shared already."""
+    done: list[Shared] = []
+    for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
+        part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
+        try:
+            done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
+        except BlockRobotError as error:
+            raise tell_of_first(error, done) from None
+    return done
 
 
 def _print_shared(shared: Shared, grantee: Grantee) -> None:
@@ -168,19 +184,12 @@ def share(
         reports = await opened.records()
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
         confirm(explain(entries, grantee, purpose, until_ms), "Share that?", yes=yes)
-        done = []
         with status_line("sharing", as_json=as_json) as tell:
-            for start in range(0, len(entries), GRANT_RECORDS_MAX_COUNT):
-                part = entries[start : start + GRANT_RECORDS_MAX_COUNT]
-                try:
-                    done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
-                except BlockRobotError as error:
-                    raise tell_of_first(error, done) from None
-        return grantee, done
+            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell)
 
     grantee, done = run_opened(ctx, action)
     if as_json:
-        rows = [_shared_json(shared) for shared in done]
+        rows = [shared_json(shared) for shared in done]
         print_json(
             {"ok": True, "handle": grantee.handle.hex(), "role": grantee.role, "purpose": purpose, "shared": rows}
         )

@@ -42,33 +42,43 @@ def standing_json(standing: VisitRights) -> dict[str, Any]:
 
 def print_standing(standing: VisitRights) -> None:
     """Tell a person what stands of a visit."""
-    _print_breach(standing)
-    for one in standing.officers:
-        console.print(
-            f"  Two officers together had {one.records} records of this visit erased on {show_moment(one.time_ms)}: "
-            f"{one.reason}. {LOST_KEY_REASONS.get(one.reason, '')}\n"
-            "  They name a robot and minutes, and the chain cannot say whose visits those are. If it was not you who "
+    for line in standing_lines(standing):
+        console.print(f"  {line}")
+
+
+def standing_lines(standing: VisitRights) -> list[str]:
+    """Say what stands of a visit in plain sentences."""
+    lines = _breach_lines(standing)
+    lines += [
+        (
+            f"Two officers together had {one.records} records of this visit erased on {show_moment(one.time_ms)}: "
+            f"{one.reason}. {LOST_KEY_REASONS.get(one.reason, '')} "
+            "They name a robot and minutes, and the chain cannot say whose visits those are. If it was not you who "
             f"asked, ask the hospital about {one.proposal_id.hex()[:12]}."
         )
+        for one in standing.officers
+    ]
     row = standing.restriction
     if row is not None:
         what = "All of this visit is" if row["whole"] else f"{len(row['records'])} records of this visit are"
         kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
-        console.print(f"  {what} restricted ({row['ground']}): only you see it{kept}.")
+        lines.append(f"{what} restricted ({row['ground']}): only you see it{kept}.")
     if standing.objections:
-        console.print(f"  You objected to its release for: {', '.join(standing.objections)}.")
+        lines.append(f"You objected to its release for: {', '.join(standing.objections)}.")
     if standing.corrections_count:
-        console.print(f"  It has {standing.corrections_count} corrections of yours.")
+        lines.append(f"It has {standing.corrections_count} corrections of yours.")
+    return lines
 
 
-def _print_breach(standing: VisitRights) -> None:
+def _breach_lines(standing: VisitRights) -> list[str]:
     end = standing.breach_end
     if end is not None:
         what = {
             "erased": "an officer had it erased, and what is left stays closed to everyone",
             "released": "an officer found that it was yours, and it is open to you again",
         }.get(end.outcome, end.outcome)
-        console.print(f"  You denied this visit. That is over since {show_moment(end.time_ms)}: {what} ({end.reason}).")
-    elif standing.breach_id:
+        return [f"You denied this visit. That is over since {show_moment(end.time_ms)}: {what} ({end.reason})."]
+    if standing.breach_id:
         name = standing.breach_id.hex()[:12]
-        console.print(f"  You denied this visit: nobody sees it until breach {name} is decided.")
+        return [f"You denied this visit: nobody sees it until breach {name} is decided."]
+    return []

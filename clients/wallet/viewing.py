@@ -7,6 +7,7 @@ others still open. If one custodian's copy is damaged, the next custodian is ask
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, field
 
 from clients.sdk.connections import NodeAddress
@@ -25,6 +26,7 @@ STATUS_ERASED = "erased"
 STATUS_NOTICE = "notice"
 """A frame without a picture: it only carries the count of what was withheld."""
 
+RECORDS_A_REQUEST_MAX_COUNT = 64
 FOLLOW_MAX_MS = 15_000
 _FOLLOW_PAUSE_S = 0.25
 _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
@@ -94,6 +96,24 @@ class Viewing:
         require_published([purpose], self._wallet.genesis.purposes)
         ids = [entry.record_id for entry in entries]
         return await self._wallet.sign_and_wait(entries[0].visit, "access", "request", [ids, purpose])
+
+    async def view_each(
+        self, entries: Sequence[RecordEntry], purpose: str, *, verdict: bool = False
+    ) -> AsyncIterator[RecordView]:
+        """Ask for records, fetch and check them one after the other; each 64, and each visit, are asked for by themselves.
+
+        With `verdict` what was found of each is put on the chain. Raises as `request_access`, `view` and `put_verdict`.
+        """
+        for start in range(0, len(entries), RECORDS_A_REQUEST_MAX_COUNT):
+            asked = entries[start : start + RECORDS_A_REQUEST_MAX_COUNT]
+            for owner in dict.fromkeys(entry.visit.owner for entry in asked):
+                part = [entry for entry in asked if entry.visit.owner == owner]
+                access_id = await self.request_access(part, purpose)
+                for entry in part:
+                    view = await self.view(entry, access_id)
+                    if verdict:
+                        await self.put_verdict(view)
+                    yield view
 
     async def view(self, entry: RecordEntry, access_id: bytes) -> RecordView:
         """Fetch a record's clip, verify and open it. Raises what every custodian refused, if all did."""
