@@ -1,0 +1,214 @@
+// The wallet's page: opens the session, shows one view at a time, and listens for what is new.
+// Must never keep anything once the session is over: no store, no cookie, no cache.
+
+import { announce, h, replace } from "./shared/dom.js";
+import { openSession, Problem } from "./shared/fetching.js";
+import { get, onClosed, post } from "./api.js";
+import { showCalendar } from "./calendar.js";
+import { showConsent } from "./consent.js";
+import { showDay } from "./day.js";
+import { showErasing, showEraseForm } from "./erasing.js";
+import { showExport } from "./export.js";
+import { showInbox } from "./inbox.js";
+import { minute, problemCard } from "./pieces.js";
+import { showRecord, showVisit } from "./record.js";
+import { showSharing, showShareForm } from "./sharing.js";
+import { showStory } from "./story.js";
+import { language, languages, loadTexts, t } from "./texts.js";
+
+const VIEWS = {
+  "": showCalendar, day: showDay, record: showRecord, visit: showVisit, story: showStory, consent: showConsent,
+  sharing: showSharing, share: showShareForm, erasing: showErasing, erase: showEraseForm, export: showExport, inbox: showInbox,
+};
+const NAVIGATION = [["", "nav.recordings"], ["story", "nav.story"], ["consent", "nav.consent"], ["sharing", "nav.sharing"], ["erasing", "nav.erasing"], ["export", "nav.export"], ["inbox", "nav.inbox"]];
+const BELONGS_TO = { day: "", record: "", visit: "", share: "sharing", erase: "erasing" };
+const LISTEN_MS = 20_000;
+const LISTEN_AGAIN_MS = 3_000;
+
+const main = document.getElementById("main");
+const bar = document.getElementById("bar");
+const footer = document.getElementById("footer");
+const news = h("div", { class: "news", id: "news" });
+let overview = null;
+let shown = null;
+let leaving = new AbortController();
+let isClosed = false;
+
+/** What every view is given. */
+const context = {
+  get overview() { return overview; },
+  get signal() { return leaving.signal; },
+  go(place) { location.hash = `#/${place}`; },
+  onLeave(act) { leaving.signal.addEventListener("abort", act, { once: true }); },
+};
+
+function place() {
+  const [name = "", ...rest] = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+  return { name: name in VIEWS ? name : "", rest };
+}
+
+async function showPlace({ keepFocus = false } = {}) {
+  leaving.abort();
+  leaving = new AbortController();
+  const signal = leaving.signal;
+  const { name, rest } = place();
+  drawBar(name);
+  main.setAttribute("aria-busy", "true");
+  let view;
+  try {
+    view = overview.state === "not_registered" ? notRegistered() : await VIEWS[name](context, ...rest);
+  } catch (error) {
+    if (error.name === "AbortError" || isClosed) return;
+    if (!(error instanceof Problem)) console.warn(error);
+    view = { title: t("problem.title"), node: problemCard(error, () => showPlace()) };
+  }
+  if (signal.aborted || isClosed) return;
+  shown = view;
+  const heading = h("h1", { tabindex: -1 }, view.title);
+  replace(main, warnings(), view.back && h("p", { class: "back" }, h("a", { href: view.back.href }, `← ${view.back.label}`)), heading, view.node);
+  main.removeAttribute("aria-busy");
+  document.title = `${view.title} · BlockRobot`;
+  if (!keepFocus) {
+    heading.focus({ preventScroll: true });
+    window.scrollTo(0, 0);
+  }
+  view.onShown?.();
+}
+
+function notRegistered() {
+  return { title: t("unregistered.title"), node: h("div", { class: "card" }, h("p", {}, t("unregistered.text")), h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet register BR1-…"))) };
+}
+
+function warnings() {
+  const problem = overview.problem;
+  return h("div", { id: "warnings" },
+    overview.warnings.map((line) => h("div", { class: "notice bad", role: "alert" }, h("p", {}, line))),
+    ["unreachable", "failed"].includes(overview.state) && h("div", { class: "notice warn", role: "status" },
+      h("p", {}, h("strong", {}, t("network.away"))),
+      h("p", {}, problem ? `${problem.detail} ${problem.next_step ?? ""}` : t("network.awayNext")),
+      h("p", {}, h("button", { type: "button", onclick: () => post("refresh").catch(() => {}) }, t("network.again")))),
+    overview.state === "reading" && h("div", { class: "notice", role: "status" }, h("p", {}, t("network.reading")), h("progress", { "aria-label": t("network.reading") })));
+}
+
+function drawBar(name) {
+  const current = BELONGS_TO[name] ?? name;
+  const chooser = h("select", { "aria-label": t("nav.language"), onchange: (event) => changeLanguage(event.target.value) },
+    languages().map((code) => h("option", { value: code, lang: code }, t(`language.${code}`))));
+  chooser.value = language();
+  replace(document.getElementById("skip"), t("nav.skip"));
+  replace(bar,
+    h("a", { class: "brand", href: "#/" }, "BlockRobot ", h("span", { class: "quiet" }, overview.person.profile === "default" ? "" : overview.person.profile)),
+    h("nav", { "aria-label": t("nav.label") }, NAVIGATION.map(([path, key]) =>
+      h("a", { href: `#/${path}`, "aria-current": path === current ? "page" : undefined }, t(key),
+        path === "inbox" && overview.counts.inbox_news + overview.counts.alarms > 0 && [" ", h("span", { class: "badge accent" }, String(overview.counts.inbox_news + overview.counts.alarms))]))),
+    h("div", { class: "row tools" }, chooser, h("button", { type: "button", onclick: lock }, t("nav.lock"))));
+  drawFooter();
+}
+
+function drawFooter() {
+  const verified = overview.verified;
+  const bad = overview.network.nodes.filter((node) => node.state === "lied" || node.state === "unreachable" || node.state === "refused");
+  replace(footer,
+    h("p", {}, verified ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
+    bad.length > 0 && h("ul", { class: "sentences" }, bad.map((node) => h("li", { class: node.state === "lied" ? "bad-words" : "" }, t(`footer.${node.state}`, { name: node.name }), node.sentence ? ` ${node.sentence}` : ""))),
+    h("p", {}, t("footer.local")));
+}
+
+async function changeLanguage(code) {
+  await loadTexts(code);
+  overview = await get("overview");
+  await showPlace({ keepFocus: true });
+  bar.querySelector("select").focus();
+}
+
+async function lock() {
+  isClosed = true;
+  leaving.abort();
+  await post("end").catch(() => {});
+  close(t("closed.locked"), t("closed.lockedNext"));
+}
+
+/** Clear everything from the screen: whoever comes next sees nothing. */
+function close(title, text) {
+  isClosed = true;
+  leaving.abort();
+  shown = null;
+  document.querySelectorAll("dialog").forEach((dialog) => dialog.remove());
+  replace(bar, h("span", { class: "brand" }, "BlockRobot"));
+  replace(footer);
+  replace(news);
+  const heading = h("h1", { tabindex: -1 }, title);
+  replace(main, heading, h("div", { class: "card" }, h("p", {}, text), h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet serve"))));
+  main.removeAttribute("aria-busy");
+  document.title = `${title} · BlockRobot`;
+  heading.focus();
+}
+
+async function listen() {
+  let heard = overview.news;
+  let state = overview.state;
+  while (!isClosed) {
+    try {
+      const change = await get("changes", { after: heard, wait_ms: LISTEN_MS });
+      if (isClosed) return;
+      if (change.news === heard && change.state === state) continue;
+      heard = change.news;
+      await takeNews(change, change.state !== state);
+      state = change.state;
+    } catch (error) {
+      if (isClosed) return;
+      await new Promise((done) => { setTimeout(done, LISTEN_AGAIN_MS); });
+    }
+  }
+}
+
+async function takeNews(change, isOther) {
+  overview = await get("overview");
+  if (change.new_records.length > 0) tellNew(change.new_records);
+  const { name } = place();
+  drawFooter();
+  if (isOther && !shown?.refresh) {
+    await showPlace({ keepFocus: true });
+    return;
+  }
+  const old = document.getElementById("warnings");
+  if (old) old.replaceWith(warnings());
+  const count = overview.counts.inbox_news + overview.counts.alarms;
+  const badge = bar.querySelector("nav .badge");
+  if (String(count || "") !== (badge?.textContent ?? "") && !bar.contains(document.activeElement)) drawBar(name);
+  if (!leaving.signal.aborted) await shown?.refresh?.(change);
+}
+
+function tellNew(ids) {
+  const text = t("live.new", { count: ids.length });
+  announce(text);
+  const note = h("div", { class: "notice accent row" }, h("span", {}, text), h("a", { href: `#/record/${ids.at(-1)}`, onclick: () => note.remove() }, t("live.show")),
+    h("button", { type: "button", class: "plain push", onclick: () => note.remove() }, t("live.dismiss")));
+  replace(news, note);
+}
+
+async function start() {
+  main.before(news);
+  onClosed((problem) => {
+    if (!isClosed) close(t(problem.status === 401 ? "closed.session" : "closed.ended"), t("closed.next"));
+  });
+  document.getElementById("skip").addEventListener("click", (event) => {
+    event.preventDefault();
+    main.focus();
+  });
+  try {
+    await openSession("./session");
+    await loadTexts();
+    overview = await get("overview");
+  } catch (error) {
+    if (isClosed) return;
+    replace(main, h("h1", {}, "BlockRobot"), h("div", { class: "notice bad", role: "alert" }, h("p", {}, h("strong", {}, error.detail ?? String(error))), h("p", {}, error.nextStep ?? "")),
+      h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet serve")));
+    return;
+  }
+  window.addEventListener("hashchange", () => { if (!isClosed) showPlace(); });
+  await showPlace({ keepFocus: true });
+  listen();
+}
+
+start();

@@ -1,0 +1,78 @@
+// Taking everything along: one file with pictures, what is known of them, and proofs. Must never leave it in the page.
+
+import { announce, h, replace } from "./shared/dom.js";
+import { Problem } from "./shared/fetching.js";
+import { formatBytes } from "./shared/format.js";
+import { follow, forget, getBytes, post, postWithPassphrase } from "./api.js";
+import { problemCard, progressOf, sentences } from "./pieces.js";
+import { chosen, drop } from "./selection.js";
+import { t } from "./texts.js";
+
+/** The form, its warning, the progress, and the file. */
+export async function showExport(context) {
+  const selection = chosen()?.all ? null : chosen();
+  const result = h("div", {});
+  const from = h("input", { id: "export-from", type: "date" });
+  const until = h("input", { id: "export-until", type: "date" });
+  const pictures = h("input", { type: "checkbox", checked: true });
+  const identity = h("input", { type: "checkbox", checked: true });
+  let exported = null;
+  let address = null;
+  context.onLeave(() => {
+    if (address) URL.revokeObjectURL(address);
+    if (exported) forget(`exports/${exported}`);
+    drop();
+  });
+
+  const body = () => ({
+    records: selection?.records,
+    from_ms: from.value ? new Date(`${from.value}T00:00:00`).getTime() : 0,
+    until_ms: until.value ? new Date(`${until.value}T23:59:59`).getTime() : 0,
+    pictures: pictures.checked,
+    identity: identity.checked,
+  });
+
+  const form = h("form", { class: "card", onsubmit: async (event) => {
+    event.preventDefault();
+    const wanted = body();
+    try {
+      const plan = await post("exports/plan", wanted, context.signal);
+      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), sentences(plan.lines), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
+      result.querySelector("h2").focus();
+    } catch (error) {
+      if (error.name !== "AbortError") replace(result, problemCard(error));
+    }
+  } },
+  selection ? h("p", {}, h("strong", {}, selection.title)) : h("div", { class: "row" }, h("div", { class: "field" }, h("label", { for: "export-from" }, t("export.from")), from), h("div", { class: "field" }, h("label", { for: "export-until" }, t("export.until")), until)),
+  h("div", { class: "field" }, h("label", { class: "switch" }, pictures, t("export.pictures"))), h("div", { class: "field" }, h("label", { class: "switch" }, identity, t("export.identity"))),
+  h("button", { type: "submit", class: "primary" }, t("export.look")));
+
+  const start = async (wanted) => {
+    try {
+      const accepted = await postWithPassphrase("exports", wanted, { title: t("export.askTitle"), text: t("export.askText"), confirm: t("export.start") });
+      if (accepted === null) return;
+      const progress = progressOf(t("export.working"));
+      form.hidden = true;
+      replace(result, progress.node);
+      const done = await follow(accepted.job, progress.show, context.signal);
+      exported = done.export;
+      showDone(done);
+    } catch (error) {
+      form.hidden = false;
+      if (error instanceof Problem) replace(result, problemCard(error));
+    }
+  };
+
+  const showDone = (done) => {
+    const save = h("button", { type: "button", class: "primary", onclick: async () => {
+      if (!address) address = URL.createObjectURL(new Blob([(await getBytes(`exports/${done.export}/file`, {}, context.signal)).bytes], { type: "application/zip" }));
+      h("a", { href: address, download: done.name }).click();
+    } }, t("export.save", { name: done.name, size: formatBytes(done.bytes) }));
+    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: done.records, height: done.proved_until_height })),
+      done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), sentences(done.lines), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0 }, h("code", {}, `blockrobot verify ${done.name}`))));
+    result.querySelector("h2").focus();
+    announce(t("export.done"));
+  };
+
+  return { title: t("export.title"), node: h("div", {}, h("p", { class: "lead" }, t("export.lead")), form, result) };
+}
