@@ -48,6 +48,7 @@ class Track:
     speed_x: float = 0.0
     speed_z: float = 0.0
     ended: bool = False
+    since_ms: int = 0  # since when somebody is seen there: before `began_ms` where an earlier track ended in doubt
     times: list[int] = field(default_factory=list)
     ranges: list[float] = field(default_factory=list)
 
@@ -102,6 +103,7 @@ class _Together:
         for track in [track for track in self.apart if track.ended]:
             self.apart.remove(track)
             self.hidden_count += 1
+            self.counted = (*self.counted, track)
             self.x_m, self.z_m, self.seen_ms = track.x_m, track.z_m, max(self.seen_ms, track.seen_ms)
 
     def is_open(self, at_ms: int) -> bool:
@@ -147,10 +149,12 @@ class Tracker:
         for i, track in self._assign([silhouettes[i] for i in single], at_ms):
             chosen[single[i]] = track
         self._end_doubtful(silhouettes, chosen, at_ms)
+        for group in self._together:
+            group.note_ended()
         for i in single:
             match = chosen[i]
             if match is None or match.ended:
-                match = self._begin(silhouettes[i], at_ms)
+                match = self._begin(silhouettes[i], match, at_ms)
                 chosen[i] = match
             match.observe(silhouettes[i], at_ms)
         return chosen
@@ -205,7 +209,7 @@ class Tracker:
             if seen.trouble == "merged":
                 for track in inside:
                     track.ended = True
-                self._note_together(seen, len(inside), at_ms)
+                self._note_together(seen, tuple(inside), at_ms)
                 continue
             inside = [track for track in inside if at_ms - track.seen_ms < SWALLOWED_WITHIN_MS]
             if matched is not None and inside:
@@ -216,21 +220,21 @@ class Tracker:
     def _note_swallowed(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
         """Take notice that tracks ended for one silhouette just now; who ended there twice in one step counts once."""
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
-        counted = tuple(track for group in near for track in group.counted)
-        newly = tuple(track for track in ended if track not in counted)
-        self._note_together(seen, len(newly), at_ms).counted = (*counted, *newly)
+        counted = {track.number for group in near for track in group.counted}
+        self._note_together(seen, tuple(track for track in ended if track.number not in counted), at_ms)
 
-    def _note_together(self, seen: Silhouette, ended_count: int, at_ms: int) -> _Together:
-        """Take notice that people are in one silhouette, or beside it unseen; so many tracks ended for it just now."""
+    def _note_together(self, seen: Silhouette, ended: tuple[Track, ...], at_ms: int) -> None:
+        """Take notice that people are in one silhouette, or beside it unseen: those whose tracks ended for it just now."""
         near = [group for group in self._together if group.is_near(seen.x_m, seen.z_m, at_ms)]
         self._together = [group for group in self._together if group not in near]
-        # Who has left the others counts as seen, though they still look like two.
-        apart = [track for group in near for track in group.apart if not track.ended]
-        hidden = ended_count + sum(group.hidden_count for group in near)
+        # Who has left the others counts as seen, though they still look like two; whose track has just ended does not.
+        apart = [track for group in near for track in group.apart]
+        gone = {track.number: track for track in (*ended, *(track for track in apart if track.ended))}
+        apart = [track for track in apart if not track.ended]
+        hidden = len(gone) + sum(group.hidden_count for group in near)
         least = max(1, TOGETHER_COUNT - len(apart))
-        together = _Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart)
-        self._together.append(together)
-        return together
+        counted = (*(track for group in near for track in group.counted), *gone.values())
+        self._together.append(_Together(seen.x_m, seen.z_m, at_ms, max(hidden, least), apart, counted))
 
     def _note_lost(self, lost: Track) -> None:
         """Take notice that somebody was lost from sight; beside another he counts as hidden there, or just outside."""
@@ -239,23 +243,30 @@ class Tracker:
         for track in self.live:
             back_s = (track.seen_ms - lost.seen_ms) / 1000
             x, z = track.x_m - track.speed_x * back_s, track.z_m - track.speed_z * back_s
-            if track.began_ms <= lost.seen_ms and float(np.hypot(lost.x_m - x, lost.z_m - z)) <= TOGETHER_M:
+            if track.since_ms <= lost.seen_ms and float(np.hypot(lost.x_m - x, lost.z_m - z)) <= TOGETHER_M:
                 self._together.append(_Together(lost.x_m, lost.z_m, lost.seen_ms, 1, [track]))
                 return
 
-    def _note_apart(self, track: Track, at_ms: int) -> None:
-        """Take notice that somebody is seen alone, who may have been one of those."""
-        for group in self._together:
-            if group.hidden_count > 0 and group.is_near(track.x_m, track.z_m, at_ms):
-                group.hidden_count -= 1
-                group.apart.append(track)
-                return
+    def _note_apart(self, track: Track, before: Track | None, at_ms: int) -> None:
+        """Take notice that somebody is seen alone, who may have been one of those.
 
-    def _begin(self, seen: Silhouette, at_ms: int) -> Track:
+        Whose track `before` has just ended in doubt, and was not counted among them, was seen all along: nobody less is
+        hidden now, though it may be another who is.
+        """
+        near = [g for g in self._together if g.hidden_count > 0 and g.is_near(track.x_m, track.z_m, at_ms)]
+        if not near:
+            return
+        group = next((group for group in near if before in group.counted), near[0])
+        if before is None or before in group.counted:
+            group.hidden_count -= 1
+        group.apart.append(track)
+
+    def _begin(self, seen: Silhouette, before: Track | None, at_ms: int) -> Track:
         self._count += 1
-        track = Track(self._count, at_ms, at_ms, seen.x_m, seen.z_m)
+        since_ms = at_ms if before is None else before.since_ms
+        track = Track(self._count, at_ms, at_ms, seen.x_m, seen.z_m, since_ms=since_ms)
         self.live.append(track)
-        self._note_apart(track, at_ms)
+        self._note_apart(track, before, at_ms)
         return track
 
 

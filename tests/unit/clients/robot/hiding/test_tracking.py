@@ -209,3 +209,34 @@ def test_who_was_swallowed_beside_two_who_were_exchanged_counts_too(gap_ms: int)
     assert hidden(tracker, (seen(0.0, 3.1),), gap_ms)
     assert hidden(tracker, (seen(-0.4, 3.0), seen(0.4, 3.0)), gap_ms + 33)
     assert not hidden(tracker, (seen(-0.4, 3.0), seen(0.4, 3.0), seen(0.0, 3.6)), gap_ms + 66)
+
+
+def test_who_is_swallowed_counts_while_two_others_may_have_been_exchanged_in_that_very_step() -> None:
+    """Of three, two are found after a gap and may be either; the third is near one of them alone."""
+    tracker = Tracker()
+    tracker.step((seen(-0.2, 3.0), seen(0.3, 3.0), seen(-0.7, 3.0)), 0)
+    found = (seen(-0.2, 3.0), seen(0.3, 3.0))
+    for at_ms in range(350, 3_000, 33):
+        assert hidden(tracker, found, at_ms)
+    assert not hidden(tracker, (*found, seen(-0.8, 3.2)), 3_000)
+
+
+def test_who_is_lost_beside_two_who_may_have_been_exchanged_counts_though_they_are_followed_anew() -> None:
+    tracker = Tracker()
+    tracker.step((seen(-0.2, 3.0), seen(0.3, 3.0), seen(-0.65, 3.6)), 0)
+    tracker.step((seen(-0.65, 3.6),), 330)
+    for at_ms in range(400, 1_340, 33):
+        tracker.step((seen(-0.2, 3.0), seen(0.3, 3.0)), at_ms)
+    assert hidden(tracker, (seen(-0.2, 3.0), seen(0.3, 3.0)), 1_400)
+
+
+def test_who_is_followed_anew_beside_somebody_hidden_is_not_taken_for_the_hidden_one() -> None:
+    """Two go together and one is seen; in no frame of what follows may the other be forgotten."""
+    tracker = Tracker()
+    assert not hidden(tracker, TWO, 0)
+    assert not hidden(tracker, MERGED, 33)
+    assert hidden(tracker, (seen(0.0, 2.5),), 66)
+    # A third comes by at once, both are lost for a moment, and the two who are found may be either of the three.
+    assert hidden(tracker, (seen(0.0, 2.5), seen(2.0, 2.5)), 99)
+    assert hidden(tracker, (seen(0.0, 2.5), seen(1.6, 2.5)), 132)
+    assert hidden(tracker, (seen(0.2, 2.5), seen(0.6, 2.5)), 700)
