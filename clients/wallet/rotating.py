@@ -21,6 +21,7 @@ from consensus.records.vouchers import sign_rotation
 Tell = Callable[[int, int, float], None]
 Sleep = Callable[[float], Awaitable[None]]
 _EPHEMERAL_BYTES = 32
+_MOVED_TOO_OFTEN = "TRANSFERS_TOO_MANY"
 _KEY_REPLACED = frozenset({"CALL_REFUSED", "SENDER_WITHOUT_STANDING"})
 
 
@@ -126,6 +127,7 @@ class Rotating:
         for known in wallet.store.content.visits:
             if known.owner == visit.owner:
                 known.current, known.ephemeral, known.era = keys.owner, keys.ephemeral, len(wallet.eras) - 1
+                known.stuck = False
         wallet.store.save()
 
     def _draw_keys(self, visit: KnownVisit) -> VisitKeys:
@@ -149,13 +151,14 @@ class Rotating:
 
         The moments lie within `over_s` seconds: the longer, the less the ledger tells that the visits are one person's.
         A key that was replaced already, by this wallet before a cut or by somebody else, ends nothing, nor does a visit
-        that the contract lets nobody transfer any more. Any other failure does.
+        that the contract lets nobody transfer any more. What it refuses otherwise is told once the others are done;
+        any other failure ends it at once.
         """
         order = await self.exposed_visits()
         chance = secrets.SystemRandom()
         chance.shuffle(order)
         moments = sorted(chance.random() * over_s for _ in order)
-        refusal = None
+        refusal: BlockRobotError | None = None
         for number, visit in enumerate(order):
             pause_s = moments[number] - (moments[number - 1] if number else 0.0)
             tell(number, len(order), pause_s)
@@ -164,8 +167,9 @@ class Rotating:
             try:
                 await self._move(visit)
             except BlockRobotError as error:
-                refusal = error
-                break
+                refusal = refusal or error
+                if error.code != "CALL_REFUSED":
+                    break
         if refusal is None:
             self._wallet.store.content.transfers_due = False
             self._wallet.store.save()
@@ -190,7 +194,7 @@ class Rotating:
                 if again is None:
                     return
                 if again.current == visit.current:
-                    if error.code != "CALL_REFUSED":
+                    if error.context.get("contract_code") != _MOVED_TOO_OFTEN:
                         raise
                     again.stuck = True
                     self._wallet.store.save()

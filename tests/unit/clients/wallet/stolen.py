@@ -80,7 +80,7 @@ class Final:
 
     def require_ok(self) -> Final:
         if not self.ok:
-            raise BlockRobotError("CALL_REFUSED", self.code)
+            raise BlockRobotError("CALL_REFUSED", self.code, contract_code=self.code)
         return self
 
 

@@ -9,7 +9,9 @@ import pytest
 from clients.wallet.auditing import audit_all
 from clients.wallet.erasing import Erasing
 from clients.wallet.keys import derive_keys, draw_words
+from clients.wallet.keystore import KnownVisit
 from clients.wallet.rotating import Rotating
+from clients.wallet.rotating_commands import exposed
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from contracts.execution.standing import find_root
@@ -65,6 +67,37 @@ async def test_a_visit_that_can_be_moved_no_more_keeps_no_other_from_it(story: S
     reports = {report.visit.owner: report for report in await story.open().records()}
     assert len(reports) == 3
     await Erasing(again._wallet).request(reports[name].visit, [reports[name].records[0].record_id], [])
+
+
+async def test_a_refusal_that_may_pass_calls_no_visit_lost_keeps_no_other_and_is_told(
+    story: Story, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Say, `records` has another version, and this wallet is of before."""
+    wallet = story.open()
+    name = (await wallet.scan())[1].owner
+    rotating = Rotating(wallet, sleep=no_pause)
+    rotating.prepare()
+    rotating.confirm_shown()
+    await rotating.rotate()
+    real = Rotating.transfer
+
+    async def refused(self: Rotating, visit: KnownVisit) -> None:
+        if visit.owner == name:
+            raise BlockRobotError("CALL_REFUSED", "The call takes other arguments.", contract_code="ARGUMENTS_WRONG")
+        await real(self, visit)
+
+    with monkeypatch.context() as meanwhile:
+        meanwhile.setattr(Rotating, "transfer", refused)
+        done = await rotating.transfer_all(0.0, no_words)
+    assert (len(done.done), done.stuck, done.refusal and done.refusal.code) == (2, (), "CALL_REFUSED")
+    content = story.open().store.content
+    assert (content.transfers_due, [visit.owner for visit in exposed(content)]) == (True, [name])
+    for visit in content.visits:
+        visit.stuck = visit.owner == name  # as wallets took it before
+    again = story.open()
+    again.store.content.visits = content.visits
+    done = await Rotating(again, sleep=no_pause).transfer_all(0.0, no_words)
+    assert ([visit.owner for visit in done.done], done.stuck, done.refusal) == ([name], (), None)
 
 
 async def test_a_thief_who_moves_it_under_the_old_words_meanwhile_is_outrun(story: Story) -> None:
