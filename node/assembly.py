@@ -27,7 +27,7 @@ from consensus.primitives.keys import PrivateKey
 from consensus.signature_cache import SignatureCache, SignatureCheck
 from consensus.transaction import Transaction
 from contracts.execution.machine import ContractMachine
-from contracts.execution.standing import require_standing
+from contracts.execution.standing import find_account, require_standing
 from node.accuser import Accuser
 from node.api.services import Clock
 from node.call_check import CallCheck
@@ -180,6 +180,7 @@ class Assembly:
             cache=around.transactions,
             has_standing=self._has_standing,
             is_spent=self._is_spent,
+            account_of=lambda transaction: find_account(self.executor.reader, transaction),
         )
         self.feed = FinalityFeed(core.finalized.height)
         self.writer = LedgerWriter(around.ledger)

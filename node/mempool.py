@@ -1,7 +1,9 @@
 """Transactions that wait for a block. Must never grow without bound, and never let one sender keep the others out.
 
-Senders take turns, first come first served within each. A tenth of the room, and of every block, is kept for the
-calls by which people exercise control of their data, so that no flood of records delays an erasure.
+Senders take turns, first come first served within each. Whoever has a visit makes as many grantees' keys as she likes:
+they all take one sender's turns, and each of them a sixteenth of its room at most. A tenth of the room, and of every
+block, is kept for the calls by which people exercise control of their data, so that no flood of records delays an
+erasure.
 """
 
 from __future__ import annotations
@@ -18,6 +20,8 @@ from node.transaction_cache import TransactionCache
 POOL_MAX_BYTES = 32 * 1024 * 1024
 SENDER_MAX_COUNT = 1024
 SENDER_MAX_BYTES = 4 * 1024 * 1024
+SHARED_DIVISOR = 16
+"""What part of the room of an account that many keys share one of them may take."""
 RESERVED_DIVISOR = 10
 RESERVED_CONTRACTS = frozenset(
     {
@@ -42,6 +46,13 @@ class _Entry:
     transaction: Transaction
     reserved: bool
     roomy_blocks_at_start: int
+    account: bytes
+
+
+@dataclass(slots=True)
+class _Load:
+    count: int = 0
+    size_bytes: int = 0
 
 
 class Mempool:
@@ -54,23 +65,28 @@ class Mempool:
         cache: TransactionCache,
         has_standing: Callable[[Transaction], bool],
         is_spent: Callable[[bytes], bool],
+        account_of: Callable[[Transaction], bytes] = lambda transaction: transaction.body.sender,
         max_bytes: int = POOL_MAX_BYTES,
         sender_max_count: int = SENDER_MAX_COUNT,
         sender_max_bytes: int = SENDER_MAX_BYTES,
     ) -> None:
-        """`has_standing` looks at the finalized state; `is_spent` tells of a txid if it is on the branch or final."""
+        """`has_standing` looks at the finalized state; `is_spent` tells of a txid if it is on the branch or final.
+
+        `account_of` says in whose turns a transaction is taken that has standing: its sender's, or those that he shares.
+        """
         self._chain_id = chain_id
         self._cache = cache
         self._has_standing = has_standing
         self._is_spent = is_spent
+        self._account_of = account_of
         self._max_bytes = max_bytes
         self._ordinary_max_bytes = max_bytes - max_bytes // RESERVED_DIVISOR
         self._sender_max_count = sender_max_count
         self._sender_max_bytes = sender_max_bytes
         self._entries: dict[bytes, _Entry] = {}
-        self._senders: OrderedDict[bytes, dict[bytes, _Entry]] = OrderedDict()
-        self._reserved_senders: OrderedDict[bytes, dict[bytes, _Entry]] = OrderedDict()
-        self._sender_bytes: dict[bytes, int] = {}
+        self._accounts: OrderedDict[bytes, dict[bytes, _Entry]] = OrderedDict()
+        self._reserved_accounts: OrderedDict[bytes, dict[bytes, _Entry]] = OrderedDict()
+        self._loads: dict[bytes, _Load] = {}  # of accounts, and of senders who share one
         self._roomy_blocks = 0
         self.size_bytes = 0
         self.ordinary_bytes = 0
@@ -115,11 +131,15 @@ class Mempool:
             transaction.verify_sender()
         if not self._has_standing(transaction):
             raise BlockRobotError("SENDER_WITHOUT_STANDING")
+        account = self._account_of(transaction)
+        if account != body.sender:
+            self._require_share(body.sender, len(wire), SHARED_DIVISOR)
+            self._require_share(account, len(wire))
         if also is not None:
             also(transaction)
         if known is None:
             self._cache.add(transaction)
-        self._insert(transaction, reserved=reserved)
+        self._insert(transaction, account, reserved=reserved)
         return transaction, True
 
     def _require_timely(self, transaction: Transaction, now_ms: int) -> None:
@@ -132,22 +152,28 @@ class Mempool:
             raise BlockRobotError("TRANSACTION_TOO_FAR_AHEAD")
 
     def _require_room(self, transaction: Transaction, *, reserved: bool) -> None:
-        size, sender = len(transaction.wire), transaction.body.sender
-        waiting = len(self._senders.get(sender, ())) + len(self._reserved_senders.get(sender, ()))
-        if waiting >= self._sender_max_count or self._sender_bytes.get(sender, 0) + size > self._sender_max_bytes:
-            raise BlockRobotError("SENDER_LIMIT")
+        size = len(transaction.wire)
+        self._require_share(transaction.body.sender, size)
         if self.size_bytes + size > self._max_bytes or (
             not reserved and self.ordinary_bytes + size > self._ordinary_max_bytes
         ):
             raise BlockRobotError("MEMPOOL_FULL")
 
-    def _insert(self, transaction: Transaction, *, reserved: bool) -> None:
-        entry = _Entry(transaction, reserved, self._roomy_blocks)
-        size, sender = len(transaction.wire), transaction.body.sender
+    def _require_share(self, name: bytes, size_bytes: int, divisor: int = 1) -> None:
+        load = self._loads.get(name, _Load())
+        too_many = load.count >= max(1, self._sender_max_count // divisor)
+        if too_many or load.size_bytes + size_bytes > self._sender_max_bytes // divisor:
+            raise BlockRobotError("SENDER_LIMIT")
+
+    def _insert(self, transaction: Transaction, account: bytes, *, reserved: bool) -> None:
+        entry = _Entry(transaction, reserved, self._roomy_blocks, account)
+        size = len(transaction.wire)
         self._entries[transaction.txid] = entry
-        lane = self._reserved_senders if reserved else self._senders
-        lane.setdefault(sender, {})[transaction.txid] = entry
-        self._sender_bytes[sender] = self._sender_bytes.get(sender, 0) + size
+        lane = self._reserved_accounts if reserved else self._accounts
+        lane.setdefault(account, {})[transaction.txid] = entry
+        for name in {account, transaction.body.sender}:
+            load = self._loads.setdefault(name, _Load())
+            load.count, load.size_bytes = load.count + 1, load.size_bytes + size
         self.size_bytes += size
         self.ordinary_bytes += 0 if reserved else size
 
@@ -161,18 +187,19 @@ class Mempool:
             if entry is None:
                 continue
             count += 1
-            transaction = entry.transaction
-            size, sender = len(transaction.wire), transaction.body.sender
-            lane = self._reserved_senders if entry.reserved else self._senders
-            queue = lane[sender]
+            size = len(entry.transaction.wire)
+            lane = self._reserved_accounts if entry.reserved else self._accounts
+            queue = lane[entry.account]
             del queue[txid]
             if not queue:
-                del lane[sender]
+                del lane[entry.account]
+            for name in {entry.account, entry.transaction.body.sender}:
+                load = self._loads[name]
+                load.count, load.size_bytes = load.count - 1, load.size_bytes - size
+                if not load.count:
+                    del self._loads[name]
             self.size_bytes -= size
             self.ordinary_bytes -= 0 if entry.reserved else size
-            self._sender_bytes[sender] -= size
-            if not self._sender_bytes[sender]:
-                del self._sender_bytes[sender]
         return count
 
     def purge_expired(self, now_ms: int) -> list[bytes]:
@@ -191,13 +218,13 @@ class Mempool:
     ) -> list[Transaction]:
         """Choose transactions for a block with this timestamp; they stay here until they are final.
 
-        First up to a tenth of the block from the reserved lane, then round robin over all senders, the reserved ones
+        First up to a tenth of the block from the reserved lane, then round robin over all accounts, the reserved ones
         first in each turn. `exclude` holds the txids of the branch.
         """
         taken: list[Transaction] = []
         chosen: set[bytes] = set()
         self._fill(
-            (self._reserved_senders,),
+            (self._reserved_accounts,),
             taken,
             chosen,
             max(1, max_count // RESERVED_DIVISOR),
@@ -205,7 +232,9 @@ class Mempool:
             timestamp_ms,
             exclude,
         )
-        self._fill((self._reserved_senders, self._senders), taken, chosen, max_count, max_bytes, timestamp_ms, exclude)
+        self._fill(
+            (self._reserved_accounts, self._accounts), taken, chosen, max_count, max_bytes, timestamp_ms, exclude
+        )
         return taken
 
     def _fill(
@@ -219,11 +248,11 @@ class Mempool:
         exclude: Collection[bytes],
     ) -> None:
         size = sum(len(transaction.wire) for transaction in taken)
-        turns = [(lane, sender, iter(list(queue.values()))) for lane in lanes for sender, queue in lane.items()]
+        turns = [(lane, account, iter(list(queue.values()))) for lane in lanes for account, queue in lane.items()]
         served: list[tuple[OrderedDict[bytes, dict[bytes, _Entry]], bytes]] = []
         while turns and len(taken) < max_count:
             remaining = []
-            for lane, sender, queue in turns:
+            for lane, account, queue in turns:
                 if len(taken) >= max_count:
                     break
                 for entry in queue:
@@ -236,12 +265,12 @@ class Mempool:
                     taken.append(transaction)
                     chosen.add(txid)
                     size += len(transaction.wire)
-                    served.append((lane, sender))
-                    remaining.append((lane, sender, queue))
+                    served.append((lane, account))
+                    remaining.append((lane, account, queue))
                     break
             turns = remaining
-        for lane, sender in served:
-            lane.move_to_end(sender)
+        for lane, account in served:
+            lane.move_to_end(account)
 
     def note_block(self, *, is_roomy: bool) -> None:
         """A block was certified; `is_roomy` if it had room left, so that what it lacks was left out by choice."""

@@ -89,6 +89,21 @@ def _is_grantees_matter(state: Reader, sender: bytes, contract: str, entry: str,
     return grant is not None and (entry == "noticed" or now_ms < grant["ended_ms"])
 
 
+def name_grantees(owner: bytes) -> bytes:
+    """Return the account that all grantees of the visit with this first key share: their keys cost her nothing."""
+    return b"grantees of " + owner
+
+
+def find_account(state: Reader, transaction: Transaction) -> bytes:
+    """Return in whose turns a transaction waits: its sender's, or those of all grantees of a visit."""
+    body = transaction.body
+    if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
+        return body.sender
+    grant_id = state.get(b"access\x00grant-of/" + body.sender)
+    data = None if grant_id is None else state.get(b"access\x00grant/" + decode_value(grant_id))
+    return body.sender if data is None else name_grantees(decode_value(data)["owner"])
+
+
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
     "access": _owns_visit,
     "consent": _is_registered,

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.keys import PUBLIC_KEY_SIZE_BYTES
-from contracts.execution.standing import find_grant, find_role, find_root
+from contracts.execution.standing import find_grant, find_role, find_root, name_grantees
 from node.api.services import LedgerSnapshot
 
 SessionKind = Literal["member", "owner", "grantee", "former-grantee"]
@@ -78,7 +78,7 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
     if grant is None:
         return None
     kind: SessionKind = "grantee" if now_ms < grant["ended_ms"] else "former-grantee"
-    return Standing(kind=kind, roles=frozenset(), account=b"grantees of " + grant["owner"])
+    return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant["owner"]))
 
 
 def require_readable(snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, keys: Iterable[bytes]) -> None:

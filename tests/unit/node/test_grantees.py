@@ -6,7 +6,10 @@ import pytest
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
 from consensus.records.sharing import GRANT_STEP_MS, SharedRequest, hash_grant_member
+from consensus.transaction import sign_transaction
+from contracts.execution.standing import find_account, name_grantees
 from node.offchain.grantees import require_grantee, require_open_grant
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, key_of
 
@@ -102,3 +105,24 @@ def test_parts_are_taken_for_a_grant_that_may_come_or_stands_and_not_after_its_e
     with pytest.raises(BlockRobotError) as refusal:
         require_open_grant(story.hospital.state, story.grant_id, now_ms)
     assert refusal.value.code == "GRANT_ENDED"
+
+
+def test_all_grantees_of_a_visit_wait_in_one_line_and_its_owner_in_her_own() -> None:
+    story = Story()
+    heir = story.hospital.enrol("heir")
+
+    def line(key: PrivateKey, contract: str, entry: str) -> bytes:
+        words = {"chain_id": story.hospital.chain_id, "valid_until_ms": story.hospital.time_ms, "salt": bytes(8)}
+        transaction = sign_transaction(key, contract=contract, entry=entry, arguments=[], **words)  # type: ignore[arg-type]
+        return find_account(story.hospital.state, transaction)
+
+    other = key_of("another grantee")
+    words = [[story.other_id], other.public_key, key_of("e").public_key, 7, bytes(32), "care", story.until_ms]
+    story.hospital.must(story.visit.key, "access", "grant", *words)
+    lines = {line(key, "access", entry) for key in (KEY, other) for entry in ("request_granted", "noticed")}
+    assert lines == {name_grantees(story.visit.owner)}
+    new = story.hospital.transfer(story.visit, heir)
+    assert line(KEY, "access", "noticed") in lines, "whoever decides of the visit"
+    for key, entry in ((new, "request"), (new, "noticed"), (KEY, "verdict")):
+        assert line(key, "access", entry) == key.public_key
+    assert line(KEY, "erasure", "request_granted") == KEY.public_key

@@ -9,6 +9,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import TRANSACTION_LIFETIME_MAX_MS, TRANSACTION_SIZE_MAX_BYTES
 from consensus.primitives.encoding import encode
 from consensus.transaction import TransactionWire
+from node.mempool import Mempool
 from node.transaction_cache import TransactionCache
 from tests.unit.node.pool_setup import NOW_MS, make_pool, sender, take_all, transaction
 
@@ -104,6 +105,49 @@ def test_one_sender_cannot_fill_the_pool() -> None:
         pool.admit(transaction(3).wire, NOW_MS)
     assert caught.value.code == "SENDER_LIMIT"
     assert pool.admit(transaction(3, by=1).wire, NOW_MS)[1]
+
+
+def _shared(pool_fields: dict[str, int]) -> Mempool:
+    """A pool in which all but sender 0 are grantees of one visit."""
+    own = sender(0).public_key
+    return make_pool(account_of=lambda item: own if item.body.sender == own else b"grantees", **pool_fields)
+
+
+def test_a_visit_with_many_grantees_takes_no_more_turns_and_no_more_room_than_one_sender() -> None:
+    pool = _shared({"sender_max_count": 32})
+    for number in range(32):
+        pool.admit(transaction(number, by=1 + number // 2).wire, NOW_MS)
+    with pytest.raises(BlockRobotError, match="SENDER_LIMIT"):
+        pool.admit(transaction(32, by=99).wire, NOW_MS)
+    for number in range(2):
+        pool.admit(transaction(number, by=0).wire, NOW_MS)
+    assert [item.body.sender for item in take_all(pool, max_count=4)].count(sender(0).public_key) == 2
+    pool.remove([item.txid for item in take_all(pool)])
+    assert (len(pool), pool.size_bytes) == (0, 0)
+    for number in range(32):
+        assert pool.admit(transaction(number, by=1 + number // 2).wire, NOW_MS)[1], "what has left takes no room"
+
+
+def test_one_grantee_cannot_keep_the_others_of_a_visit_out() -> None:
+    pool = _shared({"sender_max_count": 32})
+    for number in range(2):
+        pool.admit(transaction(number, by=1).wire, NOW_MS)
+    with pytest.raises(BlockRobotError, match="SENDER_LIMIT"):
+        pool.admit(transaction(2, by=1).wire, NOW_MS)
+    assert pool.admit(transaction(2, by=2).wire, NOW_MS)[1]
+
+
+def test_large_transactions_of_many_grantees_have_one_senders_bytes() -> None:
+    size = len(transaction(1).wire)
+    pool = _shared({"sender_max_bytes": 16 * 2 * (size + 2)})
+    for number in range(30):
+        pool.admit(transaction(number, by=1 + number).wire, NOW_MS)
+    pool.admit(transaction(30, by=0).wire, NOW_MS)
+    room = 32 * (size + 2) - sum(len(item.wire) for item in pool.transactions()[:30])
+    large = transaction(31, by=50, arguments=[bytes(room)])
+    with pytest.raises(BlockRobotError, match="SENDER_LIMIT"):
+        pool.admit(large.wire, NOW_MS)
+    assert pool.admit(transaction(31, by=50).wire, NOW_MS)[1]
 
 
 def test_a_flood_of_records_leaves_room_for_an_erasure() -> None:
