@@ -104,21 +104,33 @@ def _tell_transferred(done: Transferred) -> None:
 
 def print_taken(count: int) -> None:
     """Say, if so, that visits obey somebody else's key."""
-    if count:
-        console.print(
-            f"[red]{count} visits were given a key that is not of your words, by somebody who had their key: they are"
-            f" out of this wallet's reach. Tell the hospital's data protection officer; see {STOLEN_PAGE}.[/red]"
+    for line in _taken_lines(count):
+        console.print(f"[red]{line}[/red]")
+
+
+def _taken_lines(count: int) -> list[str]:
+    return [
+        (
+            f"{count} visits were given a key that is not of your words, by somebody who had their key: they are"
+            f" out of this wallet's reach. Tell the hospital's data protection officer; see {STOLEN_PAGE}."
         )
+    ][:count]
 
 
 def print_stuck(count: int) -> None:
     """Say, if so, that visits can be given no other key any more."""
-    if count:
-        console.print(
-            f"[red]{count} visits still obey your former words, and cannot be given another key any more: they were moved"
+    for line in _stuck_lines(count):
+        console.print(f"[red]{line}[/red]")
+
+
+def _stuck_lines(count: int) -> list[str]:
+    return [
+        (
+            f"{count} visits still obey your former words, and cannot be given another key any more: they were moved"
             " too often. Whoever has those words sees them. You can have them erased: blockrobot wallet erase; see"
-            f" {STOLEN_PAGE}.[/red]"
+            f" {STOLEN_PAGE}."
         )
+    ][:count]
 
 
 def unreadable_words(report: VisitReport) -> str:
@@ -150,12 +162,16 @@ def exposed(content: WalletContent) -> list[Any]:
 
 def print_words(content: WalletContent) -> None:
     """Say what is to be known of visits that the present words do not decide of."""
-    if exposed(content):
-        console.print(
-            f"[red]{len(exposed(content))} visits still obey your former words. Run: blockrobot wallet transfer[/red]"
-        )
-    print_taken(sum(visit.taken for visit in content.visits))
-    print_stuck(sum(visit.stuck and not visit.taken for visit in content.visits))
+    for line in words_lines(content):
+        console.print(f"[red]{line}[/red]")
+
+
+def words_lines(content: WalletContent) -> list[str]:
+    """Return the same in sentences."""
+    count = len(exposed(content))
+    told = [f"{count} visits still obey your former words. Run: blockrobot wallet transfer"] if count else []
+    told += _taken_lines(sum(visit.taken for visit in content.visits))
+    return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits))
 
 
 async def _fetch_receipts(opened: Wallet) -> int:
