@@ -98,10 +98,10 @@ function drawBar(name) {
   replace(document.getElementById("skip"), t("nav.skip"));
   replace(bar,
     h("a", { class: "brand", href: "#/" }, "BlockRobot ", h("span", { class: "quiet" }, overview.person.profile === "default" ? "" : overview.person.profile)),
+    h("div", { class: "row tools" }, chooser, h("button", { type: "button", onclick: lock }, t("nav.lock"))),
     h("nav", { "aria-label": t("nav.label") }, NAVIGATION.map(([path, key]) =>
       h("a", { href: `#/${path}`, "aria-current": path === current ? "page" : undefined }, t(key),
-        path === "inbox" && overview.counts.inbox_news + overview.counts.alarms > 0 && [" ", h("span", { class: "badge accent" }, String(overview.counts.inbox_news + overview.counts.alarms))]))),
-    h("div", { class: "row tools" }, chooser, h("button", { type: "button", onclick: lock }, t("nav.lock"))));
+        path === "inbox" && overview.counts.inbox_news + overview.counts.alarms > 0 && [" ", h("span", { class: "badge accent" }, String(overview.counts.inbox_news + overview.counts.alarms))]))));
   drawFooter();
 }
 

@@ -5,7 +5,7 @@ import { get } from "./api.js";
 import { dateOf, dayName, dayOf, redraw, sensorName, zone } from "./pieces.js";
 import { locale, t } from "./texts.js";
 
-const DAY_MS = 86_400_000;
+const LATEST_COUNT = 7;
 const BUSY_COUNTS = [1, 25, 250];
 let month = null;
 let chosen = { robot: "", sensor: "" };
@@ -20,8 +20,12 @@ export async function showCalendar(context) {
 
   const draw = () => replace(node,
     summary(context.overview, data),
-    h("section", { class: "card", "aria-label": t("calendar.label") }, filters(), monthBar(), grid(), legend()),
-    visits());
+    h("div", { class: "home" },
+      h("section", { class: "card", "aria-label": t("calendar.label") }, filters(), monthBar(), grid(), legend()),
+      h("div", {}, visits(), latest())));
+
+  const latest = () => data.days.length > 0 && h("section", { class: "card" }, h("h2", {}, t("calendar.latest")), h("ul", { class: "latest" }, data.days.slice(0, LATEST_COUNT).map((day) =>
+    h("li", {}, h("a", { href: `#/day/${day.day}`, "data-key": `latest-${day.day}` }, dayName(dateOf(day.day).getTime())), h("span", { class: "quiet" }, ` ${t("calendar.count", { count: day.records })}`), day.corrupted > 0 && [" ", h("span", { class: "badge bad" }, t("verdict.corruptedCount", { count: day.corrupted }))]))));
 
   const filters = () => data.robots.length + data.sensors.length > 2 && h("div", { class: "row filters" },
     choice(t("calendar.robot"), "robot", [["", t("calendar.anyRobot")], ...data.robots.map((one) => [one.robot, one.name])]),
@@ -96,12 +100,13 @@ export async function showCalendar(context) {
   };
 
   const visits = () => {
-    const open = data.visits.filter((visit) => visit.standing_lines.length || visit.missing_records || visit.unreadable_records);
+    const open = data.visits.filter((visit) => visit.standing_lines.length || visit.missing_records || visit.unreadable_records || visit.needs_former_words);
     return open.length > 0 && h("section", { class: "card" }, h("h2", {}, t("calendar.standing")), open.map((visit) => h("div", { class: "visit-note" },
       h("p", {}, h("a", { href: `#/visit/${visit.visit}` }, t("visit.of", { day: dayName(visit.first_ms) }))),
       h("ul", { class: "sentences" }, visit.standing_lines.map((line) => h("li", {}, line)),
         visit.missing_records > 0 && h("li", { class: "bad-words" }, t("visit.missing", { count: visit.missing_records })),
-        visit.unreadable_records > 0 && h("li", { class: "bad-words" }, t("visit.unreadable", { count: visit.unreadable_records }))))));
+        visit.unreadable_records > 0 && h("li", { class: "bad-words" }, t("visit.unreadable", { count: visit.unreadable_records })),
+        visit.needs_former_words && h("li", {}, t("visit.former"))))));
   };
 
   draw();
@@ -118,12 +123,8 @@ function load(signal) {
 function summary(overview, data) {
   if (data.days.length === 0 && overview.state !== "reading") return h("div", { class: "card" }, h("p", {}, h("strong", {}, t("calendar.empty"))), h("p", { class: "quiet" }, t("calendar.emptyNext")));
   const { counts } = overview;
-  const today = data.days.find((day) => day.day === dayOf(Date.now()));
-  const yesterday = data.days.find((day) => day.day === dayOf(Date.now() - DAY_MS));
-  const recent = today ? ["calendar.todayHas", today] : yesterday && ["calendar.yesterdayHas", yesterday];
   return h("div", { class: "lead" },
     h("p", {}, t("calendar.summary", { count: counts.records }), " ", t("calendar.pictures", { count: counts.pictures }), " ", counts.withheld > 0 && t("calendar.withheld", { count: counts.withheld })),
-    recent && h("p", {}, h("a", { href: `#/day/${recent[1].day}` }, t(recent[0], { count: recent[1].records }))),
     overview.notice?.changed && h("div", { class: "notice warn" }, h("p", {}, t("notice.changed", { organisation: overview.notice.organisation }), " ", h("a", { href: "#/consent" }, t("notice.read")))));
 }
 

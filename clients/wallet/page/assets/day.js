@@ -55,7 +55,7 @@ export async function showDay(context, day) {
     actions.hidden = picked.size === 0;
     const title = t("day.picked", { count: picked.size });
     const send = (place) => () => {
-      choose({ records: rows.filter((row) => picked.has(row.record_id)).map((row) => row.record_id), title, back: `day/${day}` });
+      choose({ records: rows.filter((row) => picked.has(row.record_id)).map((row) => row.record_id), title, back: `day/${day}`, backLabel: dayName(dateOf(day).getTime()) });
       context.go(place);
     };
     replace(actions, h("span", { role: "status" }, title), h("button", { type: "button", class: "push", onclick: send("share") }, t("action.share")), h("button", { type: "button", onclick: send("export") }, t("action.export")),
@@ -96,7 +96,7 @@ export async function showDay(context, day) {
     body);
     mark(box);
     details.open = isOpen;
-    return h("div", { class: "visit-row" }, box, details, own.some(watchable) && h("a", { class: "button", "data-key": `watch-${visit}`, href: `#/visit/${visit}/${day}`, "aria-label": t("day.watchVisit", { from: clock(own[0].started_at_ms) }) }, t("action.watch")));
+    return h("div", { class: "visit-row" }, box, details, own.some(watchable) && h("a", { class: "button", "data-key": `watch-${visit}`, href: `#/visit/${visit}/${day}/play`, "aria-label": t("day.watchVisit", { from: clock(own[0].started_at_ms) }) }, t("action.watch")));
   };
 
   const drawRow = (row) => h("div", { class: "record-row" },
@@ -115,7 +115,7 @@ export async function showDay(context, day) {
 }
 
 const pickable = (row) => row.status === "active";
-const watchable = (row) => row.status === "active" && !row.denied;
+const watchable = (row) => row.status === "active" && !row.denied && row.kind !== "notice";
 
 function spanOf(rows) {
   const from = clock(rows[0].started_at_ms);
@@ -127,6 +127,7 @@ function wordsOf(rows) {
   const counts = new Map();
   for (const row of rows) if (row.kind !== "notice") counts.set(row.kind, (counts.get(row.kind) ?? 0) + row.frames - row.erased_frames.length);
   const withheld = rows.reduce((sum, row) => sum + Object.values(row.withheld).reduce((all, one) => all + one, 0), 0);
+  if (counts.size === 0) return t("content.notice", { count: 1 });
   return [...[...counts].map(([kind, count]) => t(`content.${kind}`, { count })), withheld > 0 && t("content.withheld", { count: withheld })].filter(Boolean).join(" · ");
 }
 

@@ -88,5 +88,5 @@ export async function showEraseForm(context) {
   };
 
   replace(node, form, result);
-  return { title: t("erase.title"), back: { href: `#/${selection.back}`, label: selection.all ? t("erasing.title") : selection.title }, node };
+  return { title: t("erase.title"), back: { href: `#/${selection.back}`, label: selection.all ? t("erasing.title") : selection.backLabel ?? selection.title }, node };
 }

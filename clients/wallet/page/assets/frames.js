@@ -22,7 +22,7 @@ export class FrameWindow {
   /** Show the room behind the owner, or the owner alone. */
   setOnlyOwner(isOnly) {
     this.onlyOwner = isOnly;
-    this.kept.forEach((one) => one.close?.());
+    this.kept.forEach((one) => one.bitmap?.close());
     this.kept.clear();
     this.waiting.clear();
   }

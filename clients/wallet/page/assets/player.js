@@ -15,7 +15,7 @@ const SHOWN_KINDS = ["depth", "picture"];
 
 /** Return {node, show(number), stop()} for a clip (GET clips/ID); `onErase(frame)` is asked for one picture's erasure. */
 export function makePlayer(clip, shownMm, { signal, onErase }) {
-  const frames = [...clip.frames].sort((one, other) => (one.captured_at_ms ?? 0) - (other.captured_at_ms ?? 0) || one.number - other.number);
+  const frames = inTime(clip.frames);
   const stages = SHOWN_KINDS.filter((kind) => frames.some((frame) => kindOf(frame, clip) === kind)).map((kind) => makeStage(kind, shownMm));
   const source = new FrameWindow(clip, frames, signal);
   let place = 0;
@@ -65,7 +65,7 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
       const began = performance.now();
       await show(place);
       if (timer === null || place >= frames.length - 1) break;
-      const gap = (frames[place + 1].captured_at_ms ?? 0) - (frames[place].captured_at_ms ?? 0) || PAUSE_USUAL_MS;
+      const gap = frames[place + 1].at_ms - frames[place].at_ms || PAUSE_USUAL_MS;
       const rest = Math.min(PAUSE_MAX_MS, gap) / speed - (performance.now() - began);
       await new Promise((done) => { timer = setTimeout(done, Math.max(PAUSE_MIN_MS, rest)); });
       if (timer !== null) place += 1;
@@ -124,6 +124,13 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
   signal.addEventListener("abort", stop, { once: true });
   if (frames.length > 0) show(Math.max(0, frames.findIndex((frame) => frame.status === "ok" && SHOWN_KINDS.includes(frame.kind))));
   return { node, stop, start, focus: () => play.focus() };
+}
+
+/** Frames in the order of time; one that could not be opened stands where its number puts it. */
+function inTime(frames) {
+  let last = 0;
+  const placed = frames.map((frame) => ({ ...frame, at_ms: (last = frame.captured_at_ms ?? last) }));
+  return placed.sort((one, other) => one.at_ms - other.at_ms || one.number - other.number);
 }
 
 /** Which stage a frame belongs to; one that cannot be shown goes where its recording's others do. */

@@ -39,7 +39,7 @@ export async function showRecord(context, id) {
 }
 
 /** Show a whole visit, played part by part. */
-export async function showVisit(context, visit, day) {
+export async function showVisit(context, visit, day, play) {
   const rows = await rowsOf(visit, context.signal);
   if (rows.length === 0) return { title: t("visit.title"), back: { href: "#/", label: t("calendar.title") }, node: h("div", { class: "card" }, h("p", {}, t("visit.empty"))) };
   const from = rows[0].started_at_ms;
@@ -49,7 +49,7 @@ export async function showVisit(context, visit, day) {
   const story = await get("story", { visit, limit: 100 }, context.signal);
   const list = h("div", {}, storyList(story.events));
   const node = h("div", { class: "record" }, h("p", {}, t("visit.span", { from: clock(from), to: clock(rows.at(-1).ended_at_ms), count: rows.length })), screen.node, h("section", { class: "card" }, h("h2", {}, t("record.story")), list));
-  return { title, back, node, async refresh() {
+  return { title, back, node, onShown: () => play === "play" && screen.open(), async refresh() {
     replace(list, storyList((await get("story", { visit, limit: 100 }, context.signal)).events));
     screen.update(await rowsOf(visit, context.signal));
   } };
@@ -105,14 +105,14 @@ function makeScreen(context, given, { title, back }) {
       if (clipId) forget(`clips/${clipId}`);
       clipId = result.clip;
       const clip = await get(`clips/${clipId}`, {}, context.signal);
-      showOpened(clip);
+      showOpened(clip, !verify && !clip.seals.some((one) => one.state === "bad"));
     } catch (error) {
       if (error.name === "AbortError") return;
       replace(area, problemCard(error, () => open({ verify })));
     }
   };
 
-  const showOpened = (clip) => {
+  const showOpened = (clip, isPlaying) => {
     replace(seal, makeSeal(clip.seals, () => open({ verify: true })));
     announce(clip.seals.every((one) => one.state === "good") ? t("seal.good") : t("seal.bad"));
     player = makePlayer(clip, context.overview.shown_mm, { signal: context.signal, onErase: (frame) => send("erase", { records: [frame.record_id], frames: [frame.index], title: t("erase.picture", { time: frame.captured_at_ms ? clock(frame.captured_at_ms) : String(frame.index + 1) }) })() });
@@ -121,6 +121,7 @@ function makeScreen(context, given, { title, back }) {
     replace(area, player.node, count > 1 && h("nav", { class: "row", "aria-label": t("visit.parts") }, h("span", {}, t("visit.part", { number: part + 1, count })),
       part > 0 && h("button", { type: "button", onclick: turn(-1) }, t("visit.partBefore")), part < count - 1 && h("button", { type: "button", onclick: turn(1) }, t("visit.partNext"))));
     player.focus();
+    if (isPlaying && !matchMedia("(prefers-reduced-motion: reduce)").matches) player.start();
   };
 
   const send = (place, selection) => () => {
@@ -133,7 +134,7 @@ function makeScreen(context, given, { title, back }) {
 
   invite();
   drawButtons();
-  return { node, update(now) {
+  return { node, open: () => parts().length > 0 && open({}), update(now) {
     const before = parts().flat().length;
     rows = now;
     if (clipId === null && (parts().flat().length !== before || rows.length === 1) && !area.contains(document.activeElement) && !area.querySelector("[role=status]")) invite();

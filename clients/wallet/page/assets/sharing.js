@@ -80,7 +80,7 @@ export async function showShareForm(context) {
       if (error.name !== "AbortError") replace(result, problemCard(error));
     }
   } },
-  h("p", {}, h("strong", {}, selection.title), " · ", t("share.what", { count: selection.records.length })),
+  h("p", {}, h("strong", {}, selection.title), !selection.backLabel && ` · ${t("share.what", { count: selection.records.length })}`),
   h("div", { class: "field" }, h("label", { for: "share-with" }, t("share.with")), who, h("div", { class: "quiet", id: "share-with-hint" }, t("share.withHint")), h("datalist", { id: "share-people" }, people.map((one) => h("option", { value: one.name || one.handle })))),
   field("share-name", t("share.name"), name), field("share-purpose", t("share.purpose"), purpose), field("share-span", t("share.span"), span), dateField,
   h("button", { type: "submit", class: "primary" }, t("share.plan")));
@@ -102,7 +102,7 @@ export async function showShareForm(context) {
     }
   };
 
-  return { title: t("share.title"), back: { href: `#/${selection.back}`, label: selection.title }, node: h("div", {}, form, result) };
+  return { title: t("share.title"), back: { href: `#/${selection.back}`, label: selection.backLabel ?? selection.title }, node: h("div", {}, form, result) };
 }
 
 function field(id, label, input) {
