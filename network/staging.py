@@ -128,7 +128,7 @@ class Stage:
         code = await self.issue_card("subject", alias, uid)
         words = self.wallets / f"{alias}.words"
         made = await self.wallet(alias, "new", "--fast-passphrase", "--words-file", str(words))
-        registered = await self.wallet(alias, "register", code, "--purpose", self.purpose)
+        registered = await self.wallet(alias, "register", code, "--purpose", self.purpose, "--yes")
         self.receipts[alias] = registered.get("receipt")
         return bool(made["member"] == registered["member"])
 

@@ -17,7 +17,7 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
-from clients.wallet.notice_commands import take_receipt, tell_first
+from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
@@ -83,6 +83,7 @@ def _named(codes: tuple[str, ...], sentences: dict[str, str], none: str) -> str:
 @click.option("--from", "begins", help="Not before: +12h, 2027-01-31 or 2027-01-31T18:00.")
 @click.option("--until", "ends", help="Until when, written as for --from; until you take it back otherwise.")
 @click.option("--height", type=click.IntRange(min=0), default=0, help="From this block on (default: the next one).")
+@click.option("--yes", is_flag=True, help="Do not ask, if there is a notice that was not shown yet.")
 @json_option
 @click.pass_context
 @plain_errors
@@ -93,12 +94,13 @@ def give(
     begins: str | None,
     ends: str | None,
     height: int,
+    yes: bool,
     as_json: bool,
 ) -> None:
     """Consent to purposes, by the depth camera unless you name other sensors.
 
-    If your organisation tells you something that this wallet never showed, it shows that first. The receipt, signed by
-    your organisation and by you, lands in the wallet.
+    If your organisation tells you something that this wallet never showed, it shows that first, and asks. A purpose that
+    its notice does not name is refused. The receipt, signed by your organisation and by you, lands in the wallet.
 
     Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
     """
@@ -120,8 +122,11 @@ def give(
         notices = Notices(opened)
         told = await notices.current()
         notice = told.as_json() if notices.is_new(told) else None
+        told.require_named(purposes)
         if notice is not None:
-            tell_first(notices, told, f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?", as_json=as_json)
+            require_said(yes=yes)
+            question = f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?"
+            tell_first(notices, told, question, yes=yes, as_json=as_json)
         word = await Consenting(opened).give(
             list(purposes),
             list(chosen),
@@ -242,7 +247,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
     Example: blockrobot wallet consent receipts --out receipts.json
     """
     if out is not None and out.exists():
-        raise BlockRobotError("FILE_UNUSABLE", f"{out} exists; choose another name.")
+        raise BlockRobotError("FILE_EXISTS", f"{out} is there already; nothing was written.")
 
     async def action(opened: Wallet) -> tuple[Receipts, bytes]:
         kept = ConsentReceipts(opened)

@@ -18,10 +18,13 @@ from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 
 
-def show_told(told: Told) -> None:
+def show_told(told: Told, *, err: bool = False) -> None:
     """Print what people are told, word for word: it comes from the chain and may neither colour nor move anything."""
     for line in told.lines():
-        console.print(escape(line))
+        if err:
+            click.echo(line, err=True)
+        else:
+            console.print(escape(line))
 
 
 def is_at_terminal() -> bool:
@@ -29,16 +32,22 @@ def is_at_terminal() -> bool:
     return sys.stdin.isatty()
 
 
-def tell_first(notices: Notices, told: Told, question: str, *, as_json: bool) -> None:
-    """Show a notice before anything is signed, and at a terminal ask.
+def require_said(*, yes: bool) -> None:
+    """Raise UsageError where nobody can be asked, unless `yes` was said: no program consents for a person by itself."""
+    if not yes and not is_at_terminal():
+        raise click.UsageError("There is no terminal to ask at: give --yes if who consents has read the notice.")
 
-    A program has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
+
+def tell_first(notices: Notices, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
+    """Show a notice before anything is signed, and ask at the terminal unless `yes`.
+
+    A program that said yes has it in its answer: it counts as shown once that is printed (`note_shown`, `note_consented`).
     """
-    if as_json:
+    if as_json and (yes or not is_at_terminal()):
         return
-    show_told(told)
-    if is_at_terminal():
-        ask(question)
+    show_told(told, err=as_json)
+    if not yes and is_at_terminal():
+        ask(question, err=as_json)
     notices.note_shown(told)
 
 
@@ -104,11 +113,12 @@ def notice(ctx: click.Context, as_json: bool) -> None:
 
 def _show_with_changes(told: Told) -> None:
     show_told(told)
-    if told.before is None:
+    if told.before is None or told.published is None:
         return
+    came_ms = told.published.row.time_ms
     console.print(
-        f"\nIt changed since you consented (version {told.before.version}, of {show_moment(told.before.time_ms)}). "
-        "What went (-) and what came (+):"
+        f"\nIt changed since you consented: that was under version {told.before.version}, and version {told.version} came"
+        f" {show_moment(came_ms)}. What went (-) and what came (+):"
     )
     for line in told.changes:
         console.print(escape(line))
@@ -127,25 +137,29 @@ def _ask_of(purposes: tuple[str, ...]) -> str:
 @click.command()
 @click.argument("code")
 @click.option("--purpose", "purposes", multiple=True, help="What you consent to. [default: nothing]")
+@click.option("--yes", is_flag=True, help="Do not ask: who registers has read the notice, and consents.")
 @json_option
 @click.pass_context
 @plain_errors
-def register(ctx: click.Context, code: str, purposes: tuple[str, ...], as_json: bool) -> None:
+def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool, as_json: bool) -> None:
     """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 
-    First it shows what the organisation that issued the card tells you about your data. Without a purpose you consent to
-    nothing, and no robot records you.
+    First it shows what the organisation that issued the card tells you about your data, and asks. Without a purpose you
+    consent to nothing, and no robot records you. A purpose that the notice does not name is refused.
 
     Example: blockrobot wallet register BR1-... --purpose demo
     """
 
+    if purposes:
+        require_said(yes=yes)
+
     async def action(opened: Wallet) -> None:
         notices = Notices(opened)
-        told = await notices.for_card(code)
-        tell_first(notices, told, _ask_of(purposes), as_json=as_json)
-        while (newer := await notices.for_card(code)).version > told.version:  # it came while she read
-            told = newer
-            tell_first(notices, told, _ask_of(purposes), as_json=as_json)
+        told, shown = await notices.for_card(code), -1
+        while told.version > shown:  # a newer one may come while she reads
+            told.require_named(purposes)
+            tell_first(notices, told, _ask_of(purposes), yes=yes, as_json=as_json)
+            shown, told = told.version, await notices.for_card(code)
         done = await opened.register(code, list(purposes))
         if not as_json:
             console.print(_registered_line(purposes))

@@ -47,6 +47,19 @@ class Told:
         """The version in force, 0 where there is none."""
         return 0 if self.published is None else self.published.row.version
 
+    def require_named(self, purposes: Sequence[str]) -> None:
+        """Raise PURPOSE_NOT_TOLD unless it names all these purposes: nobody can agree to what she was not told.
+
+        Where nothing is published she is told that, and may go on.
+        """
+        if self.published is None:
+            return
+        known = [purpose.code for purpose in self.published.notice.purposes]
+        missing = ", ".join(repr(code) for code in purposes if code not in known)
+        if missing:
+            text = f"The notice of {self.organisation} (version {self.version}) does not name {missing}."
+            raise BlockRobotError("PURPOSE_NOT_TOLD", f"{text} It names: {', '.join(known)}.")
+
     def lines(self) -> list[str]:
         """Return it for people: the words, without what changed."""
         if self.published is None:

@@ -4,6 +4,7 @@ complete, nor show words that the chain does not prove.
 
 from __future__ import annotations
 
+import sys
 import tomllib
 from pathlib import Path
 
@@ -13,9 +14,17 @@ from rich.markup import escape
 from clients.sdk.governance import read_membership
 from clients.sdk.http import NetworkClient
 from clients.sdk.notices import read_notice, read_version
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
-from consensus.records.notices import Notice, PublishedNotice, encode_notice, notice_digest, notice_from, tell_notice
+from consensus.records.notices import (
+    Notice,
+    PublishedNotice,
+    encode_notice,
+    notice_digest,
+    notice_from,
+    tell_changes,
+    tell_notice,
+)
 from network.activities import Activities, read_activities, tell_activities
 from network.cli.cluster_commands import folder_option
 from network.cli.governing import (
@@ -34,6 +43,11 @@ _new_file = click.Path(path_type=Path, dir_okay=False)
 _file = click.Path(path_type=Path, exists=True, dir_okay=False)
 
 
+def is_at_terminal() -> bool:
+    """Tell whether somebody is there who can be asked."""
+    return sys.stdin.isatty()
+
+
 @click.group()
 def notice() -> None:
     """What people are told before anything is recorded of them (GDPR Art. 13 and 14), and the register of Art. 30.
@@ -45,9 +59,16 @@ def notice() -> None:
 def read_notice_file(path: Path) -> Notice:
     """Read a notice from its TOML file. Raises NOTICE_INVALID with what is missing."""
     try:
-        return notice_from(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BlockRobotError("NOTICE_INVALID", f"{path} is no TOML file: {error}.") from None
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        line = path.read_bytes()[: error.start].count(b"\n") + 1
+        raise BlockRobotError("NOTICE_INVALID", f"{path} is no text: line {line} is not UTF-8.") from None
+    try:
+        return notice_from(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        last = f"at line {len(text.splitlines())}, the last one: is the file whole?"
+        detail = str(error).replace("at end of document", last)
+        raise BlockRobotError("NOTICE_INVALID", f"{path} is no TOML file: {detail}.") from None
 
 
 @notice.command()
@@ -63,7 +84,7 @@ def new(file: Path, as_json: bool) -> None:
         with file.open("x", encoding="utf-8") as written:
             written.write(demo_notice_text())
     except FileExistsError:
-        raise BlockRobotError("FILE_UNUSABLE", f"{file} exists; choose another name.") from None
+        raise BlockRobotError("FILE_EXISTS", f"{file} is there already; nothing was written.") from None
     if as_json:
         print_json({"ok": True, "file": str(file)})
         return
@@ -102,25 +123,44 @@ async def _own_organisation(client: NetworkClient, seat: Seat) -> str:
     return name
 
 
+def _ask_to_publish(organisation: str, before: PublishedNotice | None, found: Notice, *, yes: bool) -> None:
+    """Show what people would read, or what would change of it, and ask unless `yes`. Nothing if it is in force already."""
+    if yes or (before is not None and before.notice == found):
+        return
+    lines = tell_notice(found) if before is None else tell_changes(before.notice, found)
+    for line in lines:
+        click.echo(line, err=True)
+    version = 1 if before is None else before.row.version + 1
+    click.echo(f"\nThis is what {organisation} tells people as version {version}. It stays for ever.", err=True)
+    ask("Publish it?", err=True)
+
+
 @notice.command()
 @click.argument("file", type=_file)
+@click.option("--yes", is_flag=True, help="Do not ask.")
 @governing_options
 @json_option
 @plain_errors
-def publish(file: Path, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool) -> None:
+def publish(
+    file: Path, yes: bool, folder: Path | None, organisation: str | None, key_file: Path | None, as_json: bool
+) -> None:
     """Publish a notice as the next version of what your organisation tells people. It stays on the chain for ever.
 
-    Wallets show it before anybody registers, and tell those who are registered that it changed. It ends no consent: if
-    what you do changes, ask people again.
+    It shows what changes, and asks. Wallets show it before anybody registers, and tell those who are registered that it
+    changed. It ends no consent: if what you do changes, ask people again.
 
     Example: blockrobot notice publish notice.toml --as hospital
     """
     found = read_notice_file(file)
     encode_notice(found)
+    if not yes and not is_at_terminal():
+        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
     seat = take_seat(folder, organisation, key_file)
 
     async def work(client: NetworkClient) -> tuple[PublishedNotice, bool]:
-        return await publish_notice(client, seat.key, seat.organisation or await _own_organisation(client, seat), found)
+        name = seat.organisation or await _own_organisation(client, seat)
+        _ask_to_publish(name, await read_notice(client, name), found, yes=yes)
+        return await publish_notice(client, seat.key, name, found)
 
     published, is_new = with_client(seat, work)
     row = published.row

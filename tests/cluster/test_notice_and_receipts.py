@@ -60,20 +60,20 @@ async def test_she_is_told_consents_has_receipts_and_is_told_again_when_it_chang
 ) -> None:
     genesis, place = network.genesis, tmp_path / "notice.toml"
     place.write_text(demo_notice_text())
-    first = await must(network, "notice", "publish", str(place), "--as", "hospital")
+    first = await must(network, "notice", "publish", str(place), "--as", "hospital", "--yes")
     code = Desk(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
 
-    told = await ann.run("register", code, "--purpose", "demo")
+    told = await ann.run("register", code, "--purpose", "demo", "--yes")
     assert told.index(demo_notice().authority.contact) < told.index("You are registered"), "the words come first"
     given = await ann.ask("consent", "give", "--purpose", "care")
     changed = demo_notice_text().replace("there is no profiling", "no profile is made")
     assert changed != demo_notice_text()
     place.write_text(changed)
-    second = await must(network, "notice", "publish", str(place), "--as", "hospital")
+    second = await must(network, "notice", "publish", str(place), "--as", "hospital", "--yes")
     line = await ann.run("records")
     diff = await ann.ask("notice")
     choices = await ann.ask("consent", "list")
-    again = await ann.ask("consent", "give", "--purpose", "care")
+    again = await ann.ask("consent", "give", "--purpose", "care", "--yes")
     withdrawn = await ann.ask("consent", "withdraw")
     quiet = await ann.ask("records")
     listed = await ann.ask("consent", "receipts", "--out", str(tmp_path / "receipts.json"))
@@ -109,7 +109,7 @@ async def test_a_wallet_made_again_from_its_words_finds_its_receipts(
 ) -> None:
     genesis = network.genesis
     code = Desk(network.folder / "organisations" / "hospital", genesis).issue(UID, "subject")
-    told = await ann.run("register", code, "--purpose", "demo")
+    told = await ann.run("register", code, "--purpose", "demo", "--yes")
     assert "hospital has published no privacy notice" in told
     await ann.ask("consent", "withdraw")
     store = Keystore.open(tmp_path / "ann.wallet", "tea")

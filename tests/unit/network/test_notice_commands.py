@@ -5,10 +5,12 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from consensus.records.notices import encode_notice, notice_digest
+from consensus.records.notices import NoticeRow, PublishedNotice, encode_notice, notice_digest
+from network.cli import notice_commands
 from network.cli.main import main
 from network.cli.notice_commands import read_notice_file
 from network.demo_notice import demo_notice, demo_notice_text
@@ -32,8 +34,42 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     place = tmp_path / "notice.toml"
     place.write_text("mine")
     result = run("new", str(place), "--json")
-    assert (result.exit_code, json.loads(result.output)["error"]["code"]) == (1, "FILE_UNUSABLE")
+    assert (result.exit_code, json.loads(result.output)["error"]["code"]) == (1, "FILE_EXISTS")
     assert place.read_text() == "mine"
+
+
+def test_a_file_that_breaks_off_is_named_with_its_last_line(tmp_path: Path) -> None:
+    place, lines = tmp_path / "notice.toml", demo_notice_text().splitlines()
+    place.write_text("\n".join(lines[:30]) + "\n" + "[third_countries")
+    told = json.loads(run("check", str(place), "--json").output)["error"]
+    assert (told["code"], "line 31" in told["detail"]) == ("NOTICE_INVALID", True)
+    place.write_text("\n".join(lines[:30]) + '\nwords = """half a sen')
+    assert "line 31, the last one" in json.loads(run("check", str(place), "--json").output)["error"]["detail"]
+    place.write_bytes("\n".join(lines[:4]).encode() + b"\n\xff\xfe\n")
+    assert "line 5" in json.loads(run("check", str(place), "--json").output)["error"]["detail"]
+
+
+def test_publishing_asks_and_shows_what_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It stays for ever: without a terminal somebody has to have said yes."""
+    place = tmp_path / "notice.toml"
+    place.write_text(demo_notice_text())
+    refused = run("publish", str(place), "--as", "hospital", "--dir", str(tmp_path))
+    assert (refused.exit_code, "--yes" in refused.output) == (2, True)
+    asked: list[str] = []
+    monkeypatch.setattr(notice_commands, "ask", lambda text, **_: asked.append(text))
+    row = NoticeRow("hospital", 3, bytes(32), 9, 1)
+    other = msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
+    said: list[str] = []
+    monkeypatch.setattr(notice_commands.click, "echo", lambda text, **_: said.append(text))
+    notice_commands._ask_to_publish("hospital", PublishedNotice(row, other), demo_notice(), yes=False)
+    assert asked == ["Publish it?"]
+    assert "- Automated decisions: None, in other words." in said
+    assert "version 4" in said[-1]
+    notice_commands._ask_to_publish("hospital", PublishedNotice(row, demo_notice()), demo_notice(), yes=False)
+    notice_commands._ask_to_publish("hospital", None, demo_notice(), yes=True)
+    assert len(asked) == 1
+    notice_commands._ask_to_publish("hospital", None, demo_notice(), yes=False)
+    assert "version 1" in said[-1]
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,16 @@ def run(*arguments: str) -> Result:
 
 
 def ok(*arguments: str) -> str:
-    result = run(*arguments)
+    """Run it, saying yes beforehand where it would ask a program for that."""
+    result = run(*arguments, *(["--yes"] if "--purpose" in arguments else []))
     assert result.exit_code == 0, result.output
     return " ".join(result.output.split())
+
+
+def ok_json(*arguments: str) -> str:
+    result = run(*arguments, "--yes", "--json")
+    assert result.exit_code == 0, result.output
+    return result.output
 
 
 def other_words() -> Any:
@@ -108,7 +115,7 @@ def test_a_damaged_card_is_refused_before_anything_is_shown(desk: Desk) -> None:
 
 def test_a_program_has_the_notice_in_the_answer(desk: Desk) -> None:
     desk.ward.publish(demo_notice())
-    told = json.loads(run("register", desk.code, "--purpose", "care", "--json").output)
+    told = json.loads(ok_json("register", desk.code, "--purpose", "care"))
     assert (told["notice"]["organisation"], told["notice"]["version"]) == ("ward", 1)
     assert (told["receipt"]["notice_version"], told["receipt_error"]) == (1, None)
 
@@ -122,6 +129,7 @@ def test_what_changed_since_she_consented_is_said_and_shown(desk: Desk) -> None:
     assert "What ward tells you changed since you consented: blockrobot wallet notice" in ok("records")
     assert json.loads(run("records", "--json").output)["notice_changed_to"] == 2
     told = ok("notice")
+    assert "that was under version 1, and version 2 came" in told
     assert f"- Automated decisions: {demo_notice().automated_decisions}" in told
     assert "+ Automated decisions: None, in other words." in told
     assert desk.words == {"care": ["depth"]}, "a changed notice ends no consent"
@@ -157,7 +165,7 @@ def test_a_version_that_comes_while_she_reads_is_not_the_one_that_she_consents_u
     ok("register", desk.code)
     desk.ward.publish(demo_notice())
     publish_while_she_reads(desk, monkeypatch, other_words())
-    told = ok("consent", "give", "--purpose", "care")
+    told = " ".join(run("consent", "give", "--purpose", "care").output.split())
     assert "in other words" not in told
     assert "under version 1 of the notice" in told
     assert "changed since you consented" in ok("records")
@@ -168,7 +176,7 @@ def test_a_version_that_comes_while_she_reads_is_shown_before_she_is_registered(
 ) -> None:
     desk.ward.publish(demo_notice())
     publish_while_she_reads(desk, monkeypatch, other_words())
-    told = ok("register", desk.code, "--purpose", "care")
+    told = " ".join(run("register", desk.code, "--purpose", "care").output.split())
     assert told.index("None, in other words.") < told.index("You are registered")
     assert "under version 2 of the notice" in told
     assert "changed since" not in ok("records")
@@ -190,7 +198,7 @@ def test_a_version_that_comes_while_she_registers_is_not_taken_for_one_that_she_
     assert "changed since you consented" in ok("records")
 
 
-@pytest.mark.parametrize("arguments", [["notice"], ["consent", "give", "--purpose", "care"]])
+@pytest.mark.parametrize("arguments", [["notice"], ["consent", "give", "--purpose", "care", "--yes"]])
 @pytest.mark.parametrize("as_json", [[], ["--json"]])
 def test_what_could_not_be_printed_does_not_count_as_shown(
     desk: Desk, monkeypatch: pytest.MonkeyPatch, arguments: list[str], as_json: list[str]
@@ -209,7 +217,7 @@ def test_what_could_not_be_printed_does_not_count_as_shown(
         patches.setattr("clients.sdk.terminal.os.dup2", lambda *_: None)
         run(*arguments, *as_json)
     assert (content.notice_shown_version, content.notice_consented_version) == (0, 0)
-    ok(*arguments, *as_json)
+    assert run(*arguments, *as_json).exit_code == 0
     assert content.notice_shown_version == 1
 
 
@@ -231,7 +239,8 @@ def test_what_counts_is_told_before_anybody_is_asked_for_a_receipt(
         raise RuntimeError
 
     monkeypatch.setattr(ConsentReceipts, "obtain", burst)
-    result = run(*[desk.code if part == "CODE" else part for part in arguments])
+    yes = ["--yes"] if "--purpose" in arguments else []
+    result = run(*[desk.code if part == "CODE" else part for part in arguments], *yes)
     assert isinstance(result.exception, RuntimeError)
     assert counts in result.output
 
@@ -279,3 +288,53 @@ def test_a_yes_whose_receipt_is_late_is_still_one_under_the_words_that_were_show
     assert "Your receipt is not here yet" in told
     desk.ward.publish(other_words())
     assert "changed since you consented" in ok("records")
+
+
+def without_care() -> Any:
+    """A notice that does not name care."""
+    kept = [purpose for purpose in demo_notice().purposes if purpose.code != "care"]
+    return msgspec.structs.replace(demo_notice(), purposes=kept)
+
+
+def refusal(*arguments: str) -> tuple[str, str]:
+    error = json.loads(run(*arguments, "--yes", "--json").output)["error"]
+    return error["code"], error["detail"]
+
+
+def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: Desk) -> None:
+    """What she was never told of she cannot know what she agrees to: it is refused before anything is signed."""
+    desk.ward.publish(without_care())
+    code, detail = refusal("register", desk.code, "--purpose", "demo", "--purpose", "care")
+    assert (code, "'care'" in detail, "demo" in detail) == ("PURPOSE_NOT_TOLD", True, True)
+    assert desk.wallet.store.content.handle == b""
+    ok("register", desk.code, "--purpose", "demo")
+    assert refusal("consent", "give", "--purpose", "care")[0] == "PURPOSE_NOT_TOLD"
+    assert desk.words == {"demo": ["depth"]}
+    assert json.loads(run("consent", "refuse", "--purpose", "care", "--json").output)["ok"], "a no needs no notice"
+    desk.ward.publish(demo_notice())
+    assert "You consent to: care" in ok("consent", "give", "--purpose", "care")
+
+
+def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    for as_json in ([], ["--json"]):
+        refused = run("register", desk.code, "--purpose", "care", *as_json)
+        assert (refused.exit_code, "--yes" in refused.output) == (2, True)
+    assert desk.wallet.store.content.handle == b""
+    assert run("register", desk.code).exit_code == 0, "who consents to nothing is not asked"
+    desk.ward.publish(other_words())
+    unseen = run("consent", "give", "--purpose", "care")
+    assert (unseen.exit_code, "--yes" in unseen.output) == (2, True)
+    assert desk.words == {}
+    assert run("notice").exit_code == 0
+    assert run("consent", "give", "--purpose", "care").exit_code == 0, "she has seen it, and named what she gives"
+
+
+def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    desk.ward.publish(demo_notice())
+    monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
+    asked: list[Any] = []
+    monkeypatch.setattr("click.confirm", lambda *_, **more: asked.append(more["err"]))
+    result = run("register", desk.code, "--purpose", "care", "--json")
+    assert (asked, json.loads(result.stdout)["ok"]) == ([True], True)
+    assert "Responsible:" in result.stderr
