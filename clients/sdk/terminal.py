@@ -21,6 +21,7 @@ import click
 import structlog
 from rich.console import Console
 
+from clients.sdk.plain_letters import is_utf8
 from consensus import exit_codes
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
@@ -33,6 +34,8 @@ EXIT_FAILED = exit_codes.EXIT_FAILED
 F = TypeVar("F", bound=Callable[..., Any])
 
 console = Console(highlight=False, soft_wrap=True)
+
+_SAYING_KEY = "blockrobot.say_error"
 
 
 def home_folder() -> Path:
@@ -57,7 +60,7 @@ def json_option(command: F) -> F:
 
 def print_json(value: Any) -> None:
     """Print one JSON object on standard output."""
-    click.echo(json.dumps(value, indent=2, ensure_ascii=False))
+    click.echo(json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout)))
 
 
 @contextmanager
@@ -66,7 +69,7 @@ def status_line(text: str, *, as_json: bool) -> Iterator[Callable[[str], None]]:
     if as_json or not console.is_terminal:
         yield lambda _text: None
         return
-    with console.status(text) as status:
+    with console.status(text, spinner="dots" if is_utf8(sys.stdout) else "line") as status:
         yield status.update
 
 
@@ -104,13 +107,24 @@ def ask_for(text: str) -> str:
         return str(click.prompt(text))
 
 
+def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:
+    """Let errors of the command that runs be told to people in words of its own. A program is told the same as ever."""
+    context.meta[_SAYING_KEY] = saying
+
+
+def _say(error: BlockRobotError) -> str:
+    context = click.get_current_context(silent=True)
+    saying = None if context is None else context.meta.get(_SAYING_KEY)
+    return saying(error) if saying else f"{error.detail}\n  {error.code}. Next step: {error.next_step}"
+
+
 def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
     """Print what went wrong, its code and the next step, on standard error; return the exit code."""
     if as_json:
         problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
-        click.echo(json.dumps({"ok": False, "error": problem}, ensure_ascii=False))
+        click.echo(json.dumps({"ok": False, "error": problem}, ensure_ascii=not is_utf8(sys.stdout)))
     else:
-        click.echo(f"{error.detail}\n  {error.code}. Next step: {error.next_step}", err=True)
+        click.echo(_say(error), err=True)
     return exit_codes.exit_code_of(error.entry)
 
 

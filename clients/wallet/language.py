@@ -117,3 +117,9 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
         detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
     own_step = error.next_step == error.entry.next_step and isinstance(next_step, str)
     return detail, str(next_step) if own_step else error.next_step
+
+
+def say_error(error: BlockRobotError) -> str:
+    """Return an error as the command line tells it: what happened, its code, the next step."""
+    detail, next_step = describe_error(error)
+    return text("ask.error", detail=detail, code=error.code, next_step=next_step)

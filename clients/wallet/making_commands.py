@@ -2,51 +2,91 @@
 
 from __future__ import annotations
 
+import secrets
 import sys
 from pathlib import Path
 
 import click
 from nacl import pwhash
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.keys import derive_keys, draw_words
+from clients.sdk.terminal import ask_for, console, json_option, plain_errors, print_json
+from clients.wallet.keys import WORDS_COUNT, derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
-from clients.wallet.opening import read_passphrase
+from clients.wallet.language import text
+from clients.wallet.opening import called, read_passphrase
 from clients.wallet.restoring import read_words, require_distinct, restore_wallet
 from clients.wallet.rotating_commands import write_words
+from consensus.errors import BlockRobotError
+
+CHECKED_COUNT = 3
 
 
 def _cost(fast: bool) -> PassphraseCost | None:
     return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
 
 
+def word_lines(words: str, width: int) -> list[str]:
+    """Return the words with their numbers, in as many columns as a terminal of that width has room for."""
+    columns = 4 if width >= 56 else 2 if width >= 28 else 1
+    told = [f"{number:>2} {word:<9}" for number, word in enumerate(words.split(), 1)]
+    return ["  ".join(told[start : start + columns]).rstrip() for start in range(0, len(told), columns)]
+
+
+def check_back(words: str, count: int = CHECKED_COUNT) -> None:
+    """Ask for some of the words, drawn by chance, until each is right. Raises Abort at the first Ctrl-C."""
+    console.print("\n" + text("new.check"))
+    wanted = sorted(secrets.SystemRandom().sample(range(WORDS_COUNT), count))
+    for place in wanted:
+        question = text("new.check_word", number=place + 1)
+        while ask_for(question).strip().lower() != words.split()[place]:
+            console.print(text("new.check_wrong", number=place + 1))
+
+
+def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
+    """Let the words be written down before there is a wallet that needs them."""
+    if words_file is not None:
+        write_words(words_file, words)
+        return
+    console.print(text("new.words") + "\n")
+    for line in word_lines(words, console.width):
+        console.print(line, style="bold")
+    if check:
+        check_back(words)
+
+
 @click.command()
 @click.option("--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the words here, mode 0600.")
+@click.option("--check/--no-check", default=True, help="Ask for some of the words, once they are written down.")
 @click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
 @json_option
 @click.pass_context
 @plain_errors
-def new(ctx: click.Context, words_file: Path | None, fast_passphrase: bool, as_json: bool) -> None:
+def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphrase: bool, as_json: bool) -> None:
     """Make a new wallet and show its 24 words once. Write them down: they are the wallet.
+
+    It asks for some of them before the wallet is made, to see that they were written down right. Words that go to a
+    file are not asked for.
 
     Example: blockrobot wallet new
     """
     path, _ = ctx.obj
     if words_file is None and not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+    if words_file is None and as_json:
+        raise click.UsageError("With --json the words go to a file: give --words-file.")
+    if path.exists():
+        raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
     words = draw_words()
     passphrase = read_passphrase(confirm=True)
+    _hand_over(words, words_file, check=check)
     Keystore.create(path, words, passphrase, _cost(fast_passphrase))
-    if words_file:
-        write_words(words_file, words)
-    else:
-        console.print("Your 24 words. Write them down now; they are shown this once:\n")
-        console.print(words, style="bold")
     member = derive_keys(words).identity.public_key.hex()
     if as_json:
         print_json({"ok": True, "wallet": str(path), "member": member})
-    else:
-        console.print(f"\nYour wallet is {path}. Next: blockrobot wallet register CODE (the code on your card).")
+        return
+    if words_file is not None:
+        console.print(text("new.words_file", path=words_file))
+    console.print("\n" + text("new.done", path=path, command=called(ctx)))
 
 
 @click.command()
@@ -74,7 +114,7 @@ def restore(
     if words_file:
         words = words_file.read_text(encoding="utf-8")
     elif sys.stdin.isatty():
-        words = click.prompt("The 24 words", hide_input=True)
+        words = click.prompt(text("restore.words"), hide_input=True)
     else:
         raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
     keys = derive_keys(words)
@@ -86,15 +126,11 @@ def restore(
         member = keys.identity.public_key.hex()
         print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})
         return
-    console.print(f"Your wallet is {path} again. Next: blockrobot wallet records.")
+    console.print(text("restore.done", path=path, command=called(ctx)))
     if not former:
-        console.print(
-            "If you ever changed your words (wallet rotate), the old pictures need the former ones: --former."
-        )
+        console.print(text("restore.former"))
     elif not known:
-        console.print(
-            "Which of these words are in force the network could not be asked. If it is the others: swap them."
-        )
+        console.print(text("restore.unchecked"))
 
 
 COMMANDS = (new, restore)

@@ -15,9 +15,10 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import home_folder, load_genesis
+from clients.sdk.terminal import home_folder, load_genesis, say_errors
 from clients.wallet.claiming import claim_wallet
 from clients.wallet.keystore import Keystore
+from clients.wallet.language import LANGUAGES, choose_language, say_error, text
 from clients.wallet.wallet import Wallet
 from consensus.genesis import Genesis
 
@@ -28,6 +29,11 @@ STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
+def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
+    choose_language(ctx, language)
+    say_errors(ctx, say_error)
+
+
 def wallet_options(command: F) -> F:
     """Add the options that name a wallet and its network, to a group."""
     place = click.Path(path_type=Path, file_okay=False)
@@ -35,6 +41,14 @@ def wallet_options(command: F) -> F:
     for option in (
         click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
         click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
+        click.option(
+            "--language",
+            type=click.Choice(LANGUAGES),
+            expose_value=False,
+            is_eager=True,
+            callback=_speak,
+            help="What to speak (default: BLOCKROBOT_LANGUAGE, else as your system does).",
+        ),
         click.option("--profile", default="default", show_default=True, help="Which wallet, if there are several."),
     ):
         command = option(command)
@@ -51,6 +65,13 @@ def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) ->
     )
 
 
+def called(ctx: click.Context) -> str:
+    """Return how the wallet was called, so that a next step can be typed as it stands: with its profile, if it has one."""
+    group = ctx.parent.params if ctx.parent is not None else {}
+    profile = group.get("profile", "default")
+    return "blockrobot wallet" if profile == "default" else f"blockrobot wallet --profile {profile}"
+
+
 def read_passphrase(*, confirm: bool = False) -> str:
     """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`)."""
     path = os.environ.get(_PASSPHRASE_FILE)
@@ -58,8 +79,8 @@ def read_passphrase(*, confirm: bool = False) -> str:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
     if not sys.stdin.isatty():
         raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
-    text: str = click.prompt("Passphrase", hide_input=True, confirmation_prompt=confirm)
-    return text
+    again: bool | str = text("ask.passphrase_again") if confirm else False
+    return str(click.prompt(text("ask.passphrase"), hide_input=True, confirmation_prompt=again))
 
 
 def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
@@ -92,22 +113,25 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
 
 def tell_member_gone(opened: Wallet) -> None:
     """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
+    for line in member_gone_line(opened):
+        click.secho(f"WARNING: {line}", fg="red", bold=True, err=True)
+
+
+def member_gone_line(opened: Wallet) -> list[str]:
+    """Return that warning in a sentence, none if there is nothing to warn of."""
     if not opened.member_gone:
-        return
+        return []
     if opened.store.content.next_words:
         next_step = "Your new words may be in force already: run `blockrobot wallet rotate` again"
     else:
         next_step = "If you did not change your words yourself, go to the registrar's desk at once"
     lost = len(opened.out_of_reach)
-    click.secho(
-        "WARNING: this wallet's words make nobody a member any more. Visits that it knew and that still obey it, it goes on"
+    return [
+        "this wallet's words make nobody a member any more. Visits that it knew and that still obey it, it goes on"
         " to show and to erase; nothing new is found."
         + (f" {lost} of your visits obey it no more." if lost else "")
-        + f" {next_step}. See {STOLEN_PAGE}.",
-        fg="red",
-        bold=True,
-        err=True,
-    )
+        + f" {next_step}. See {STOLEN_PAGE}."
+    ]
 
 
 def show_moment(time_ms: int) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from clients.sdk.plain_letters import prepare_output
 from clients.sdk.terminal import EXIT_FAILED, fail
 from consensus.errors import BlockRobotError
 from network.cli.lazy_group import LazyGroup
@@ -33,6 +34,7 @@ class RootGroup(LazyGroup):
         **extra: Any,
     ) -> Any:
         """Run what a command line says, and exit; see click.Command.main."""
+        prepare_output()
         given = sys.argv[1:] if args is None else list(args)
         if not standalone_mode or not wants_json(given):
             return super().main(args, prog_name, complete_var, standalone_mode=standalone_mode, **extra)

@@ -42,7 +42,13 @@ def test_an_interrupt_right_before_a_question_leaves_it_unasked() -> None:
 
 
 def test_the_wallet_asks_within_the_loop_only_in_this_way() -> None:
-    before_the_loop = {"breach_commands.py", "cli.py", "making_commands.py", "opening.py", "rights_commands.py"}
+    early = {
+        "breach_commands.py",
+        "cli.py",
+        "making_commands.py",
+        "opening.py",
+        "rights_commands.py",
+    }  # these ask before the loop begins
     folder = Path(clients.__path__[0]) / "wallet"
     texts = {path.name: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
-    assert {name for name, text in texts.items() if "click.confirm(" in text or "click.prompt(" in text} <= before_the_loop
+    assert {name for name, text in texts.items() if "click.confirm(" in text or "click.prompt(" in text} <= early

@@ -1,0 +1,89 @@
+"""What a terminal gets that does not speak UTF-8."""
+
+from __future__ import annotations
+
+import io
+import json
+import sys
+
+import pytest
+
+from clients.sdk.plain_letters import PLAIN_ENCODING, is_utf8, prepare_output, to_plain
+from clients.sdk.terminal import print_json
+
+
+class Terminal(io.StringIO):
+    """A stream of an encoding, at a terminal or not."""
+
+    def __init__(self, encoding: str, *, tty: bool) -> None:
+        super().__init__()
+        self._encoding, self._tty = encoding, tty
+
+    @property
+    def encoding(self) -> str:  # type: ignore[override]
+        return self._encoding
+
+    def isatty(self) -> bool:
+        return self._tty
+
+
+@pytest.mark.parametrize(
+    ("text", "plain"),
+    [
+        ("As palavras estão em São João", "As palavras estao em Sao Joao"),
+        ("│ a ─ b │", "| a - b |"),
+        ("“so” … → ×2", '"so" ... -> x2'),
+        ("漢字", "??"),
+        ("plain", "plain"),
+    ],
+)
+def test_letters_lose_their_accents_and_lines_become_ascii(text: str, plain: str) -> None:
+    assert to_plain(text) == plain
+
+
+@pytest.mark.parametrize(
+    ("encoding", "tty", "environment", "expected"),
+    [
+        ("utf-8", True, {}, True),
+        ("utf-8", True, {"LANG": "pt_PT.UTF-8"}, True),
+        ("utf-8", True, {"LANG": "pt_PT.utf8"}, True),
+        ("utf-8", True, {"LC_ALL": "C", "LANG": "pt_PT.UTF-8"}, False),
+        ("utf-8", True, {"LANG": "pt_PT.ISO-8859-1"}, False),
+        ("utf-8", False, {"LC_ALL": "C"}, True),
+        ("ascii", False, {"LANG": "pt_PT.UTF-8"}, False),
+        ("latin-1", True, {}, False),
+        ("nonsense", True, {}, False),
+    ],
+)
+def test_utf8_is_what_the_stream_speaks_and_the_terminals_locale_does_not_deny(
+    encoding: str, tty: bool, environment: dict[str, str], expected: bool
+) -> None:
+    assert is_utf8(Terminal(encoding, tty=tty), environment) is expected
+
+
+def test_output_of_another_encoding_takes_every_text_in_plain_letters(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="ascii", errors="strict")
+    monkeypatch.setattr(sys, "stdout", stream)
+    prepare_output()
+    assert stream.encoding == PLAIN_ENCODING
+    stream.write("Não há 漢字 ─\n")
+    stream.flush()
+    assert raw.getvalue() == b"Nao ha ?? -\n"
+
+
+def test_json_keeps_every_letter_there_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = io.BytesIO()
+    stream = io.TextIOWrapper(raw, encoding="latin-1")
+    monkeypatch.setattr(sys, "stdout", stream)
+    prepare_output()
+    print_json({"said": "Não"})
+    stream.flush()
+    assert json.loads(raw.getvalue()) == {"said": "Não"}
+
+
+def test_output_that_speaks_utf8_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    monkeypatch.setattr(sys, "stdout", stream)
+    prepare_output()
+    assert stream.encoding == "utf-8"
