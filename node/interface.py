@@ -16,14 +16,16 @@ from consensus.transaction import Transaction, decode_transaction
 from node.api.services import Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
 from node.call_check import CallCheck
 from node.engine import Engine
+from node.execution import ExecutedBlock
 from node.finality import FinalityFeed
 from node.gossip import Gossip
 from node.mempool import Mempool
 from node.snapshot.making import read_header_bytes
-from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore
+from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore, Position
 
 SUBMIT_SLICE_COUNT = 64
 EXPIRED_REMEMBERED_MAX_COUNT = 16_384
+LAGS_KEPT_COUNT = 1_024
 
 
 class WallClock:
@@ -112,10 +114,24 @@ class DecodedSnapshot:
 
 
 class EngineRounds:
-    """`RoundWatch` over the node's engine."""
+    """`RoundWatch` over the node's engine, and a listener to what becomes final. On the event loop only."""
 
-    def __init__(self, engine: Engine) -> None:
+    def __init__(self, engine: Engine, clock: Clock) -> None:
         self._engine = engine
+        self._clock = clock
+        self._lags_ms: OrderedDict[int, int] = OrderedDict()
+
+    def note_final(self, blocks: Sequence[ExecutedBlock], _proof: FinalityProof, _position: Position) -> None:
+        """Note how old each block is at this moment, by this node's clock."""
+        now_ms = self._clock.now_ms()
+        for block in blocks:
+            self._lags_ms[block.header.height] = now_ms - block.header.timestamp_ms
+        while len(self._lags_ms) > LAGS_KEPT_COUNT:
+            self._lags_ms.popitem(last=False)
+
+    def finality_lag_ms(self, height: int) -> int | None:
+        """Return how old a block was when this node learned that it is final; None if it did not note that."""
+        return self._lags_ms.get(height)
 
     def place(self) -> RoundPlace:
         """Return where the node is in the protocol."""

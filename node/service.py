@@ -268,6 +268,8 @@ class Node:
         operator_socket = bind_listener(OPERATOR_HOST, config.operator_port)
         stack.callback(operator_socket.close)
         await parts.start()
+        rounds = EngineRounds(parts.engine, self._clock)
+        parts.writer.add_listener(rounds.note_final)
         looking = asyncio.get_running_loop().create_task(self._look_for_snapshots(), name="joining")
         stack.callback(looking.cancel)
         services = ApiServices(
@@ -279,7 +281,7 @@ class Node:
             pool=OutwardPool(parts.pool, self.problem),
             custody=parts.custody,
             receipts=None if self._custodian_key is None else ConsentReceipts(self._custodian_key),
-            rounds=EngineRounds(parts.engine),
+            rounds=rounds,
             public_explorer=config.public_explorer,
         )
         await stack.enter_async_context(serve_api(create_api(services), api_socket, HTTP_STOP_MS))

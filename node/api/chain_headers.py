@@ -24,7 +24,7 @@ from node.api.explorer_documents import (
     SeatDocument,
     TimeoutDocument,
 )
-from node.api.services import LedgerSnapshot
+from node.api.services import LedgerSnapshot, RoundWatch
 from node.api.standing import read_value
 
 MISSED_SHOWN_MAX_COUNT = 32
@@ -33,8 +33,9 @@ MISSED_SHOWN_MAX_COUNT = 32
 class HeaderReader:
     """Reads headers of one snapshot; schedules of epochs are read once each."""
 
-    def __init__(self, snapshot: LedgerSnapshot, genesis: Genesis) -> None:
+    def __init__(self, snapshot: LedgerSnapshot, genesis: Genesis, watch: RoundWatch | None = None) -> None:
         self._snapshot = snapshot
+        self._watch = watch
         self._genesis = genesis
         self._schedules: dict[int, Schedule] = {0: genesis.schedule}
 
@@ -75,6 +76,7 @@ class HeaderReader:
             state_root=header.state_root.hex(),
             transaction_count=None if block is None else len(block.transactions),
             gas_used=header.gas_used,
+            finality_lag_ms=None if self._watch is None else self._watch.finality_lag_ms(height),
             is_boundary=header.is_boundary,
             is_closing=header.is_closing,
             certificate=None if own is None else _certificate(own),

@@ -30,6 +30,7 @@ class HeaderDocument(Document, frozen=True):
     """A finalized header, decoded. Sizes are counts; `transaction_count` is null once the block's body was pruned.
 
     `certificate` is the block's own, null if the node does not know it; `parent_certificate` is the one it carries.
+    `finality_lag_ms`: its age when this node learned that it is final, by the node's clock; null if that was long ago.
     `missed_count` rounds were given up before it; `missed` are the seats that should have led them, the first 32.
     """
 
@@ -46,6 +47,7 @@ class HeaderDocument(Document, frozen=True):
     state_root: Hex32
     transaction_count: int | None
     gas_used: int
+    finality_lag_ms: int | None
     is_boundary: bool
     is_closing: bool
     certificate: CertificateDocument | None

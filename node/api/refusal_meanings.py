@@ -41,5 +41,5 @@ def explain_refusal(code: str) -> RefusalAnswer:
     next_step = find_next_step(code, "")
     if code in MACHINE_MEANINGS:
         return RefusalAnswer(code=code, origin="machine", meaning=MACHINE_MEANINGS[code], next_step=next_step)
-    meaning = f"A rule of the contract refused the call. {CATALOGUE['CALL_REFUSED'].meaning}"
+    meaning = "A rule of the contract refused the call; its own words say which."
     return RefusalAnswer(code=code, origin="contract", meaning=meaning, next_step=next_step)

@@ -235,6 +235,10 @@ class RoundWatch(Protocol):
         """Return epoch, round, leader, certified height, and how many rounds this node gave up since its start."""
         ...
 
+    def finality_lag_ms(self, height: int) -> int | None:
+        """Return how old a block was when this node learned that it is final; None if that was long ago, or never."""
+        ...
+
 
 class Clock(Protocol):
     """The node's wall clock."""

@@ -73,11 +73,15 @@ async def _get_status(call: Call) -> web.StreamResponse:
     return json_answer(answer)
 
 
+def _reader(call: Call, snapshot: LedgerSnapshot) -> HeaderReader:
+    return HeaderReader(snapshot, call.services.genesis, call.services.rounds)
+
+
 async def _list_headers(call: Call) -> web.StreamResponse:
     first, limit = call.int_of("from_height"), call.int_of("limit")
     with call.services.ledger.snapshot() as snapshot:
         head, earliest = snapshot.header.height, snapshot.earliest_height
-        reader = HeaderReader(snapshot, call.services.genesis)
+        reader = _reader(call, snapshot)
         headers = [reader.read(height) for height in range(first, min(first + limit, head + 1))]
     found = [header for header in headers if header is not None]
     return json_answer(ExplorerHeadersAnswer(head=head, earliest_height=earliest, headers=found))
@@ -87,7 +91,7 @@ async def _get_header(call: Call) -> web.StreamResponse:
     block_id = call.bytes_of("block_id")
     with call.services.ledger.snapshot() as snapshot:
         height = snapshot.block_height(block_id)
-        header = None if height is None else HeaderReader(snapshot, call.services.genesis).read(height)
+        header = None if height is None else _reader(call, snapshot).read(height)
     if header is None:
         raise BlockRobotError("NOT_FOUND", "No finalized block has this id.")
     return json_answer(header)

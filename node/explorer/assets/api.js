@@ -1,0 +1,96 @@
+// What the explorer asks of the node that served it, in one's own session if there is one. The token lives in memory alone.
+
+import { Problem, fetchJson, takeFragment, useSession } from "./shared/fetching.js";
+import { decode, encodeList } from "./msgpack.js";
+
+const V1 = "../v1";
+const SIGNED = /^in=([0-9a-f]{66})\.([0-9a-f]{64})\.([0-9a-f]{130})$/;
+const remembered = new Map();
+
+/** How the page got in: `kind` is member, public or none. */
+export const entry = { kind: "none", endsMs: 0, reason: null };
+
+/** Take the signed answer out of the address, if there is one, and open a session with it. Returns the status or null. */
+export async function enter() {
+  const signed = SIGNED.exec(location.hash.slice(1));
+  if (location.hash.startsWith("#in=")) takeFragment();
+  if (signed) {
+    const [, key, challenge, signature] = signed;
+    try {
+      const answer = await fetchJson(`${V1}/sessions`, { method: "POST", body: { public_key: key, challenge, signature } });
+      useSession(answer.token, (token) => ({ Authorization: `Bearer ${token}` }));
+      Object.assign(entry, { kind: "member", endsMs: answer.expires_at_ms });
+    } catch (problem) {
+      entry.reason = problem;
+    }
+  }
+  try {
+    const status = await api.status();
+    if (entry.kind === "none") entry.kind = "public";
+    return status;
+  } catch (problem) {
+    entry.reason ??= problem;
+    entry.kind = "none";
+    return null;
+  }
+}
+
+/** Remember an answer that does not change; the last 300 of them. */
+async function once(path) {
+  if (!remembered.has(path)) {
+    const answer = await fetchJson(path);
+    remembered.set(path, answer);
+    if (remembered.size > 300) remembered.delete(remembered.keys().next().value);
+  }
+  return remembered.get(path);
+}
+
+/** A map of the chain as an object with plain names. */
+export function objectOf(map) {
+  return map instanceof Map ? Object.fromEntries([...map].map(([name, value]) => [String(name?.hex ?? name), value])) : map;
+}
+
+export const api = {
+  status: (after = 0, waitMs = 0, signal) => fetchJson(`${V1}/explorer/status?after_height=${after}&wait_ms=${waitMs}`, { signal }),
+  headers: (from, limit, signal) => fetchJson(`${V1}/explorer/headers?from_height=${from}&limit=${limit}`, { signal }),
+  headerOf: (blockId) => fetchJson(`${V1}/explorer/headers/${blockId}`),
+  epoch: (number) => once(`${V1}/explorer/epochs/${number}`),
+  producers: () => fetchJson(`${V1}/explorer/producers`),
+  refusal: (code) => once(`${V1}/explorer/refusals/${encodeURIComponent(code)}`),
+  genesis: () => once(`${V1}/genesis`),
+  block: (height) => once(`${V1}/blocks/${height}`),
+  transaction: (txid) => fetchJson(`${V1}/transactions/${txid}`),
+  contracts: () => fetchJson(`${V1}/contracts`),
+  contract: (name, version = 0) => fetchJson(`${V1}/contracts/${encodeURIComponent(name)}?version=${version}`),
+  /** Ask a view of a contract; the answer is one node's word. */
+  async view(contract, view, ...args) {
+    const answer = await fetchJson(`${V1}/queries`, { method: "POST", body: { contract, view, args: encodeList(args) } });
+    return decode(answer.result);
+  },
+  /** Read events from a block on; follows the pages, `pagesMax` at most. Returns {events, isAll, upTo}. */
+  async events({ from, contract, pagesMax = 20, until }) {
+    const events = [];
+    let next = `${from}:0`;
+    for (let page = 0; page < pagesMax; page += 1) {
+      const query = new URLSearchParams({ from: next, limit: "100", ...(contract ? { contract } : {}) });
+      const answer = await fetchJson(`${V1}/events/page?${query}`);
+      for (const event of answer.events) events.push({ ...event, height: Number(event.place.split(":")[0]), data: objectOf(decode(event.data)) });
+      next = answer.next;
+      const reached = Number(next.split(":")[0]);
+      if (reached > answer.head || (until !== undefined && reached > until)) return { events, isAll: true, upTo: reached };
+    }
+    return { events, isAll: false, upTo: Number(next.split(":")[0]) };
+  },
+};
+
+/** A block's transactions as they were signed: contract, entry, arguments, sender. */
+export function readTransactions(block) {
+  const [, , wires] = decode(block.block);
+  return wires.map((wire, index) => {
+    const [body] = decode(wire.hex);
+    const [, , sender, contract, name, args, validUntilMs] = decode(body.hex);
+    return { index, txid: block.txids[index], receipt: block.receipts[index], sender: sender.hex, contract, entry: name, args: decode(args.hex), validUntilMs };
+  });
+}
+
+export { Problem };

@@ -1,0 +1,93 @@
+// The newest headers as the node tells them, live. Goes on after a break where it stopped, and keeps 500 of them at most.
+
+import { api } from "./api.js";
+
+export const KEPT_COUNT = 500;
+const FIRST_COUNT = 200;
+const PAGE_COUNT = 100;
+const WAIT_MS = 5_000;
+const PAUSE_MS = 200;
+const RETRY_FIRST_MS = 1_000;
+const RETRY_MAX_MS = 10_000;
+
+class Feed extends EventTarget {
+  headers = [];
+  status = null;
+  problem = null;
+
+  /** The height of the newest header that is here; -1 if there is none. */
+  get last() {
+    return this.headers.at(-1)?.height ?? -1;
+  }
+
+  at(height) {
+    const first = this.headers[0]?.height ?? 0;
+    return this.headers[height - first] ?? null;
+  }
+
+  /** Follow the chain until the page is closed. `status` is the first answer. */
+  async run(status) {
+    this.status = status;
+    let retryMs = RETRY_FIRST_MS;
+    let isFirst = true;
+    for (;;) {
+      try {
+        if (!isFirst) this.status = await api.status(this.last, WAIT_MS);
+        isFirst = false;
+        await this.catchUp();
+        this.#tell(null);
+        retryMs = RETRY_FIRST_MS;
+        await pause(PAUSE_MS);
+      } catch (problem) {
+        this.#tell(problem);
+        if (problem.status === 401 || problem.status === 403) return;
+        await pause(retryMs);
+        retryMs = Math.min(2 * retryMs, RETRY_MAX_MS);
+      }
+    }
+  }
+
+  /** Read on from the last header; what lies farther back than is kept is left out. */
+  async catchUp() {
+    const head = this.status.head;
+    const least = this.headers.length ? head - KEPT_COUNT + 1 : head - FIRST_COUNT + 1;
+    if (this.last + 1 < least) this.headers = [];
+    let next = Math.max(0, this.last + 1, least);
+    while (next <= head) {
+      const answer = await api.headers(next, PAGE_COUNT);
+      if (!answer.headers.length) return;
+      this.headers.push(...answer.headers);
+      this.headers.splice(0, this.headers.length - KEPT_COUNT);
+      next = this.last + 1;
+    }
+  }
+
+  /** Fill up to the number that is kept with older headers. */
+  async fill() {
+    while (this.headers.length && this.headers.length < KEPT_COUNT && this.headers[0].height > 0) {
+      const first = this.headers[0].height;
+      const from = Math.max(0, first - PAGE_COUNT, this.last - KEPT_COUNT + 1);
+      const answer = await api.headers(from, first - from);
+      if (!answer.headers.length || this.headers[0].height !== first) return;
+      this.headers.unshift(...answer.headers);
+      this.headers.splice(0, this.headers.length - KEPT_COUNT);
+    }
+  }
+
+  /** Call `listener` now and after each change, until `signal` is aborted. */
+  follow(listener, signal) {
+    this.addEventListener("change", listener, { signal });
+    if (this.status) listener();
+  }
+
+  #tell(problem) {
+    this.problem = problem;
+    this.dispatchEvent(new Event("change"));
+  }
+}
+
+function pause(ms) {
+  return new Promise((resolve) => { setTimeout(resolve, ms); });
+}
+
+export const feed = new Feed();

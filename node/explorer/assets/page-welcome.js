@@ -1,0 +1,25 @@
+// What stands here for who has no session: how to get in. Must never ask for a key, a passphrase or a token.
+
+import { h } from "./shared/dom.js";
+import { card, problemView } from "./pieces.js";
+
+const NO_NEWS = new Set(["SESSION_REQUIRED"]);
+
+export function welcomePage({ reason = null, forMembers = false }) {
+  const told = reason && !NO_NEWS.has(reason.code) ? problemView(reason) : null;
+  return [
+    h("h1", { tabindex: "-1" }, forMembers ? "This is for members" : "Look at the chain"),
+    h("p", { class: "lead" }, forMembers
+      ? "This node shows headers, producers and counts to anybody. What transactions say, who is a member, and what custodians reported, it shows to members of the network in their own sessions."
+      : "This node serves an explorer of the network's chain. It shows what it knows to members of the network, each in a session of her own, and nothing to anybody else."),
+    told,
+    card("How to get in",
+      h("ol", {},
+        h("li", {}, "Open a terminal on the machine that holds your key: your wallet, or the network's folder."),
+        h("li", {}, "Run ", h("code", {}, "blockrobot explore"), ". With a wallet: ", h("code", {}, "blockrobot explore --profile NAME"), "."),
+        h("li", {}, "Your browser opens this page again, in a session that lasts ten minutes.")),
+      h("p", { class: "quiet" }, "The command signs a question of this node with your key. The key stays where it is; what the browser gets opens one session, once, within a minute. This page never asks for a key, a passphrase or a token.")),
+    card("For those who run the node",
+      h("p", {}, "To show headers, producers and counts to anybody, write ", h("code", {}, "[explorer] public = true"), " into the node's ", h("code", {}, "node.toml"), " and start it again.")),
+  ];
+}
