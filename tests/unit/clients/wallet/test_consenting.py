@@ -225,7 +225,7 @@ def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[
         taken = json.loads(run("withdraw", "--json").output)
         assert (taken["status"], taken["count"]) == ("withdrawn", count)
     wrong = run("give", "--purpose", "care", "--height", "1", "--json")
-    assert (wrong.exit_code, json.loads(wrong.output)["error"]["code"]) == (1, "CALL_REFUSED")
+    assert (wrong.exit_code, json.loads(wrong.output)["error"]["code"]) == (4, "CALL_REFUSED")
     assert "HEIGHT_WRONG" in wrong.output
 
 
