@@ -5,20 +5,17 @@ import { announce, h, replace } from "./shared/dom.js";
 import { openSession, Problem } from "./shared/fetching.js";
 import { get, onClosed, post } from "./api.js";
 import { showCalendar } from "./calendar.js";
-import { showConsent } from "./consent.js";
-import { showDay } from "./day.js";
-import { showErasing, showEraseForm } from "./erasing.js";
-import { showExport } from "./export.js";
-import { showInbox } from "./inbox.js";
 import { minute, problemCard } from "./pieces.js";
-import { showRecord, showVisit } from "./record.js";
-import { showSharing, showShareForm } from "./sharing.js";
-import { showStory } from "./story.js";
 import { language, languages, loadTexts, t } from "./texts.js";
 
+// Each view is fetched when it is first shown: the calendar stands at once.
 const VIEWS = {
-  "": showCalendar, day: showDay, record: showRecord, visit: showVisit, story: showStory, consent: showConsent,
-  sharing: showSharing, share: showShareForm, erasing: showErasing, erase: showEraseForm, export: showExport, inbox: showInbox,
+  "": async () => showCalendar, day: async () => (await import("./day.js")).showDay,
+  record: async () => (await import("./record.js")).showRecord, visit: async () => (await import("./record.js")).showVisit,
+  story: async () => (await import("./story.js")).showStory, consent: async () => (await import("./consent.js")).showConsent,
+  sharing: async () => (await import("./sharing.js")).showSharing, share: async () => (await import("./sharing.js")).showShareForm,
+  erasing: async () => (await import("./erasing.js")).showErasing, erase: async () => (await import("./erasing.js")).showEraseForm,
+  export: async () => (await import("./export.js")).showExport, inbox: async () => (await import("./inbox.js")).showInbox,
 };
 const NAVIGATION = [["", "nav.recordings"], ["story", "nav.story"], ["consent", "nav.consent"], ["sharing", "nav.sharing"], ["erasing", "nav.erasing"], ["export", "nav.export"], ["inbox", "nav.inbox"]];
 const BELONGS_TO = { day: "", record: "", visit: "", share: "sharing", erase: "erasing" };
@@ -56,10 +53,11 @@ async function showPlace({ keepFocus = false } = {}) {
   main.setAttribute("aria-busy", "true");
   let view;
   try {
-    view = overview.state === "not_registered" ? notRegistered() : await VIEWS[name](context, ...rest);
+    view = overview.state === "not_registered" ? notRegistered() : await (await VIEWS[name]())(context, ...rest);
   } catch (error) {
     if (error.name === "AbortError" || isClosed) return;
-    if (!(error instanceof Problem)) console.warn(error);
+    if (!(error instanceof Problem)) await get("overview").catch(() => {});  // a part of the page that could not be had: is anybody there?
+    if (isClosed) return;
     view = { title: t("problem.title"), node: problemCard(error, () => showPlace()) };
   }
   if (signal.aborted || isClosed) return;
@@ -101,7 +99,7 @@ function drawBar(name) {
     h("div", { class: "row tools" }, chooser, h("button", { type: "button", onclick: lock }, t("nav.lock"))),
     h("nav", { "aria-label": t("nav.label") }, NAVIGATION.map(([path, key]) =>
       h("a", { href: `#/${path}`, "aria-current": path === current ? "page" : undefined }, t(key),
-        path === "inbox" && overview.counts.inbox_news + overview.counts.alarms > 0 && [" ", h("span", { class: "badge accent" }, String(overview.counts.inbox_news + overview.counts.alarms))]))));
+        path === "inbox" && overview.counts.alarms > 0 && [" ", h("span", { class: "badge bad" }, String(overview.counts.alarms))]))));
   drawFooter();
 }
 
@@ -109,7 +107,7 @@ function drawFooter() {
   const verified = overview.verified;
   const bad = overview.network.nodes.filter((node) => node.state === "lied" || node.state === "unreachable" || node.state === "refused");
   replace(footer,
-    h("p", {}, verified ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
+    h("p", {}, verified?.height ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
     bad.length > 0 && h("ul", { class: "sentences" }, bad.map((node) => h("li", { class: node.state === "lied" ? "bad-words" : "" }, t(`footer.${node.state}`, { name: node.name }), node.sentence ? ` ${node.sentence}` : ""))),
     h("p", {}, t("footer.local")));
 }
@@ -173,7 +171,7 @@ async function takeNews(change, isOther) {
   }
   const old = document.getElementById("warnings");
   if (old) old.replaceWith(warnings());
-  const count = overview.counts.inbox_news + overview.counts.alarms;
+  const count = overview.counts.alarms;
   const badge = bar.querySelector("nav .badge");
   if (String(count || "") !== (badge?.textContent ?? "") && !bar.contains(document.activeElement)) drawBar(name);
   if (!leaving.signal.aborted) await shown?.refresh?.(change);

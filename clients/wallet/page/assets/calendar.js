@@ -49,7 +49,7 @@ export async function showCalendar(context) {
 
   const monthBar = () => h("div", { class: "row month" },
     h("button", { type: "button", "data-key": "back", "aria-label": t("calendar.previous"), onclick: () => redraw(node, () => { turn(-1); draw(); }) }, "‹"),
-    h("h2", { "aria-live": "polite" }, new Intl.DateTimeFormat(locale(), { month: "long", year: "numeric" }).format(dateOf(`${month}-01`))),
+    h("h2", { "aria-live": "polite" }, capital(new Intl.DateTimeFormat(locale(), { month: "long", year: "numeric" }).format(dateOf(`${month}-01`)))),
     h("button", { type: "button", "data-key": "on", "aria-label": t("calendar.next"), onclick: () => redraw(node, () => { turn(1); draw(); }) }, "›"),
     h("button", { type: "button", class: "plain push", "data-key": "today", onclick: () => redraw(node, () => { month = dayOf(Date.now()).slice(0, 7); turn(0, dayOf(Date.now())); draw(); }) }, t("calendar.today")));
 
@@ -66,7 +66,7 @@ export async function showCalendar(context) {
     const weekday = (style) => weeks[0].map((date) => new Intl.DateTimeFormat(locale(), { weekday: style }).format(date));
     const long = weekday("long");
     return h("table", { class: "calendar", role: "grid", "aria-label": t("calendar.label"), onkeydown: move },
-      h("thead", {}, h("tr", {}, weekday("short").map((name, place) => h("th", { scope: "col", abbr: long[place] }, name)))),
+      h("thead", {}, h("tr", {}, weekday("short").map((name, place) => h("th", { scope: "col", abbr: long[place] }, name.slice(0, 3))))),
       h("tbody", {}, weeks.map((days) => h("tr", {}, days.map((date) => cell(date, known.get(dayOf(date.getTime()))))))));
   };
 
@@ -115,6 +115,8 @@ export async function showCalendar(context) {
     redraw(node, draw);
   } };
 }
+
+const capital = (words) => words.charAt(0).toLocaleUpperCase(locale()) + words.slice(1);
 
 function load(signal) {
   return get("days", { ...chosen, zone: zone() }, signal);
