@@ -45,10 +45,16 @@ class MemoryShares:
         due = [share for share in self._shares.values() if share.until_ms <= at_ms]
         return [share.grant_id for share in sorted(due, key=lambda share: (share.until_ms, share.grant_id))][:limit]
 
+    async def shares_of(self, owner: bytes) -> list[ShareRow]:
+        """See `ShareStore.shares_of`."""
+        self._require_open()
+        return [share for _, share in sorted(self._shares.items()) if share.owner == owner]
+
     async def missing_over(self, at_ms: int) -> list[bytes]:
         """See `ShareStore.missing_over`."""
         self._require_open()
-        return sorted(facts.record_id for facts in self._missing.values() if facts.expires_at_ms <= at_ms)
+        over = [facts for facts in self._missing.values() if facts.expires_at_ms <= at_ms]
+        return [facts.record_id for facts in sorted(over, key=lambda facts: (facts.expires_at_ms, facts.record_id))]
 
     async def forget_share(self, grant_id: bytes) -> None:
         """See `ShareStore.forget_share`."""

@@ -186,7 +186,7 @@ class EffectsOfBlock:
                 erased = tuple(sorted({*missing.erased_frames, *frames}))
                 await self._store.apply(BlockEffects(missing=(replace(missing, erased_frames=erased),)))
         if frames:
-            await self._shares.leave_out(own, self._block.height)
+            await self._shares.leave_out(data["owner"], own, self._block.height)
         await self._eraser.erase_requested(data["erasure_id"], own, frames, self._block.height)
 
     async def _on_own_receipt(self, event: FinalizedEvent) -> None:

@@ -17,6 +17,7 @@ Order = Sequence[tuple[str, int]]
 
 _BY_KEY: Order = (("_id", ASCENDING),)
 _BY_END: Order = (("until_ms", ASCENDING), ("_id", ASCENDING))
+_BY_EXPIRY: Order = (("expires_at_ms", ASCENDING),)
 _BY_VALID_UNTIL: Order = (("status", ASCENDING), ("valid_until_ms", ASCENDING))
 _BY_SLOT: Order = (("slot", ASCENDING),)
 
@@ -27,7 +28,7 @@ def _by(field: str) -> Order:
 
 
 SHARES_INDEXES: Mapping[str, Sequence[Order]] = {
-    "shares": (_BY_END,),
+    "shares": (_BY_END, _by("owner")),
     "parts": (
         _by("grant_id"),
         _by("record_id"),
@@ -85,10 +86,15 @@ class MongoShares:
         found = await self._many("shares", where, sort=_BY_END, limit=limit, fields=("_id", "until_ms"))
         return [document["_id"] for document in found]
 
+    async def shares_of(self, owner: bytes) -> list[ShareRow]:
+        """See `ShareStore.shares_of`."""
+        return rows(_share, await self._many("shares", {"owner": owner}, sort=_by("owner")))
+
     async def missing_over(self, at_ms: int) -> list[bytes]:
         """See `ShareStore.missing_over`."""
         over = {"expires_at_ms": {"$lt": at_ms + 1}}
-        found = await self._many("missing", over, fields=("_id",), sort=(("expires_at_ms", ASCENDING),))
+        found = await self._many("missing", over, fields=("_id", "expires_at_ms"), sort=_BY_EXPIRY)
+        found.sort(key=lambda document: (document["expires_at_ms"], document["_id"]))
         return [document["_id"] for document in found]
 
     async def forget_share(self, grant_id: bytes) -> None:

@@ -74,8 +74,12 @@ class ShareStore(Protocol):
         """Return grants with `until_ms <= at_ms`, the oldest end first."""
         ...
 
+    async def shares_of(self, owner: bytes) -> list[ShareRow]:
+        """Return the grants of a visit that stand, by its first key and by their ids."""
+        ...
+
     async def missing_over(self, at_ms: int) -> list[bytes]:
-        """Return the records whose clips are missing here and expired (`expires_at_ms <= at_ms`), by record id.
+        """Return the records whose clips are missing here and expired (`expires_at_ms <= at_ms`), the oldest first.
 
         The next checkpoint forgets them; what is held of their keys has to go before.
         """

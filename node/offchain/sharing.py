@@ -164,15 +164,14 @@ class Shares:
         await self._eraser.destroy_parts([place for place in places if place not in own])
         await self._store.confirm_parts(share.grant_id, [place.record_id for place in own], share.height)
 
-    async def leave_out(self, record_ids: Sequence[bytes], height: int) -> None:
-        """Frames of records were erased at a height: no grant up to it takes parts for them any more.
+    async def leave_out(self, owner: bytes, record_ids: Sequence[bytes], height: int) -> None:
+        """Frames of a visit's records were erased at a height: no grant up to it takes parts for them any more.
 
-        What was sealed for it holds the keys of those frames. Such erasures are few, so all grants are gone through.
+        What was sealed for it holds the keys of those frames.
         """
         gone = set(record_ids)
-        shares = [share async for share in self._store.all_shares() if share.height <= height]
-        for share in shares:
-            if gone & set(share.records):
+        for share in await self._store.shares_of(owner):
+            if share.height <= height and gone & set(share.records):
                 left = tuple(record_id for record_id in share.records if record_id not in gone)
                 await self._store.put_share(replace(share, records=left))
 

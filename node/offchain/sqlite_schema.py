@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from node.offchain.sqlite_shares import SHARES_SCHEMA
+from node.offchain.sqlite_shares import SHARES_BY_OWNER, SHARES_SCHEMA
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
 
 _STANDINGS = "CREATE TABLE standings (owner BLOB PRIMARY KEY, standing BLOB NOT NULL) WITHOUT ROWID;"
 
@@ -39,13 +39,15 @@ CREATE TABLE backgrounds (digest BLOB PRIMARY KEY, content BLOB NOT NULL);
 CREATE TABLE checkpoint (one INTEGER PRIMARY KEY CHECK (one = 1), height INTEGER NOT NULL,
     block_id BLOB NOT NULL, timestamp_ms INTEGER NOT NULL);
 {SHARES_SCHEMA}
+{SHARES_BY_OWNER}
 """
 
 MIGRATIONS: Mapping[int, str] = {
     1: _STANDINGS,
     2: f"ALTER TABLE grants ADD COLUMN share BLOB NOT NULL DEFAULT x''; {_MISSING_BY_OWNER} {SHARES_SCHEMA}",
+    3: SHARES_BY_OWNER,
 }
-"""What makes the next format of a store of this one. Earlier formats lack tables and columns, and nothing else."""
+"""What makes the next format of a store of this one. Earlier formats lack tables, columns and indexes, and nothing else."""
 
 CLIP_COLUMNS = (
     "record_id, txid, valid_until_ms, status, commitment_leaves, ciphertext_leaves, owner, expires_at_ms, height"

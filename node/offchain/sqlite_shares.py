@@ -24,6 +24,9 @@ CREATE INDEX parts_by_slot ON parts (slot);
 """
 """The tables of shares, as format 3 has them."""
 
+SHARES_BY_OWNER = "CREATE INDEX shares_by_owner ON shares (owner, grant_id);"
+"""What format 4 has besides."""
+
 _RECORD_ID_BYTES = 16
 _PAGE_ROWS_COUNT = 500
 _PLACE = "grant_id, record_id, owner, status, height, slot"
@@ -64,9 +67,14 @@ class SqliteShares:
         query = "SELECT grant_id FROM shares WHERE until_ms <= ? ORDER BY until_ms, grant_id LIMIT ?"
         return [row[0] for row in await self._read(query, at_ms, limit)]
 
+    async def shares_of(self, owner: bytes) -> list[ShareRow]:
+        """See `ShareStore.shares_of`."""
+        query = f"SELECT {_SHARE} FROM shares WHERE owner = ? ORDER BY grant_id"  # noqa: S608
+        return [_share(row) for row in await self._read(query, owner)]
+
     async def missing_over(self, at_ms: int) -> list[bytes]:
         """See `ShareStore.missing_over`."""
-        query = "SELECT record_id FROM missing WHERE expires_at_ms <= ? ORDER BY record_id"
+        query = "SELECT record_id FROM missing WHERE expires_at_ms <= ? ORDER BY expires_at_ms, record_id"
         return [row[0] for row in await self._read(query, at_ms)]
 
     async def forget_share(self, grant_id: bytes) -> None:

@@ -115,6 +115,15 @@ class SqliteStore(SqliteShares):
     def _connect(self) -> sqlite3.Connection:
         path = self._directory / DATABASE_FILE_NAME
         database = sqlite3.connect(path, isolation_level=None, check_same_thread=False)
+        try:
+            self._prepare(database)
+        except BaseException:
+            database.close()  # or what it began would lock the next try out
+            raise
+        return database
+
+    def _prepare(self, database: sqlite3.Connection) -> None:
+        """Bring a database to this format, in one transaction. Raises STORE_UNAVAILABLE for a foreign one."""
         for setting in ("journal_mode = WAL", "synchronous = FULL", "secure_delete = ON", "temp_store = MEMORY"):
             database.execute(f"PRAGMA {setting}").fetchall()
         version = database.execute("PRAGMA user_version").fetchone()[0]
@@ -124,9 +133,7 @@ class SqliteStore(SqliteShares):
             steps = " ".join(MIGRATIONS[older] for older in range(version, FORMAT_VERSION))
             database.executescript(f"BEGIN IMMEDIATE; {steps} PRAGMA user_version = {FORMAT_VERSION}; COMMIT;")
         elif version != FORMAT_VERSION:
-            database.close()
             raise BlockRobotError("STORE_UNAVAILABLE", f"The store has format {version}, not {FORMAT_VERSION}.")
-        return database
 
     async def _in_worker(self, work: Callable[[], T]) -> T:
         if self._worker is None:

@@ -139,6 +139,7 @@ QUERIES: Mapping[str, Query] = {
     "outbox_of": lambda store: store.outbox_of("access.released", TXID),
     "all_clips": lambda store: _drain(store.all_clips()),
     "slots_in_use": lambda store: _drain(store.slots_in_use()),
+    "shares_of": lambda store: store.shares_of(OWNER),
     "shares_over": lambda store: store.shares_over(1000, 10),
     "lapsed_parts": lambda store: store.lapsed_parts(1000, 10),
     "parts_of grants": lambda store: store.parts_of("grant_id", [TXID]),

@@ -4,16 +4,30 @@ from __future__ import annotations
 
 import sqlite3
 from dataclasses import replace
+from functools import partialmethod
 from pathlib import Path
 from typing import Any
 
 import pytest
 from pymongo import MongoClient
+from pymongo.asynchronous.collection import AsyncCollection
+from pymongo.errors import ConnectionFailure
 
+from consensus.errors import BlockRobotError
+from node.offchain import mongo_store, sqlite_store
 from node.offchain.mongo_store import MongoStore
 from node.offchain.share_store import PartPlace, PartRow, ShareRow
 from node.offchain.sqlite_store import DATABASE_FILE_NAME, SqliteStore
-from node.offchain.store import BlockEffects, ClipRow, CustodyStore, FrameRow, Grant, VisitStanding
+from node.offchain.store import (
+    BlockEffects,
+    Checkpoint,
+    ClipRow,
+    CustodyStore,
+    FrameRow,
+    Grant,
+    RecordFacts,
+    VisitStanding,
+)
 
 OWNER, OTHER = b"\x02" * 33, b"\x03" * 33
 
@@ -48,6 +62,30 @@ async def test_a_share_is_kept_found_by_its_end_and_forgotten(store: CustodyStor
     await store.forget_share(grant_id(1))
     await store.forget_share(grant_id(1))
     assert (await store.counts()).shares == 2
+
+
+async def test_the_shares_of_a_visit_are_found_without_the_others(store: CustodyStore) -> None:
+    rows = [ShareRow(grant_id(n), OTHER if n == 2 else OWNER, (record_id(n),), 1000, n) for n in (3, 1, 2)]
+    for row in rows:
+        await store.put_share(row)
+    assert await store.shares_of(OWNER) == [rows[1], rows[0]]
+    assert await store.shares_of(OTHER) == [rows[2]]
+    await store.forget_share(grant_id(2))
+    assert await store.shares_of(OTHER) == []
+
+
+async def test_clips_that_are_missing_and_over_are_told_the_oldest_first(store: CustodyStore) -> None:
+    """The same from every store, and all of them: what is held of their keys has to go before they are forgotten."""
+    ends = ((1, 30), (2, 10), (3, 20), (4, 20), (5, 31))
+    missing = tuple(
+        RecordFacts(record_id(number), b"\x01" * 32, OWNER, b"\x02" * 32, b"\x03" * 32, end_ms, 5)
+        for number, end_ms in ends
+    )
+    await store.apply(BlockEffects(missing=missing))
+    assert await store.missing_over(30) == [record_id(number) for number in (2, 3, 4, 1)]
+    assert await store.missing_over(9) == []
+    await store.apply(BlockEffects(checkpoint=Checkpoint(6, b"\x04" * 32, 30)))
+    assert await store.missing_over(40) == [record_id(5)]
 
 
 async def test_parts_are_found_by_grant_record_owner_and_slot(store: CustodyStore) -> None:
@@ -121,15 +159,17 @@ def connect(uri: str) -> MongoClient[dict[str, Any]]:
 def make_older(path: Path, version: int) -> None:
     """Take out of an embedded store what a former format did not have."""
     with sqlite3.connect(path / DATABASE_FILE_NAME) as database:
-        database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
-        database.execute("DROP INDEX missing_by_owner")
+        database.execute("DROP INDEX shares_by_owner")
+        if version < 3:
+            database.executescript("DROP TABLE shares; DROP TABLE parts; ALTER TABLE grants DROP COLUMN share;")
+            database.execute("DROP INDEX missing_by_owner")
         if version == 1:
             database.executescript("DROP TABLE standings;")
         database.execute(f"PRAGMA user_version = {version}")
     database.close()
 
 
-@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("version", [1, 2, 3])
 async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_path: Path, version: int) -> None:
     asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
     async with SqliteStore(tmp_path) as store:
@@ -143,9 +183,78 @@ async def test_an_embedded_store_of_a_former_format_is_brought_to_this_one(tmp_p
             assert await store.standings([OWNER]) == {OWNER: VisitStanding(OWNER)}
             assert (await store.counts()).parts == 1
     with sqlite3.connect(tmp_path / DATABASE_FILE_NAME) as database:
-        asked_for = "EXPLAIN QUERY PLAN SELECT * FROM missing WHERE owner = x'' ORDER BY record_id"
-        assert "missing_by_owner" in str(database.execute(asked_for).fetchall())
+        for table, key in (("missing", "record_id"), ("shares", "grant_id")):
+            asked_for = f"EXPLAIN QUERY PLAN SELECT * FROM {table} WHERE owner = x'' ORDER BY {key}"
+            assert f"{table}_by_owner" in str(database.execute(asked_for).fetchall())
     database.close()
+
+
+@pytest.mark.parametrize("version", [1, 2, 3])
+async def test_an_embedded_store_that_was_cut_off_anywhere_on_its_way_begins_that_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, version: int
+) -> None:
+    """Each statement fails once; what went before it is undone with it."""
+    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
+    steps = " ".join(sqlite_store.MIGRATIONS[older] for older in range(version, sqlite_store.FORMAT_VERSION))
+    statements = [statement for statement in steps.split(";") if statement.strip()]
+    for place in range(len(statements) + 1):
+        folder = tmp_path / str(place)
+        async with SqliteStore(folder) as store:
+            await store.apply(BlockEffects(grants=(asked,)))
+        make_older(folder, version)
+        cut = [*statements[:place], " SELECT it_was_cut_off_here"]
+        with monkeypatch.context() as meanwhile:
+            later = range(version + 1, sqlite_store.FORMAT_VERSION)
+            broken = {version: ";".join(cut) + ";", **dict.fromkeys(later, "")}
+            meanwhile.setattr(sqlite_store, "MIGRATIONS", broken)
+            with pytest.raises(BlockRobotError, match=r"STORE_UNAVAILABLE.*it_was_cut_off_here") as refusal:
+                await SqliteStore(folder).__aenter__()
+        async with SqliteStore(folder) as store:
+            assert await store.grant(asked.access_id) == asked
+            assert await store.shares_of(OWNER) == []
+        assert refusal.value.code == "STORE_UNAVAILABLE", "and it is kept until here: it locks nobody out"
+
+
+async def test_a_networked_store_that_was_cut_off_on_its_way_begins_that_again(
+    mongo_database: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its mark comes last: whatever was made before is found there, and made no second time."""
+    asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
+    real, made = AsyncCollection.create_index, 0
+
+    async def cut_off(self: Any, fields: Any, *, place: int) -> Any:
+        nonlocal made
+        if made == place:
+            raise ConnectionFailure("it was cut off here")
+        made += 1
+        return await real(self, fields)
+
+    for place in (0, 7, sum(map(len, mongo_store._INDEXES.values())) - 1):
+        async with MongoStore(mongo_database) as store:
+            await store.apply(BlockEffects(grants=(asked,)))
+        make_networked_older(mongo_database, 1)
+        made = 0
+        with monkeypatch.context() as meanwhile:
+            meanwhile.setattr(AsyncCollection, "create_index", partialmethod(cut_off, place=place))
+            with pytest.raises(BlockRobotError, match="STORE_UNAVAILABLE"):
+                await MongoStore(mongo_database).__aenter__()
+        with connect(mongo_database) as client:
+            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 1}
+        async with MongoStore(mongo_database) as store:
+            assert await store.grant(asked.access_id) == asked
+            assert await store.shares_of(OWNER) == []
+        with connect(mongo_database) as client:
+            assert client.get_default_database()["format"].find_one() == {"_id": "one", "version": 3}
+
+
+def make_networked_older(uri: str, version: int) -> None:
+    """Take out of a networked store what a former format did not have."""
+    with connect(uri) as client:
+        database = client.get_default_database()
+        database["grants"].update_many({}, {"$unset": {"share": ""}})
+        for name in ("shares", "parts", *(("standings",) if version == 1 else ())):
+            database.drop_collection(name)
+        database["format"].update_one({}, {"$set": {"version": version}})
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -153,12 +262,7 @@ async def test_a_networked_store_of_a_former_format_is_brought_to_this_one(mongo
     asked = Grant(b"\xa1" * 32, OWNER, (record_id(1),), 5)
     async with MongoStore(mongo_database) as store:
         await store.apply(BlockEffects(grants=(asked,)))
-    with connect(mongo_database) as client:
-        database = client.get_default_database()
-        database["grants"].update_many({}, {"$unset": {"share": ""}})
-        for name in ("shares", "parts", *(("standings",) if version == 1 else ())):
-            database.drop_collection(name)
-        database["format"].update_one({}, {"$set": {"version": version}})
+    make_networked_older(mongo_database, version)
     async with MongoStore(mongo_database) as store:
         assert await store.grant(asked.access_id) == asked
         await store.put_part(part(1, 1, 10))
