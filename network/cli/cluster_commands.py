@@ -48,14 +48,25 @@ folder_option = click.option(
     "--store", default="sqlite", show_default=True, help="Where custodians keep data: sqlite or mongodb://..."
 )
 @click.option("--ephemeral", is_flag=True, help="Begin with an empty network, forgetting the last one.")
+@click.option("--console", "with_console", is_flag=True, help="Then show it in the browser: see blockrobot console.")
+@click.option("--no-browser", is_flag=True, help="With --console: open no browser; say which file opens the page.")
 @json_option
 @plain_errors
-def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: bool, as_json: bool) -> None:
+def up(
+    folder: Path | None,
+    nodes: int,
+    base_port: int,
+    store: str,
+    ephemeral: bool,
+    with_console: bool,
+    no_browser: bool,
+    as_json: bool,
+) -> None:
     """Start the local network, making it first if there is none. Its state survives down and up.
 
     A new one publishes the demonstration hospital's privacy notice: blockrobot notice show.
 
-    Example: blockrobot up --nodes 4
+    Examples: blockrobot up --nodes 4; blockrobot up --console
     """
     place = network_folder(folder)
     if ephemeral and (place / "genesis.json").exists():
@@ -89,7 +100,12 @@ def up(folder: Path | None, nodes: int, base_port: int, store: str, ephemeral: b
         raise
     if is_new:
         _tell_people(place)
-    report(asyncio.run(cluster.status()), place, as_json=as_json)
+    if not (with_console and as_json):
+        report(asyncio.run(cluster.status()), place, as_json=as_json)
+    if with_console:
+        from network.cli.console_command import show_console  # noqa: PLC0415 - only when it is needed
+
+        show_console(cluster, no_browser=no_browser, as_json=as_json)
 
 
 def _tell_people(place: Path) -> None:

@@ -14,6 +14,7 @@ _COMMANDS = {
     "down": ("network.cli.cluster_commands", "down"),
     "status": ("network.cli.cluster_commands", "status"),
     "logs": ("network.cli.cluster_commands", "logs"),
+    "console": ("network.cli.console_command", "console"),
     "node": ("network.cli.node_commands", "node"),
     "fault": ("network.cli.fault_commands", "fault"),
     "demo": ("network.cli.demo_command", "demo"),

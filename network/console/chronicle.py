@@ -1,0 +1,165 @@
+"""Says in a line each what is new between two moments of a network. Must never tell the same change twice.
+
+Pure. An event is ready for JSON: `at_ms`, `kind`, `tone` (good, bad, warn or empty), `text`, `nodes` that it is about.
+
+    fault        something was switched on or off on purpose, by whatever means
+    node         a node stopped, started, was paused, is silent ...
+    leader       another node leads
+    timeout      producers gave a round up
+    suspension   a producer may not lead any more, or may again
+    finality     nothing became final for a while, or again
+    epoch        the schedule or the settings changed
+    link         who is connected with how many
+    asked        what was asked for on this page, and what was answered
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from network.console.moments import Moment
+from network.console.rounds import Round
+
+Event = dict[str, Any]
+REPEATED_AFTER_MS = 10_000
+ROUTINE_KINDS = frozenset({"leader", "link"})
+_WELL = frozenset({"signing"})
+_WAITING = frozenset({"waiting", "paused", "suspended"})
+
+
+def make_event(at_ms: int, kind: str, text: str, tone: str = "", nodes: Sequence[str] = ()) -> Event:
+    """Return one event."""
+    return {"at_ms": at_ms, "kind": kind, "tone": tone, "text": text, "nodes": list(nodes)}
+
+
+class Chronicle:
+    """Remembers the last moment, and which rounds were told of."""
+
+    def __init__(self, quorum: int) -> None:
+        self._quorum = quorum
+        self._before: Moment | None = None
+        self._waiting: dict[tuple[int, int], Round] = {}
+        self._told: tuple[int, int] = (-1, -1)
+        self._lost: dict[str, _LostRounds] = {}
+
+    def take(self, moment: Moment, rounds: Sequence[Round]) -> list[Event]:
+        """Return what is new in this moment, and in these rounds."""
+        events = self._of_rounds(moment["at_ms"], rounds)
+        before, self._before = self._before, moment
+        if before is None:
+            states = ", ".join(f"{node['name']} {node['state']}" for node in moment["nodes"])
+            return [make_event(moment["at_ms"], "node", f"The recording begins: {states}.")]
+        known = {node["name"]: node for node in before["nodes"]}
+        for node in moment["nodes"]:
+            events += _of_node(known.get(node["name"], {}), node, moment["at_ms"])
+        return events + _of_leader(before, moment) + _of_finality(before, moment)
+
+    def _of_rounds(self, at_ms: int, rounds: Sequence[Round]) -> list[Event]:
+        """Tell of a round that was given up once a quorum has, or once later rounds are under way."""
+        for entry in rounds:
+            place = (entry.epoch, entry.number)
+            if entry.gave_up and place > self._told:
+                self._waiting[place] = entry
+        newest = max([(entry.epoch, entry.number) for entry in rounds], default=self._told)
+        told = []
+        for place in sorted(self._waiting):
+            entry = self._waiting[place]
+            if len(entry.gave_up) >= self._quorum or place < newest:
+                del self._waiting[place]
+                self._told = max(self._told, place)
+                told += self._tell_of_lost(entry, at_ms)
+        for leader, lost in list(self._lost.items()):
+            if at_ms - lost.told_ms >= REPEATED_AFTER_MS:
+                told += lost.summary(leader, at_ms)
+                if lost.numbers:
+                    self._lost[leader] = _LostRounds(at_ms)
+                else:
+                    del self._lost[leader]
+        return told
+
+    def _tell_of_lost(self, entry: Round, at_ms: int) -> list[Event]:
+        """Tell of a leader's first lost round at once; of its next ones together, some seconds later."""
+        leader, who = entry.leader or "nobody known", sorted(entry.gave_up)
+        lost = self._lost.get(leader)
+        if lost is not None:
+            lost.numbers.append(entry.number)
+            return []
+        self._lost[leader] = _LostRounds(at_ms)
+        names = ", ".join(who)
+        return [
+            make_event(
+                at_ms, "timeout", f"Round {entry.number} (leader {leader}) was given up by {names}.", "warn", who
+            )
+        ]
+
+
+@dataclass(slots=True)
+class _LostRounds:
+    """The rounds of one leader that were given up since the last event about it."""
+
+    told_ms: int
+    numbers: list[int] = field(default_factory=list)
+
+    def summary(self, leader: str, at_ms: int) -> list[Event]:
+        if not self.numbers:
+            return []
+        rounds = f"{self.numbers[0]}" if len(self.numbers) == 1 else f"{self.numbers[0]} to {self.numbers[-1]}"
+        text = f"{len(self.numbers)} more of {leader}'s rounds were given up ({rounds})."
+        return [make_event(at_ms, "timeout", text, "warn", [leader])]
+
+
+def _of_node(before: Mapping[str, Any], node: Mapping[str, Any], at_ms: int) -> list[Event]:
+    name, state = node["name"], node["state"]
+    events = []
+    if before.get("state") != state:
+        tone = "good" if state in _WELL else "warn" if state in _WAITING else "bad"
+        place = f", final height {node['final']}" if "final" in node else ""
+        events.append(make_event(at_ms, "node", f"{name} is {state}{place}.", tone, [name]))
+    gone = [fault for fault in before.get("faults", ()) if fault not in node.get("faults", ())]
+    come = [fault for fault in node.get("faults", ()) if fault not in before.get("faults", ())]
+    if come:
+        events.append(make_event(at_ms, "fault", f"On at {name}: {'; '.join(come)}.", "warn", [name]))
+    if gone:
+        events.append(make_event(at_ms, "fault", f"Off at {name}: {'; '.join(gone)}.", "good", [name]))
+    if before.get("suspended") != node.get("suspended") and "final" in node and "final" in before:
+        is_new = "suspended" in node
+        text = f"suspended since height {node['suspended']} and leads nothing" if is_new else "no longer suspended"
+        events.append(make_event(at_ms, "suspension", f"{name} is {text}.", "bad" if is_new else "good", [name]))
+    if "epoch" in before and "epoch" in node and before["epoch"] != node["epoch"]:
+        events.append(make_event(at_ms, "epoch", f"{name} is in epoch {node['epoch']}.", "", [name]))
+    if "peers" in before and "peers" in node and before["peers"] != node["peers"]:
+        tone = "warn" if node["peers"] < before["peers"] else ""
+        count = node["peers"]
+        events.append(make_event(at_ms, "link", f"{name} is connected with {count} others.", tone, [name]))
+    return events
+
+
+def leader_of(moment: Moment) -> tuple[str | None, int]:
+    """Return who leads by the words of the node that is in the highest round, and that round (-1: nobody says)."""
+    told = [node for node in moment["nodes"] if node.get("leader") is not None and "round" in node]
+    if not told:
+        return None, -1
+    newest = max(told, key=lambda node: (node.get("epoch", 0), node["round"]))
+    return str(newest["leader"]), int(newest["round"])
+
+
+def _of_leader(before: Moment, moment: Moment) -> list[Event]:
+    (old, _), (new, number) = leader_of(before), leader_of(moment)
+    if new is None or new == old:
+        return []
+    return [make_event(moment["at_ms"], "leader", f"{new} leads round {number}.", "", [new])]
+
+
+def _of_finality(before: Moment, moment: Moment) -> list[Event]:
+    at_ms, since_ms = moment["at_ms"], moment["stuck_since_ms"]
+    if since_ms is not None and before["stuck_since_ms"] is None:
+        seconds = (at_ms - since_ms) / 1000
+        return [make_event(at_ms, "finality", f"Nothing became final for {seconds:.1f} s, and work waits.", "bad")]
+    if since_ms is None and before["stuck_since_ms"] is not None:
+        seconds = (at_ms - before["stuck_since_ms"]) / 1000
+        is_final = moment["final"] > before["final"]
+        text = f"Final again at height {moment['final']}" if is_final else "No work waits any more"
+        return [make_event(at_ms, "finality", f"{text}, after {seconds:.1f} s.", "good")]
+    return []

@@ -1,0 +1,299 @@
+"""The console at work: looks again and again, records, does what is asked. Must never do it otherwise than `fault` does."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from consensus.errors import BlockRobotError
+from network.byzantine import BEHAVIOURS
+from network.cluster import Cluster
+from network.console.chronicle import Chronicle, make_event
+from network.console.export import write_export
+from network.console.looking import Looking, NodeSight
+from network.console.moments import Moment, MomentMaker
+from network.console.recorder import Recorder
+from network.console.rounds import ROUNDS_KEPT_COUNT, RoundBook
+from network.faults.actions import Restart
+from network.faults.control import FaultControl
+from network.faults.plan import FaultPlan, parse_plan
+from network.faults.profiles import LINK_PROFILES
+from network.faults.requested import carry_out_requested, open_control, read_action
+from network.faults.run import StepDone, run_plan
+from node.config import CONFIG_FILE
+from node.faults import DISKS
+from pages.serving import PAGES_ASSETS
+
+CONSOLE_ASSETS = Path(__file__).parent / "assets"
+INTERVAL_MS = 500
+LARGE_INTERVAL_MS = 1_000
+SMALL_NETWORK_MAX_COUNT = 7
+ROUNDS_SHOWN_COUNT = 48
+
+log = structlog.get_logger(__name__)
+
+
+def _now_ms() -> int:
+    return time.time_ns() // 1_000_000
+
+
+class LiveConsole:
+    """One network, watched and recorded from now on. `run` until it is cancelled; the rest on the same event loop."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self.cluster = cluster
+        self.started_ms = _now_ms()
+        self.recorder = Recorder()
+        self.sequence = 0
+        self.moment: Moment | None = None
+        self._began()
+        self._news = asyncio.Event()
+        self._plan: _RunningPlan | None = None
+
+    def _began(self) -> None:
+        producers = sum(config.producer_key_path is not None for config in self.cluster.configs.values())
+        quorum = producers - (producers - 1) // 3
+        self._rounds = RoundBook(quorum)
+        self._chronicle = Chronicle(quorum)
+        self._maker = MomentMaker(time.monotonic())
+        self._genesis = self._read_genesis()
+
+    def _read_genesis(self) -> bytes:
+        try:
+            return (self.cluster.folder / "genesis.json").read_bytes()
+        except OSError:
+            return b""
+
+    # Looking
+
+    async def run(self) -> None:
+        """Look and record until cancelled."""
+        while True:
+            await self._watch_same_network()
+
+    async def _watch_same_network(self) -> None:
+        """Watch until nodes come or go, or another network stands in the folder."""
+        count = len(self.cluster.names)
+        interval_s = (INTERVAL_MS if count <= SMALL_NETWORK_MAX_COUNT else LARGE_INTERVAL_MS) / 1000
+        async with Looking(self.cluster) as looking:
+            while not self._is_another():
+                started_s = time.monotonic()
+                try:
+                    self._take(await looking.look())
+                except (BlockRobotError, OSError, ValueError) as error:
+                    log.warning("look_failed", error=type(error).__name__, detail=str(error))
+                await asyncio.sleep(max(0.05, started_s + interval_s - time.monotonic()))
+        self._begin_anew()
+
+    def _take(self, sights: list[NodeSight]) -> None:
+        wall_ms = _now_ms()
+        moment = self._maker.take(sights, time.monotonic(), wall_ms)
+        rounds = self._rounds.take(sights, wall_ms)
+        self.recorder.add(moment, self._chronicle.take(moment, rounds))
+        self.moment = moment
+        self._tell_waiting()
+
+    def _tell_waiting(self) -> None:
+        self.sequence += 1
+        self._news.set()
+        self._news = asyncio.Event()
+
+    def _is_another(self) -> bool:
+        folder = self.cluster.folder
+        names = {path.parent.name for path in (folder / "nodes").glob(f"*/{CONFIG_FILE}")}
+        return bool(names) and (names != set(self.cluster.names) or self._read_genesis() not in {self._genesis, b""})
+
+    def _begin_anew(self) -> None:
+        is_new_chain = self._read_genesis() != self._genesis
+        try:
+            self.cluster = Cluster(self.cluster.folder)
+        except (BlockRobotError, OSError, ValueError):
+            return  # half written: it is read again in a moment
+        self._began()
+        what = "Another network stands in the folder now" if is_new_chain else "The nodes are others now"
+        self.recorder.tell(make_event(_now_ms(), "node", f"{what}: {', '.join(self.cluster.names)}."))
+
+    async def wait_beyond(self, sequence: int, timeout_s: float) -> None:
+        """Return when there is a newer moment than this one, or the time is over."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                while self.sequence <= sequence:
+                    await self._news.wait()
+        except TimeoutError:
+            return
+
+    # What the page is told
+
+    def facts(self) -> dict[str, Any]:
+        """Return what does not change from moment to moment, ready for JSON."""
+        cluster = self.cluster
+        organisations = {node.name: node.organisation for node in cluster.genesis.nodes}
+        nodes = [
+            {
+                "name": name,
+                "organisation": organisations.get(name) or config.organisation,
+                "producer": config.producer_key_path is not None,
+                "custodian": config.custodian_key_path is not None,
+                "breakable": config.faults_enabled,
+            }
+            for name, config in cluster.configs.items()
+        ]
+        return {"name": cluster.genesis.network, "quorum": self._rounds.quorum, "nodes": nodes}
+
+    def choices(self) -> dict[str, Any]:
+        """Return what the forms offer: behaviours and link profiles with their meaning, disks."""
+        return {
+            "behaviours": [{"name": name, "meaning": _meaning(kind)} for name, kind in BEHAVIOURS.items()],
+            "profiles": [{"name": name, "meaning": profile.meaning} for name, profile in LINK_PROFILES.items()],
+            "disks": list(DISKS),
+            "folder": str(self.cluster.folder),
+        }
+
+    def now(self, after_event: int) -> dict[str, Any]:
+        """Return the newest moment, the last rounds, and the events behind this number."""
+        return {
+            "sequence": self.sequence,
+            "network": self.facts(),
+            "moment": self.moment,
+            "rounds": self._rounds.last(ROUNDS_SHOWN_COUNT),
+            "events": self.recorder.events_after(after_event),
+            "plan": None if self._plan is None else self._plan.describe(),
+            "recording": self.recording(),
+        }
+
+    def recording(self) -> dict[str, Any]:
+        """Return since when is recorded, how much is kept, and what was dropped."""
+        recorder = self.recorder
+        return {
+            "since_ms": self.started_ms,
+            "moments": recorder.moments_count,
+            "size_bytes": recorder.size_bytes,
+            "dropped": recorder.dropped(self._rounds.dropped_count),
+        }
+
+    def export(self) -> str:
+        """Return the run so far as one HTML file."""
+        facts = {
+            "network": self.facts(),
+            "exported_ms": _now_ms(),
+            "recording": self.recording(),
+            "events": self.recorder.events_after(0),
+            "rounds": self._rounds.last(ROUNDS_KEPT_COUNT),
+        }
+        return write_export(facts, self.recorder.moments_json(), read_page_files())
+
+    # Breaking
+
+    async def do(self, fields: Mapping[str, Any]) -> str:
+        """Carry out one fault; return what was done. Raises as `blockrobot fault` does."""
+        action, seed = read_action(fields, tuple(self.cluster.names))
+        is_start = isinstance(action, Restart)
+        control = FaultControl(self.cluster, seed) if is_start else open_control(self.cluster, seed)
+        words, nodes = action.describe(), action.touched()
+        self._tell("asked", f"Asked: {words}.", "", nodes)
+        try:
+            await carry_out_requested(control, action)
+        except BlockRobotError as error:
+            self._tell("asked", f"Refused: {words}. {error.code}: {error.detail}", "bad", nodes)
+            raise
+        self._tell("asked", f"Done: {words}.", "", nodes)
+        return words
+
+    def _tell(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
+        self.recorder.tell(make_event(_now_ms(), kind, text, tone, nodes))
+        self._tell_waiting()
+
+    def read_plan(self, text: str) -> FaultPlan:
+        """Read a plan, and do nothing. Raises FAULT_PLAN_INVALID."""
+        return parse_plan(text, self.cluster.names)
+
+    def start_plan(self, text: str) -> dict[str, Any]:
+        """Begin to carry out a plan. Raises FAULT_PLAN_INVALID, FAULT_PLAN_RUNNING, CLUSTER_NOT_RUNNING."""
+        if self._plan is not None and self._plan.is_running:
+            raise BlockRobotError("FAULT_PLAN_RUNNING")
+        open_control(self.cluster)
+        plan = self.read_plan(text)
+        self._plan = _RunningPlan(plan, self)
+        self._tell("asked", f"A plan of {len(plan.steps)} steps with seed {plan.seed} begins.", "")
+        return self._plan.describe()
+
+    def stop_plan(self) -> None:
+        """Do no further step of the plan that runs."""
+        if self._plan is not None and self._plan.stop():
+            self._tell("asked", "The plan is stopped; what it switched on is still on.", "")
+
+    async def close(self) -> None:
+        """Stop the plan, if one runs."""
+        if self._plan is not None and self._plan.stop():
+            await asyncio.gather(self._plan.task, return_exceptions=True)
+
+    def note_step(self, done: StepDone) -> None:
+        """Tell of a step of the plan."""
+        words, nodes = done.step.action.describe(), done.step.action.touched()
+        if done.error is None:
+            self._tell("asked", f"Plan, {done.at_ms / 1000:.1f} s: {words}.", "", nodes)
+        else:
+            text = f"Plan, {done.at_ms / 1000:.1f} s: {words} refused. {done.error.code}: {done.error.detail}"
+            self._tell("asked", text, "bad", nodes)
+
+
+class _RunningPlan:
+    """A plan that is being carried out, or was."""
+
+    def __init__(self, plan: FaultPlan, console: LiveConsole) -> None:
+        self._plan = plan
+        self._console = console
+        self._done: list[StepDone] = []
+        self._is_stopped = False
+        control = FaultControl(console.cluster, plan.seed)
+        self.task = asyncio.get_running_loop().create_task(run_plan(plan, control, self._note), name="fault-plan")
+
+    @property
+    def is_running(self) -> bool:
+        """Tell whether steps are still to come."""
+        return not self.task.done()
+
+    def stop(self) -> bool:
+        """Stop it; tell whether it ran."""
+        if self.task.done():
+            return False
+        self._is_stopped = True
+        return self.task.cancel()
+
+    def _note(self, done: StepDone) -> None:
+        self._done.append(done)
+        self._console.note_step(done)
+
+    def describe(self) -> dict[str, Any]:
+        """Return the plan and how far it is, ready for JSON."""
+        steps = describe_plan(self._plan)["steps"]
+        for step, done in zip(steps, self._done, strict=False):
+            step["done_at_ms"] = done.at_ms
+            if done.error is not None:
+                step["error"] = {"code": done.error.code, "detail": done.error.detail}
+        state = "running" if self.is_running else "stopped" if self._is_stopped else "done"
+        return {"seed": self._plan.seed, "state": state, "steps": steps}
+
+
+def describe_plan(plan: FaultPlan) -> dict[str, Any]:
+    """Return a plan's seed and steps, ready for JSON, as `fault run --dry-run --json` does."""
+    steps = [{"at_ms": step.at_ms, "line": step.line, "do": step.action.describe()} for step in plan.steps]
+    return {"seed": plan.seed, "steps": steps}
+
+
+def _meaning(behaviour: type) -> str:
+    return (behaviour.__doc__ or "").strip().splitlines()[0]
+
+
+def read_page_files() -> dict[str, str]:
+    """Return the page's modules and style sheets by name, the shared ones below `shared/`."""
+    files = {}
+    for prefix, folder in (("shared/", PAGES_ASSETS), ("", CONSOLE_ASSETS)):
+        for path in sorted((*folder.glob("*.js"), *folder.glob("*.css"))):
+            files[prefix + path.name] = path.read_text(encoding="utf-8")
+    return files

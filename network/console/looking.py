@@ -1,0 +1,109 @@
+"""One look at every node: its process, its own words, its faults, its counts of frames. Must never change what it sees."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import aiohttp
+
+from network.cluster import Cluster, NodeStatusReport
+from network.faults.control import FaultControl, NodeFaults
+from node.config import OPERATOR_HOST, NodeConfig
+
+ANSWER_S = 1.0
+METRICS_MAX_BYTES = 1 << 20
+_BYTES = "blockrobot_peer_bytes_total"
+_COUNT = re.compile(
+    r'^(blockrobot_peer_frames_total|blockrobot_peer_bytes_total)\{peer="([^"\\]*)",direction="(sent|received)",'
+    r'kind="([a-z_]+)"\} (\d+)$',
+    re.MULTILINE,
+)
+
+Counts = Mapping[tuple[str, str, str], tuple[int, int]]
+"""(peer, `sent` or `received`, kind) -> (frames, bytes) since the node's start."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSight:
+    """What one look at a node gave. What it did not say is None; `clock_off_ms`: its clock less this machine's."""
+
+    name: str
+    running: bool
+    paused: bool
+    status: Mapping[str, Any] | None
+    behaviour: str = ""
+    switched: Mapping[str, Any] | None = None
+    faults: tuple[str, ...] = ()
+    counts: Counts | None = None
+    clock_off_ms: int | None = None
+
+
+def parse_counts(text: str) -> dict[tuple[str, str, str], tuple[int, int]]:
+    """Return the counts of frames that stand in a node's metrics."""
+    found: dict[tuple[str, str, str], list[int]] = {}
+    for name, peer, direction, kind, count in _COUNT.findall(text):
+        found.setdefault((peer, direction, kind), [0, 0])[name == _BYTES] = int(count)
+    return {key: (frames, size) for key, (frames, size) in found.items()}
+
+
+class Looking:
+    """Looks at one cluster's nodes, all at once. `async with`."""
+
+    def __init__(self, cluster: Cluster) -> None:
+        self._cluster = cluster
+        self._control = FaultControl(cluster)
+        self._session: aiohttp.ClientSession | None = None
+
+    async def __aenter__(self) -> Looking:
+        self._session = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=ANSWER_S))
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        if self._session is not None:
+            await self._session.close()
+
+    async def look(self) -> list[NodeSight]:
+        """Ask every node; one that does not answer within a second said nothing."""
+        cluster = self._cluster
+        started_ms = time.time_ns() // 1_000_000
+        reports, faults, counts = await asyncio.gather(
+            cluster.status(timeout_s=ANSWER_S),
+            self._control.state(),
+            asyncio.gather(*(self._counts(cluster.config(name)) for name in cluster.names)),
+        )
+        middle_ms = (started_ms + time.time_ns() // 1_000_000) // 2
+        return [
+            _sight(report, fault, count, middle_ms)
+            for report, fault, count in zip(reports, faults, counts, strict=True)
+        ]
+
+    async def _counts(self, config: NodeConfig) -> Counts | None:
+        if self._session is None:
+            raise RuntimeError("looking has not begun")
+        try:
+            async with self._session.get(f"http://{OPERATOR_HOST}:{config.operator_port}/metrics") as response:
+                text = await response.content.read(METRICS_MAX_BYTES)
+        except (aiohttp.ClientError, TimeoutError, OSError):
+            return None
+        return parse_counts(text.decode("utf-8", "replace"))
+
+
+def _sight(report: NodeStatusReport, faults: NodeFaults, counts: Counts | None, now_ms: int) -> NodeSight:
+    status = report.status
+    clock_ms = None if status is None else status.get("now_ms")
+    return NodeSight(
+        name=report.name,
+        running=report.running,
+        paused=faults.paused,
+        status=status,
+        behaviour=faults.behaviour,
+        switched=faults.switched,
+        faults=tuple(word for word in faults.describe() if word not in {"down", "paused"}),
+        counts=None if status is None else counts,
+        clock_off_ms=None if clock_ms is None else int(clock_ms) - now_ms,
+    )

@@ -1,0 +1,143 @@
+"""The picture of a network at one moment, as the page and a recording have it. Must never poll, and never guess.
+
+Pure: it is handed what a look gave, and keeps only the last counts, to make rates of them. A moment is ready for JSON:
+
+    {"at_ms", "final", "final_since_ms", "stuck_since_ms", "nodes": [...], "links": [...]}
+
+Times are ms since 1970 by the console's clock. A node has `name`, `state` and, where it said them, `height`, `final`,
+`lag` (blocks behind the newest final one), `round`, `epoch`, `leader`, `peers`, `waiting`, `suspended`, `clock_off_ms`,
+`clock_set_ms`, `disks`, `behaviour`, `faults`. A link is one direction, and is there unless it is up and quiet: `from`,
+`to`, `state`, `words` (what is wrong on purpose), `sent` and `arrived` (frames a second), `bytes` (a second, arrived) and
+`kinds` (arrived frames a second, by kind).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import msgspec
+
+from network.console.looking import Counts, NodeSight
+from network.observing import STUCK_AFTER_S, NodeLook, NodeRow, Observer, Picture
+from node.p2p.shaping import LinkFault
+
+CLOCK_STEP_MS = 100
+Moment = dict[str, Any]
+_Rates = dict[str, tuple[float, float]]
+
+
+class MomentMaker:
+    """Makes moments of looks, one after another."""
+
+    def __init__(self, now_s: float) -> None:
+        """`now_s` of a clock that never goes back, here and in `take`."""
+        self._observer = Observer(now_s)
+        self._counts: dict[str, tuple[float, Counts]] = {}
+
+    def take(self, sights: Sequence[NodeSight], now_s: float, wall_ms: int) -> Moment:
+        """Return the moment of one look."""
+        looks = [NodeLook(sight.name, sight.running, sight.paused, sight.status, sight.faults) for sight in sights]
+        picture = self._observer.take(looks, now_s)
+        rates = {sight.name: self._rates(sight, now_s) for sight in sights}
+        return {
+            "at_ms": wall_ms,
+            "final": picture.finalized_height,
+            "final_since_ms": _round(wall_ms - picture.finality_age_s * 1000),
+            "stuck_since_ms": _stuck_since(picture, wall_ms),
+            "nodes": [_node(sight, row, picture) for sight, row in zip(sights, picture.rows, strict=True)],
+            "links": _links(sights, rates),
+        }
+
+    def _rates(self, sight: NodeSight, now_s: float) -> dict[tuple[str, str], _Rates]:
+        """Return (peer, direction) -> kind -> (frames, bytes) a second since the last look; nothing at the first."""
+        before = self._counts.pop(sight.name, None)
+        if sight.counts is None:
+            return {}
+        self._counts[sight.name] = (now_s, sight.counts)
+        if before is None or now_s <= before[0]:
+            return {}
+        rates: dict[tuple[str, str], _Rates] = {}
+        for (peer, direction, kind), (frames, size) in sight.counts.items():
+            known_frames, known_size = before[1].get((peer, direction, kind), (0, 0))
+            if frames < known_frames:  # the node was started anew meanwhile
+                known_frames, known_size = 0, 0
+            if frames > known_frames:
+                elapsed_s = now_s - before[0]
+                rates.setdefault((peer, direction), {})[kind] = (
+                    (frames - known_frames) / elapsed_s,
+                    (size - known_size) / elapsed_s,
+                )
+        return rates
+
+
+def _round(time_ms: float) -> int:
+    return round(time_ms / CLOCK_STEP_MS) * CLOCK_STEP_MS
+
+
+def _stuck_since(picture: Picture, wall_ms: int) -> int | None:
+    return None if picture.stuck_s < STUCK_AFTER_S else _round(wall_ms - picture.stuck_s * 1000)
+
+
+def _node(sight: NodeSight, row: NodeRow, picture: Picture) -> dict[str, Any]:
+    switched, status = sight.switched or {}, sight.status or {}
+    lag = None if row.finalized_height is None else picture.finalized_height - row.finalized_height
+    figures = {
+        "height": row.height,
+        "final": row.finalized_height,
+        "lag": lag,
+        "round": row.round,
+        "epoch": row.epoch,
+        "leader": row.leader,
+        "peers": row.peers,
+        "waiting": row.waiting,
+        "suspended": status.get("suspended_height"),
+        "clock_off_ms": None if sight.clock_off_ms is None else _round(sight.clock_off_ms),
+        "clock_set_ms": switched.get("clock_offset_ms") or None,
+        "disks": list(switched.get("disk", ())) or None,
+        "behaviour": sight.behaviour or None,
+        "faults": list(row.faults) or None,
+    }
+    said = {key: value for key, value in figures.items() if value is not None}
+    return {"name": row.name, "state": row.state, **said}
+
+
+def link_state(source: NodeSight, target: NodeSight, fault: LinkFault) -> str:
+    """Say how one direction is: down, cut, lossy, slow, narrow, still (an end is paused) or up."""
+    if not source.running or not target.running:
+        return "down"
+    if not fault.is_sound:
+        ranked = (("cut", fault.cut), ("lossy", fault.loss), ("slow", fault.delay_ms or fault.jitter_ms))
+        return next((word for word, is_so in ranked if is_so), "narrow")
+    if source.paused or target.paused:
+        return "still"
+    is_unconnected = source.status is not None and target.name not in source.status.get("peers", ())
+    return "down" if is_unconnected else "up"
+
+
+def _links(sights: Sequence[NodeSight], rates: Mapping[str, Mapping[tuple[str, str], _Rates]]) -> list[dict[str, Any]]:
+    links = []
+    for source in sights:
+        faults = (source.switched or {}).get("links", {})
+        for target in sights:
+            if target is source:
+                continue
+            fault = msgspec.convert(faults.get(target.name, {}), LinkFault)
+            sent = rates[source.name].get((target.name, "sent"), {})
+            arrived = rates[target.name].get((source.name, "received"), {})
+            link: dict[str, Any] = {"from": source.name, "to": target.name}
+            link["state"] = link_state(source, target, fault)
+            if not fault.is_sound:
+                link["words"] = fault.describe()
+            if sent or arrived:
+                link["sent"] = _sum(sent, 0)
+                link["arrived"] = _sum(arrived, 0)
+                link["bytes"] = round(_sum(arrived, 1))
+                link["kinds"] = {kind: round(rate, 1) for kind, (rate, _) in sorted(arrived.items())}
+            if len(link) > 3 or link["state"] != "up":
+                links.append(link)
+    return links
+
+
+def _sum(rates: _Rates, place: int) -> float:
+    return round(sum(rate[place] for rate in rates.values()), 1)

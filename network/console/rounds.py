@@ -1,0 +1,92 @@
+"""Who led, voted and gave up in each round, joined from what every node says of itself. Must never count a word twice.
+
+Pure. A round is `won` once a quorum voted in it, `lost` once a quorum gave it up, `open` while neither is known. What a
+node said before it was killed is known only if it was asked in between.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from network.console.looking import NodeSight
+
+ROUNDS_KEPT_COUNT = 2_000
+_WORDS = {"proposed": "proposed", "voted": "voted", "gave-up": "gave_up"}
+
+
+@dataclass(slots=True)
+class Round:
+    """One round: when it was first seen (the console's clock, ms), its leader, and who said what."""
+
+    epoch: int
+    number: int
+    at_ms: int
+    leader: str | None = None
+    proposed: set[str] = field(default_factory=set)
+    voted: set[str] = field(default_factory=set)
+    gave_up: set[str] = field(default_factory=set)
+
+    def outcome(self, quorum: int) -> str:
+        """Say what came of it."""
+        if len(self.voted) >= quorum:
+            return "won"
+        return "lost" if len(self.gave_up) >= quorum else "open"
+
+    def to_json(self, quorum: int) -> dict[str, Any]:
+        """Return it ready for JSON, names sorted."""
+        return {
+            "epoch": self.epoch,
+            "round": self.number,
+            "at_ms": self.at_ms,
+            "leader": self.leader,
+            "proposed": sorted(self.proposed),
+            "voted": sorted(self.voted),
+            "gave_up": sorted(self.gave_up),
+            "outcome": self.outcome(quorum),
+        }
+
+
+class RoundBook:
+    """The last rounds, oldest first; how many were dropped is counted."""
+
+    def __init__(self, quorum: int, kept_count: int = ROUNDS_KEPT_COUNT) -> None:
+        self.quorum = quorum
+        self.dropped_count = 0
+        self._kept_count = kept_count
+        self._rounds: OrderedDict[tuple[int, int], Round] = OrderedDict()
+        self._floor = (-1, -1)
+
+    def take(self, sights: Sequence[NodeSight], wall_ms: int) -> list[Round]:
+        """Join in what the nodes say; return the rounds of which something is new, oldest first."""
+        changed: dict[tuple[int, int], Round] = {}
+        for sight in sights:
+            for said in (sight.status or {}).get("rounds", ()):
+                place = (int(said["epoch"]), int(said["round"]))
+                if place <= self._floor:
+                    continue
+                known = self._rounds.get(place)
+                if known is None:
+                    known = self._rounds[place] = changed[place] = Round(*place, wall_ms)
+                known.leader = known.leader or said.get("leader")
+                for word, group in _WORDS.items():
+                    names: set[str] = getattr(known, group)
+                    if word in said.get("said", {}) and sight.name not in names:
+                        names.add(sight.name)
+                        changed[place] = known
+        self._drop()
+        return [changed[place] for place in sorted(changed)]
+
+    def _drop(self) -> None:
+        while len(self._rounds) > self._kept_count:
+            oldest = min(self._rounds)
+            self._floor = max(self._floor, oldest)
+            del self._rounds[oldest]
+            self.dropped_count += 1
+
+    def last(self, count: int) -> list[dict[str, Any]]:
+        """Return the newest rounds, ready for JSON, oldest first."""
+        places = sorted(self._rounds)[-count:]
+        return [self._rounds[place].to_json(self.quorum) for place in places]

@@ -1,0 +1,74 @@
+"""What the console's page asks its own server: what is, and what is to be done. Must never answer who has no session.
+
+The host, the origin and the session are checked by `pages/local_page.py` before anything here is called.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from aiohttp import web
+
+from consensus.errors import BlockRobotError
+from network.console.live import LiveConsole, describe_plan
+from pages.local_page import LocalRoute, read_object
+
+NEWS_WAIT_S = 5.0
+PLAN_MAX_CHARS = 256 * 1024
+
+
+def console_routes(console: LiveConsole) -> list[LocalRoute]:
+    """Return the console's routes."""
+
+    async def choices(_request: web.Request) -> web.Response:
+        return web.json_response(console.choices())
+
+    async def now(request: web.Request) -> web.Response:
+        """The newest moment, as soon as it is newer than `after`; the events behind `events`."""
+        await console.wait_beyond(_number(request, "after"), NEWS_WAIT_S)
+        return web.json_response(console.now(_number(request, "events")))
+
+    async def fault(request: web.Request) -> web.Response:
+        return web.json_response({"done": await console.do(await read_object(request))})
+
+    async def check_plan(request: web.Request) -> web.Response:
+        return web.json_response(describe_plan(console.read_plan(await _plan_text(request))))
+
+    async def start_plan(request: web.Request) -> web.Response:
+        return web.json_response(console.start_plan(await _plan_text(request)), status=202)
+
+    async def stop_plan(_request: web.Request) -> web.Response:
+        console.stop_plan()
+        return web.json_response({"stopped": True})
+
+    async def export(_request: web.Request) -> web.Response:
+        """The run so far. It is handed to the page as bytes, never as a page of this origin."""
+        name = f"blockrobot-run-{datetime.now(UTC):%Y%m%d-%H%M%S}.html"
+        headers = {"Content-Disposition": f'attachment; filename="{name}"'}
+        return web.Response(body=console.export().encode(), content_type="application/octet-stream", headers=headers)
+
+    return [
+        LocalRoute("GET", "/api/choices", choices),
+        LocalRoute("GET", "/api/now", now),
+        LocalRoute("POST", "/api/faults", fault),
+        LocalRoute("POST", "/api/plans/check", check_plan),
+        LocalRoute("POST", "/api/plans", start_plan),
+        LocalRoute("POST", "/api/plans/stop", stop_plan),
+        LocalRoute("POST", "/api/export", export),
+    ]
+
+
+def _number(request: web.Request, name: str) -> int:
+    text = request.query.get(name, "0")
+    if not text.isascii() or not text.isdigit() or len(text) > 15:
+        raise BlockRobotError("REQUEST_INVALID", f"{name} is no whole number.")
+    return int(text)
+
+
+async def _plan_text(request: web.Request) -> str:
+    body: dict[str, Any] = await read_object(request)
+    text = body.get("text")
+    if not isinstance(text, str) or len(text) > PLAN_MAX_CHARS:
+        raise BlockRobotError("REQUEST_INVALID", f"A plan is a text of up to {PLAN_MAX_CHARS} characters.")
+    return text

@@ -1,0 +1,87 @@
+"""Serves the console of one network until it is told to stop. Must never stop the network with it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import webbrowser
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from network.cluster import Cluster
+from network.console.live import CONSOLE_ASSETS, LiveConsole
+from network.console.routes import console_routes
+from pages.local_page import LocalPage, Opened
+from pages.serving import Assets
+
+TITLE = "BlockRobot: cluster console"
+
+
+async def serve_console(
+    cluster: Cluster, *, redirect_folder: Path, opened: Callable[[Opened], None], is_interactive: bool = False
+) -> None:
+    """Serve until SIGINT or SIGTERM. `opened` hears where the page is, and of each new link.
+
+    With `is_interactive`, Enter at the terminal makes a new link: each opens the page once.
+    """
+    loop, stop, again = asyncio.get_running_loop(), asyncio.Event(), asyncio.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, stop.set)
+    console = LiveConsole(cluster)
+    page = LocalPage(Assets(CONSOLE_ASSETS), console_routes(console), redirect_folder=redirect_folder, title=TITLE)
+    watching = loop.create_task(console.run(), name="console")
+    try:
+        opened(await page.start())
+        with _enter_key(again.set) if is_interactive else contextlib.nullcontext():
+            await _until_stopped(page, opened, stop, again)
+    finally:
+        await console.close()
+        watching.cancel()
+        await asyncio.gather(watching, return_exceptions=True)
+        await page.stop()
+
+
+async def _until_stopped(
+    page: LocalPage, opened: Callable[[Opened], None], stop: asyncio.Event, again: asyncio.Event
+) -> None:
+    stopping = asyncio.create_task(stop.wait())
+    try:
+        while not stop.is_set():
+            asked = asyncio.create_task(again.wait())
+            await asyncio.wait({stopping, asked}, return_when=asyncio.FIRST_COMPLETED)
+            asked.cancel()
+            if again.is_set() and not stop.is_set():
+                again.clear()
+                opened(Opened(url=page.url, redirect_file=await page.new_link()))
+    finally:
+        stopping.cancel()
+
+
+@contextlib.contextmanager
+def _enter_key(pressed: Callable[[], None]) -> Iterator[None]:
+    """While inside, call `pressed` for each line at the terminal; not if there is none."""
+    if not sys.stdin.isatty():
+        yield
+        return
+    loop, keyboard = asyncio.get_running_loop(), sys.stdin.fileno()
+
+    def read() -> None:
+        if os.read(keyboard, 1024):
+            pressed()
+        else:
+            loop.remove_reader(keyboard)  # the terminal is gone
+
+    loop.add_reader(keyboard, read)
+    try:
+        yield
+    finally:
+        loop.remove_reader(keyboard)
+
+
+def open_in_browser(file: Path) -> bool:
+    """Let the user's browser open a file, if there is a screen for one. Its name alone stands in a command line."""
+    has_screen = sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
+    return has_screen and webbrowser.open(file.resolve().as_uri())

@@ -1,0 +1,141 @@
+"""A moment holds what the nodes said, and rates made of their counts."""
+
+from __future__ import annotations
+
+import pytest
+
+from network.console.looking import parse_counts
+from network.console.moments import Moment, MomentMaker, link_state
+from node.p2p.shaping import SOUND, LinkFault
+from tests.unit.network.console.sights import sight, sights, stopped
+
+WALL_MS = 1_700_000_000_000
+Counts = dict[tuple[str, str, str], tuple[int, int]]
+
+
+def _link(moment: Moment, source: str, target: str) -> dict[str, object] | None:
+    return next((link for link in moment["links"] if (link["from"], link["to"]) == (source, target)), None)
+
+
+def test_a_quiet_network_has_no_links_to_tell_of() -> None:
+    moment = MomentMaker(0.0).take(sights(), 1.0, WALL_MS)
+    assert moment["links"] == []
+    assert (moment["final"], moment["stuck_since_ms"]) == (10, None)
+    assert moment["nodes"][0] == {
+        "name": "node-1",
+        "state": "signing",
+        "height": 11,
+        "final": 10,
+        "lag": 0,
+        "round": 12,
+        "epoch": 0,
+        "leader": "node-1",
+        "peers": 3,
+        "waiting": 0,
+    }
+
+
+def test_rates_are_counts_by_the_seconds_between_two_looks() -> None:
+    maker = MomentMaker(0.0)
+    first: Counts = {("node-2", "sent", "vote"): (10, 1_000)}
+    heard: Counts = {("node-1", "received", "vote"): (10, 1_000)}
+    maker.take(sights(node_1={"counts": first}, node_2={"counts": heard}), 1.0, WALL_MS)
+    first = {("node-2", "sent", "vote"): (30, 3_000), ("node-2", "sent", "proposal"): (2, 9_000)}
+    heard = {("node-1", "received", "vote"): (20, 2_000), ("node-1", "received", "proposal"): (2, 9_000)}
+    moment = maker.take(sights(node_1={"counts": first}, node_2={"counts": heard}), 3.0, WALL_MS + 2_000)
+    assert _link(moment, "node-1", "node-2") == {
+        "from": "node-1",
+        "to": "node-2",
+        "state": "up",
+        "sent": 11.0,
+        "arrived": 6.0,
+        "bytes": 5_000,
+        "kinds": {"proposal": 1.0, "vote": 5.0},
+    }
+    assert _link(moment, "node-2", "node-1") is None
+
+
+def test_a_node_that_was_started_anew_counts_from_nothing() -> None:
+    maker = MomentMaker(0.0)
+    maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (500, 1)}}), 1.0, WALL_MS)
+    moment = maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (4, 1)}}), 3.0, WALL_MS)
+    link = _link(moment, "node-1", "node-2")
+    assert link is not None
+    assert link["sent"] == 2.0
+
+
+def test_what_is_sent_into_a_cut_does_not_arrive() -> None:
+    maker = MomentMaker(0.0)
+    cut = {"links": {"node-2": {"cut": True}}}
+    maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (0, 0)}, "switched": cut}), 1.0, WALL_MS)
+    moment = maker.take(sights(node_1={"counts": {("node-2", "sent", "vote"): (8, 1)}, "switched": cut}), 2.0, WALL_MS)
+    link = _link(moment, "node-1", "node-2")
+    assert link is not None
+    assert (link["state"], link["words"], link["sent"], link["arrived"]) == ("cut", "cut", 8.0, 0)
+
+
+def test_a_node_that_is_down_says_nothing_and_its_links_are_down_both_ways() -> None:
+    moment = MomentMaker(0.0).take(sights(node_2=stopped()), 1.0, WALL_MS)
+    assert moment["nodes"][1] == {"name": "node-2", "state": "stopped"}
+    for other in ("node-1", "node-3", "node-4"):
+        for link in (_link(moment, "node-2", other), _link(moment, other, "node-2")):
+            assert link is not None
+            assert link["state"] == "down"
+
+
+@pytest.mark.parametrize(
+    ("fault", "state"),
+    [
+        (SOUND, "up"),
+        (LinkFault(cut=True), "cut"),
+        (LinkFault(loss=0.1, delay_ms=5), "lossy"),
+        (LinkFault(delay_ms=5, bandwidth_bytes_per_s=5), "slow"),
+        (LinkFault(jitter_ms=5), "slow"),
+        (LinkFault(bandwidth_bytes_per_s=5), "narrow"),
+    ],
+)
+def test_a_links_state_is_named_by_the_worst_that_is_wrong(fault: LinkFault, state: str) -> None:
+    assert link_state(sight("node-1"), sight("node-2"), fault) == state
+
+
+def test_a_paused_end_keeps_a_link_still_and_a_peer_that_is_not_connected_is_down() -> None:
+    assert link_state(sight("node-1", paused=True), sight("node-2"), SOUND) == "still"
+    assert link_state(sight("node-1", status={"peers": ["node-3"]}), sight("node-2"), SOUND) == "down"
+    assert link_state(sight("node-1", status=None), sight("node-2"), SOUND) == "up"
+
+
+def test_clocks_disks_lies_lag_and_suspension_stand_at_the_node() -> None:
+    changes = {
+        "switched": {"clock_offset_ms": 3_600_000, "disk": ["journal"]},
+        "behaviour": "equivocate",
+        "clock_off_ms": 3_600_049,
+        "faults": ("byzantine: equivocate", "clock +1h", "journal disk full"),
+        "status": {"finalized_height": 7, "suspended_height": 5},
+    }
+    node = MomentMaker(0.0).take(sights(node_4=changes), 1.0, WALL_MS)["nodes"][3]
+    assert (node["clock_set_ms"], node["clock_off_ms"], node["disks"]) == (3_600_000, 3_600_000, ["journal"])
+    assert (node["behaviour"], node["lag"], node["suspended"]) == ("equivocate", 3, 5)
+    assert node["faults"] == ["byzantine: equivocate", "clock +1h", "journal disk full"]
+
+
+def test_work_that_waits_while_nothing_becomes_final_makes_it_stuck() -> None:
+    maker = MomentMaker(0.0)
+    waiting = {"node_1": {"status": {"mempool": 3}}}
+    assert maker.take(sights(**waiting), 1.0, WALL_MS)["stuck_since_ms"] is None
+    assert maker.take(sights(**waiting), 2.5, WALL_MS + 1_500)["stuck_since_ms"] is None
+    assert maker.take(sights(**waiting), 4.0, WALL_MS + 3_000)["stuck_since_ms"] == WALL_MS
+    assert maker.take(sights(), 4.5, WALL_MS + 3_500)["stuck_since_ms"] is None
+
+
+def test_counts_are_read_from_a_nodes_metrics_and_nothing_else_is() -> None:
+    text = "\n".join(
+        (
+            "# TYPE blockrobot_peer_frames_total counter",
+            'blockrobot_peer_frames_total{peer="node-2",direction="sent",kind="vote"} 12',
+            'blockrobot_peer_bytes_total{peer="node-2",direction="sent",kind="vote"} 1400',
+            'blockrobot_peer_frames_total{peer="x\\"y",direction="sent",kind="vote"} 9',
+            "blockrobot_round 7.0",
+        )
+    )
+    assert parse_counts(text) == {("node-2", "sent", "vote"): (12, 1_400)}
+    assert parse_counts("") == {}

@@ -1,0 +1,81 @@
+"""A recording stays within its limit, keeps what is newest, and says what it dropped."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from typing import Any
+
+from network.console.chronicle import make_event
+from network.console.recorder import Recorder
+
+
+def _moment(number: int) -> dict[str, Any]:
+    return {"at_ms": 1_000 * number, "final": number, "nodes": [], "links": [], "padding": "x" * 50}
+
+
+def _kept(recorder: Recorder) -> list[int]:
+    return [moment["final"] for moment in json.loads(recorder.moments_json())]
+
+
+def test_a_moment_in_which_only_the_time_went_on_is_not_kept_twice() -> None:
+    recorder = Recorder()
+    recorder.add(_moment(1), [])
+    recorder.add({**_moment(1), "at_ms": 2_000}, [])
+    recorder.add(_moment(2), [])
+    assert _kept(recorder) == [1, 2]
+    assert recorder.moments_dropped_count == 0
+
+
+def test_memory_is_bounded_and_the_whole_run_stays_the_older_the_coarser() -> None:
+    recorder = Recorder(moments_max_bytes=4_000)
+    for number in range(1_000):
+        recorder.add(_moment(number), [])
+        assert recorder.size_bytes <= 4_000
+    kept = _kept(recorder)
+    assert kept == sorted(kept)
+    assert (kept[0], kept[-1]) == (0, 999)
+    assert recorder.size_bytes == sum(len(json.dumps(_moment(n), separators=(",", ":"))) for n in kept)
+    assert recorder.moments_dropped_count == 1_000 - len(kept)
+    steps = [second - first for first, second in itertools.pairwise(kept)]
+    assert max(steps[: len(steps) // 2]) > max(steps[-5:])
+
+
+def test_what_was_dropped_is_said() -> None:
+    recorder = Recorder(moments_max_bytes=1_000, events_max_count=2)
+    assert recorder.dropped()["words"] == ""
+    for number in range(100):
+        recorder.add(_moment(number), [make_event(number, "node", "news")])
+    dropped = recorder.dropped(rounds_count=7)
+    assert (dropped["events"], dropped["rounds"]) == (98, 7)
+    assert dropped["moments"] == recorder.moments_dropped_count > 0
+    assert dropped["words"].startswith("To stay within its limit the recording dropped ")
+    assert "98 events, 7 rounds" in dropped["words"]
+
+
+def test_events_are_numbered_and_told_from_a_number_on() -> None:
+    recorder = Recorder()
+    recorder.tell(make_event(1, "node", "first"))
+    recorder.tell(make_event(2, "leader", "second"))
+    recorder.tell(make_event(3, "fault", "third"))
+    assert [event["text"] for event in recorder.events_after(0)] == ["first", "second", "third"]
+    assert [event["text"] for event in recorder.events_after(2)] == ["third"]
+    assert recorder.events_after(3) == []
+    assert recorder.last_event_number == 3
+
+
+def test_who_leads_drives_no_fault_out_of_the_time_line() -> None:
+    recorder = Recorder(events_max_count=5, routine_max_count=2)
+    recorder.tell(make_event(0, "fault", "the fault"))
+    for number in range(50):
+        recorder.tell(make_event(number, "leader", f"leader {number}"))
+    assert [event["text"] for event in recorder.events_after(0)] == ["the fault", "leader 48", "leader 49"]
+    assert recorder.events_dropped_count == 48
+
+
+def test_the_newest_moments_stay_even_if_one_alone_is_over_the_limit() -> None:
+    recorder = Recorder(moments_max_bytes=10)
+    for number in range(5):
+        recorder.add(_moment(number), [])
+    assert _kept(recorder)[-1] == 4
+    assert recorder.moments_count <= 3

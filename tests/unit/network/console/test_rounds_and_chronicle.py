@@ -1,0 +1,157 @@
+"""Rounds are joined from what every node says of itself; what is new between two moments is said once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from network.console.chronicle import REPEATED_AFTER_MS, Chronicle, Event, leader_of
+from network.console.moments import MomentMaker
+from network.console.rounds import RoundBook
+from tests.unit.network.console.sights import said, sights, stopped
+
+WALL_MS = 1_700_000_000_000
+QUORUM = 3
+
+
+class _Watcher:
+    """A chronicle fed as the console feeds it, a second a look."""
+
+    def __init__(self) -> None:
+        self.maker, self.book, self.chronicle = MomentMaker(0.0), RoundBook(QUORUM), Chronicle(QUORUM)
+        self.seconds = 0
+
+    def look(self, after_s: int = 1, **changes: Any) -> list[Event]:
+        self.seconds += after_s
+        wall_ms, seen = WALL_MS + 1_000 * self.seconds, sights(**changes)
+        moment = self.maker.take(seen, float(self.seconds), wall_ms)
+        return self.chronicle.take(moment, self.book.take(seen, wall_ms))
+
+
+def _texts(events: list[Event]) -> list[str]:
+    return [f"{event['kind']}: {event['text']}" for event in events]
+
+
+def _all_say(*rounds: dict[str, Any], names: tuple[str, ...] = ("node_1", "node_3", "node_4")) -> dict[str, Any]:
+    return {name: {"status": {"rounds": list(rounds)}} for name in names}
+
+
+def test_words_of_all_nodes_make_one_round() -> None:
+    book = RoundBook(QUORUM)
+    book.take(sights(node_1={"status": {"rounds": [said(5, "proposed", "voted")]}}), WALL_MS)
+    book.take(sights(**_all_say(said(5, "voted"), names=("node_2", "node_3"))), WALL_MS + 500)
+    assert book.last(10) == [
+        {
+            "epoch": 0,
+            "round": 5,
+            "at_ms": WALL_MS,
+            "leader": "node-1",
+            "proposed": ["node-1"],
+            "voted": ["node-1", "node-2", "node-3"],
+            "gave_up": [],
+            "outcome": "won",
+        }
+    ]
+
+
+def test_a_round_that_a_quorum_gave_up_is_lost_and_one_of_which_little_is_known_is_open() -> None:
+    book = RoundBook(QUORUM)
+    book.take(sights(**_all_say(said(5, "gave-up"), said(6, "voted")), node_2=stopped()), WALL_MS)
+    book.take(sights(node_2={"status": {"rounds": [said(7, "voted")]}}), WALL_MS)
+    assert [(row["round"], row["outcome"]) for row in book.last(10)] == [(5, "lost"), (6, "won"), (7, "open")]
+
+
+def test_only_what_is_new_is_handed_on_and_old_rounds_are_dropped_and_never_come_back() -> None:
+    book = RoundBook(QUORUM, kept_count=2)
+    rounds = [said(number, "voted") for number in (1, 2, 3)]
+    assert [entry.number for entry in book.take(sights(**_all_say(*rounds)), WALL_MS)] == [1, 2, 3]
+    assert book.dropped_count == 1
+    assert book.take(sights(**_all_say(*rounds)), WALL_MS) == []
+    assert [row["round"] for row in book.last(10)] == [2, 3]
+
+
+def test_rounds_of_epochs_stand_in_order() -> None:
+    book = RoundBook(QUORUM)
+    book.take(sights(**_all_say(said(1, "voted", epoch=1), said(40, "voted"))), WALL_MS)
+    assert [(row["epoch"], row["round"]) for row in book.last(10)] == [(0, 40), (1, 1)]
+
+
+def test_the_first_look_says_how_it_stands_and_the_same_again_is_no_news() -> None:
+    watcher = _Watcher()
+    assert _texts(watcher.look()) == [
+        "node: The recording begins: node-1 signing, node-2 signing, node-3 signing, node-4 signing."
+    ]
+    assert watcher.look() == []
+
+
+def test_a_node_that_stops_and_comes_back_is_told_once_each() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    assert _texts(watcher.look(node_2=stopped())) == ["node: node-2 is stopped."]
+    assert watcher.look(node_2=stopped()) == []
+    back = watcher.look()
+    assert _texts(back) == ["node: node-2 is signing, final height 10."]
+    assert (back[0]["tone"], back[0]["nodes"]) == ("good", ["node-2"])
+
+
+def test_faults_are_told_when_they_come_and_when_they_go_whoever_switched_them() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    changed = watcher.look(node_3={"faults": ("clock +1h", "-> node-1: cut")})
+    assert _texts(changed) == ["fault: On at node-3: clock +1h; -> node-1: cut."]
+    assert _texts(watcher.look(node_3={"faults": ("clock +1h",)})) == ["fault: Off at node-3: -> node-1: cut."]
+
+
+def test_a_lost_round_is_told_with_its_leader_and_who_gave_it_up() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    events = watcher.look(node_2=stopped(), **_all_say(said(9, "gave-up", leader="node-2")))
+    assert "timeout: Round 9 (leader node-2) was given up by node-1, node-3, node-4." in _texts(events)
+
+
+def test_a_round_that_few_gave_up_is_told_once_later_rounds_are_under_way() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    assert watcher.look(node_1={"status": {"rounds": [said(9, "gave-up")]}}) == []
+    events = watcher.look(node_1={"status": {"rounds": [said(9, "gave-up"), said(10, "voted")]}})
+    assert _texts(events) == ["timeout: Round 9 (leader node-1) was given up by node-1."]
+
+
+def test_the_next_lost_rounds_of_a_dead_leader_are_told_together() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    rounds = [said(number, "gave-up", leader="node-2") for number in (9, 13, 17)]
+    told = [_texts(watcher.look(**_all_say(*rounds[:count]))) for count in (1, 2, 3)]
+    assert [len(texts) for texts in told] == [1, 0, 0]
+    later = watcher.look(after_s=REPEATED_AFTER_MS // 1_000, **_all_say(*rounds))
+    assert _texts(later) == ["timeout: 2 more of node-2's rounds were given up (13 to 17)."]
+    assert watcher.look(after_s=REPEATED_AFTER_MS // 1_000, **_all_say(*rounds)) == []
+
+
+def test_suspension_epochs_connections_and_leaders_are_told() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    status = {"suspended_height": 10, "epoch": 1, "peers": ["node-1"], "leader": "node-3", "round": 13}
+    kinds = {event["kind"]: event["text"] for event in watcher.look(node_4={"status": status})}
+    assert kinds["suspension"] == "node-4 is suspended since height 10 and leads nothing."
+    assert kinds["epoch"] == "node-4 is in epoch 1."
+    assert kinds["link"] == "node-4 is connected with 1 others."
+    assert kinds["leader"] == "node-3 leads round 13."
+    assert any(event["text"] == "node-4 is no longer suspended." for event in watcher.look())
+
+
+def test_a_stall_of_finality_is_told_when_it_begins_and_when_it_ends() -> None:
+    watcher = _Watcher()
+    waiting = {"node_1": {"status": {"mempool": 2}}}
+    watcher.look()
+    told = [text for _ in range(5) for text in _texts(watcher.look(**waiting))]
+    assert told == ["finality: Nothing became final for 2.0 s, and work waits."]
+    assert _texts(watcher.look(node_1={"status": {"finalized_height": 12}}))[-1].startswith(
+        "finality: Final again at height 12, after"
+    )
+
+
+def test_who_leads_is_what_the_node_in_the_highest_round_says() -> None:
+    seen = sights(node_2={"status": {"leader": "node-4", "round": 20}}, node_3=stopped())
+    assert leader_of(MomentMaker(0.0).take(seen, 1.0, WALL_MS)) == ("node-4", 20)
+    none = sights(node_1=stopped(), node_2=stopped(), node_3=stopped(), node_4=stopped())
+    assert leader_of(MomentMaker(0.0).take(none, 1.0, WALL_MS)) == (None, -1)
