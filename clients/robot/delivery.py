@@ -36,6 +36,8 @@ OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
 """The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
 
 _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
+_KEY_SPENT = "GRANT_EXISTS"
+"""Somebody who saw the announcement on its way shared something with the visit's key first: it is no visit's ever."""
 
 _OPEN_VISIT = "open_visit"
 
@@ -123,7 +125,7 @@ class Delivery:
         self._destroying = asyncio.Lock()  # one at a time: threads are wanted for the picture work
         self._finishing: set[asyncio.Task[None]] = set()
         self.failure: BaseException | None = None
-        self.overdue_count = 0
+        self.let_go_count = 0
 
     def start(self, name: str) -> None:
         """Begin to deliver a clip of the spool."""
@@ -286,11 +288,11 @@ class Delivery:
             if error.code == "CLIP_ERASED":
                 # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
                 self._spool.remove(name)
-            elif self._is_overdue(clip, error):
+            elif error.context.get("contract_code") == _KEY_SPENT or self._is_overdue(clip, error):
                 # No chain will ever take it, and its pictures must not outlive their owner's say: she sees a gap.
-                _log.error("clip_overdue", bucket_ms=clip.bucket_ms)
+                _log.error("clip_let_go", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
                 self._spool.remove(name)
-                self.overdue_count += 1
+                self.let_go_count += 1
             else:
                 raise
             self._done_counts[clip.owner] += 1

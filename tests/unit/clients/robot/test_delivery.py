@@ -20,6 +20,7 @@ from clients.robot.delivery import (
     Delivered,
     Delivery,
 )
+from clients.robot.open_visits import OpenVisits
 from clients.robot.spool import Spool, SpooledClip
 from consensus.errors import BlockRobotError
 from consensus.primitives.keys import PrivateKey
@@ -374,8 +375,26 @@ def test_a_clip_that_waited_too_long_for_any_chain_is_let_go_and_counted(tmp_pat
     run = Run(tmp_path, clips=2)
     run.network.verdict = code
 
-    assert run_virtual(run.deliver_all()).overdue_count == 2
+    assert run_virtual(run.deliver_all()).let_go_count == 2
     assert (run.spool.names(), run.done) == ([], [])
+
+
+def test_a_visit_whose_key_somebody_spent_first_stops_no_robot(tmp_path: Path) -> None:
+    """Who sees announcements on their way could otherwise end every run of it, for good."""
+    run = Run(tmp_path / "spool", clips=2)
+    owner = run.spool.get(run.names[0]).owner
+    run.network.verdict = "GRANT_EXISTS"
+
+    async def main() -> dict[bytes, int]:
+        delivery = await run.deliver_all()
+        visits = OpenVisits(tmp_path / "visits", KEY)
+        visits.count(owner, 2)
+        await delivery.close_visits(visits)
+        assert delivery.let_go_count == 2
+        return visits.counts
+
+    assert run_virtual(main()) == {}
+    assert (run.spool.names(), run.done, run.network.closed) == ([], [], {})
 
 
 def test_a_fresh_clip_that_the_chain_calls_too_old_or_ahead_is_kept(tmp_path: Path) -> None:
