@@ -17,6 +17,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from clients.robot.alone import Aloneness
 from clients.robot.batching import Batcher, ReadyClip
@@ -320,18 +321,25 @@ def _encode(pixels: Any, *, exact: bool) -> bytes:
     return bytes(data.tobytes())
 
 
+def cut_colour(colour: npt.NDArray[np.uint8], cut: Cut) -> npt.NDArray[np.uint8]:
+    """Return the box of a depth cut out of a colour image that shows the same (blue first): blue, green, red, alpha.
+
+    Whatever is not the owner's is 0 in all four.
+    """
+    depth = np.asarray(cv2.imdecode(np.frombuffer(cut.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
+    own = np.zeros((cut.height, cut.width, 4), np.uint8)
+    mask = depth > 0
+    own[mask, :3] = colour[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width][mask]
+    own[mask, 3] = 255
+    return own
+
+
 def _cut_out(kept: Kept, waiting: _Waiting) -> SenseKept:
     """Return what is kept for one person: of registered colour the pixels of her silhouette, else all of it."""
     cut, width, height = kept.cut, waiting.width, waiting.height
     if waiting.encoding == ENCODING_PNG_RGBA:
-        colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR))
-        depth = np.asarray(cv2.imdecode(np.frombuffer(cut.pixels_png, np.uint8), cv2.IMREAD_UNCHANGED))
-        own = np.zeros((cut.height, cut.width, 4), np.uint8)
-        box = colour[cut.y : cut.y + cut.height, cut.x : cut.x + cut.width]
-        mask = depth > 0
-        own[mask, :3] = box[mask]
-        own[mask, 3] = 255
-        cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(own, exact=True))
+        colour = np.asarray(cv2.imdecode(np.frombuffer(waiting.data, np.uint8), cv2.IMREAD_COLOR), dtype=np.uint8)
+        cut = Cut(cut.x, cut.y, cut.width, cut.height, _encode(cut_colour(colour, cut), exact=True))
     return SenseKept(kept.sequence, kept.captured_at_ms, kept.alias, cut, kept.alone, waiting.encoding, width, height)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import click
@@ -234,6 +235,32 @@ def companions_command(scenes: int, seed: int, workers: int | None, as_json: boo
     from network.bench.companions import judge_companions  # noqa: PLC0415 - only when it is needed
 
     _finish(judge_companions(seed, scenes=scenes, workers=workers), as_json=as_json)
+
+
+@bench.command("pedestrians")
+@click.option("--tags", default=12, show_default=True, type=click.IntRange(1, 64), help="Drawn tags.")
+@click.option(
+    "--seed", default=1, show_default=True, type=click.IntRange(0, 2**31), help="What the readings are drawn from."
+)
+@click.option(
+    "--film", default=None, type=click.Path(path_type=Path), help="The film. [default: opencv-doc's vtest.avi]"
+)
+@click.option("--picture", default=None, type=click.Path(path_type=Path), help="Write what is shown to whom, as a PNG.")
+@json_option
+@plain_errors
+def pedestrians_command(tags: int, seed: int, film: Path | None, picture: Path | None, as_json: bool) -> None:
+    """Measure how many real pedestrians stay visible to whom, on a film of them.
+
+    The film is vtest.avi of Debian's opencv-doc: colour without depth, from a high camera. Depth is worked out from flat
+    ground, tags are drawn for those who are followed longest. Exits 1 if anybody is visible to somebody else.
+
+    Example: blockrobot bench pedestrians --picture shown.png
+    """
+    from network.bench.pedestrians.film import FILM  # noqa: PLC0415 - only when it is needed
+    from network.bench.pedestrians.judge import judge_pedestrians  # noqa: PLC0415
+
+    result = judge_pedestrians(seed, tags=tags, film_file=film or FILM, picture=picture, tell=_Teller())
+    _finish(result, as_json=as_json)
 
 
 @bench.command("robot")
