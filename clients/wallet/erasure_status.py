@@ -46,13 +46,14 @@ class AskedErasure:
 
 async def find_erasures(wallet: Wallet, now_ms: int) -> list[AskedErasure]:
     """Return every erasure that was asked for in this person's name, the oldest first."""
-    names = custodian_names(wallet)
-    found = [
-        describe_erasure(report, asked, names, now_ms)
-        for visit in await wallet.scan()
-        for report, asked in await read_erasures(wallet, visit)
-    ]
+    found = [each for visit in await wallet.scan() for each in await find_erasures_of(wallet, visit, now_ms)]
     return sorted(found, key=lambda each: each.asked_at_ms)
+
+
+async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> list[AskedErasure]:
+    """Return every erasure that was asked for of one visit, the oldest first."""
+    names = custodian_names(wallet)
+    return [describe_erasure(report, asked, names, now_ms) for report, asked in await read_erasures(wallet, visit)]
 
 
 def custodian_names(wallet: Wallet) -> dict[bytes, str]:

@@ -1,0 +1,93 @@
+"""What a page may send: each field by name and type. Must never pass on a value that is not of the kind it should be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from consensus.errors import BlockRobotError
+
+TEXT_MAX_CHARS = 1_024
+IDS_MAX_COUNT = 5_000
+NUMBER_MAX = 1 << 53
+
+
+def _refuse(detail: str) -> BlockRobotError:
+    return BlockRobotError("REQUEST_INVALID", detail)
+
+
+class Asked:
+    """The fields of a request's body or query. Whatever is left over in the end is refused by `end`."""
+
+    def __init__(self, fields: Mapping[str, Any]) -> None:
+        self._fields = dict(fields)
+
+    def has(self, name: str) -> bool:
+        """Tell whether a field is still there, and says something."""
+        return self._fields.get(name) not in (None, "", [])
+
+    def text(self, name: str, default: str | None = None, *, max_chars: int = TEXT_MAX_CHARS) -> str:
+        """Return a text. Raises REQUEST_INVALID if it is missing and there is no `default`."""
+        value = self._fields.pop(name, None)
+        if value is None:
+            value = default
+        if not isinstance(value, str) or len(value) > max_chars:
+            raise _refuse(f"{name} is missing, or no text of at most {max_chars} characters.")
+        return value
+
+    def number(self, name: str, default: int | None = None, *, least: int = 0, most: int = NUMBER_MAX) -> int:
+        """Return a whole number between `least` and `most`; a query has it as digits."""
+        value = self._fields.pop(name, None)
+        if value is None or value == "":
+            value = default
+        if isinstance(value, str) and value.isascii() and value.isdigit() and len(value) <= 16:
+            value = int(value)
+        if not isinstance(value, int) or isinstance(value, bool) or not least <= value <= most:
+            raise _refuse(f"{name} is missing, or no whole number from {least} to {most}.")
+        return value
+
+    def flag(self, name: str, default: bool) -> bool:
+        """Return yes or no; a query has them as 1 and 0."""
+        value = self._fields.pop(name, default)
+        if isinstance(value, str):
+            value = {"1": True, "0": False, "true": True, "false": False}.get(value)
+        if not isinstance(value, bool):
+            raise _refuse(f"{name} is neither true nor false.")
+        return value
+
+    def texts(self, name: str) -> list[str]:
+        """Return a list of texts, empty if there is none."""
+        value = self._fields.pop(name, None) or []
+        if (
+            not isinstance(value, list)
+            or len(value) > IDS_MAX_COUNT
+            or not all(isinstance(each, str) for each in value)
+        ):
+            raise _refuse(f"{name} is no list of texts.")
+        return list(dict.fromkeys(value))
+
+    def numbers(self, name: str) -> list[int]:
+        """Return a list of whole numbers from 0 on, in order, empty if there is none."""
+        value = self._fields.pop(name, None) or []
+        if not isinstance(value, list) or len(value) > IDS_MAX_COUNT:
+            raise _refuse(f"{name} is no list of numbers.")
+        if not all(isinstance(each, int) and not isinstance(each, bool) and 0 <= each < NUMBER_MAX for each in value):
+            raise _refuse(f"{name} is no list of numbers.")
+        return sorted(set(value))
+
+    def ids(self, name: str) -> list[bytes]:
+        """Return a list of ids from their hexadecimal digits."""
+        return [read_id(text) for text in self.texts(name)]
+
+    def end(self) -> None:
+        """Refuse what nobody asked about."""
+        if self._fields:
+            raise _refuse(f"Nothing is known of {', '.join(sorted(self._fields))[:200]}.")
+
+
+def read_id(text: str) -> bytes:
+    """Return an id from its hexadecimal digits. Raises REQUEST_INVALID."""
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise _refuse("An id is written in hexadecimal digits.") from None

@@ -1,0 +1,148 @@
+"""Opening records in the page: asked for on the chain, fetched, checked, opened. Must never show what is unproven."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from aiohttp import web
+
+from clients.sdk.picture import Depth
+from clients.wallet.auditing import audit_visit
+from clients.wallet.page.answering import accepted, answer_json, body_of, query_of, route
+from clients.wallet.page.clips import RECORDS_MAX_COUNT, OpenClip, little_endian
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.seals import seal_json, verified_block
+from clients.wallet.page.session import PageSession
+from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
+from consensus.records.renditions import ENCODING_PNG16
+from pages.local_page import LocalRoute
+
+WIDTH_HEADER, HEIGHT_HEADER = "X-BlockRobot-Width", "X-BlockRobot-Height"
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    frame = "/api/clips/{clip}/frames/{number}"
+    return [
+        route(session, "POST", "/api/clips", _open),
+        route(session, "GET", "/api/clips/{clip}", _clip),
+        route(session, "DELETE", "/api/clips/{clip}", _forget),
+        route(session, "GET", f"{frame}/depth", _depth),
+        route(session, "GET", f"{frame}/file", _file),
+        route(session, "GET", f"{frame}/depth.png", _own_png),
+    ]
+
+
+async def _open(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    ids, purpose, verify = (
+        asked.ids("records"),
+        asked.text("purpose", "own-access"),
+        asked.flag("verify", default=False),
+    )
+    asked.end()
+    entries = [session.snapshot.entry(record_id) for record_id in ids]
+    if not 1 <= len(entries) <= RECORDS_MAX_COUNT:
+        raise BlockRobotError("REQUEST_INVALID", f"Open 1 to {RECORDS_MAX_COUNT} records at a time.")
+    if len({entry.visit.owner for entry in entries}) > 1:
+        raise BlockRobotError("REQUEST_INVALID", "Open records of one visit at a time: together they would be joined.")
+
+    async def work(job: Job) -> dict[str, Any]:
+        return await open_records(session, job, entries, purpose, verify=verify)
+
+    return accepted(session.jobs.start("verify" if verify else "clip", work, stoppable=not verify))
+
+
+async def open_records(
+    session: PageSession, job: Job, entries: list[RecordEntry], purpose: str, *, verify: bool
+) -> dict[str, Any]:
+    """Fetch, check and open records of one visit as they are on the chain now; with `verify` write down what was found."""
+    wallet = session.wallet
+    viewing = Viewing(wallet)
+    job.tell("asking on the ledger", 0, len(entries))
+    entries = await _as_of_now(session, entries)
+    views: list[RecordView] = []
+    rooms: dict[bytes, bytes] = {}
+    async for view in viewing.view_each(entries, purpose, verdict=verify):
+        views.append(view)
+        for frame in view.frames:
+            room = frame.rendition
+            if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
+                continue
+            rooms[room.background_id] = await viewing.background(room, view.entry)
+        job.tell("fetching and checking", len(views), len(entries))
+    written = await _find_written(session, entries) if verify else {}
+    block, now_ms = verified_block(wallet), session.now_ms()
+    seals = [seal_json(view, block, now_ms, written.get(view.entry.record_id)) for view in views]
+    clip = session.clips.add(views, seals, rooms)
+    return {"clip": clip.name, "seals": seals, "frames": len(clip.frames)}
+
+
+async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> list[RecordEntry]:
+    """Return the records as the newest block has them. Raises NOT_FOUND for one that is gone since."""
+    visit = entries[0].visit
+    part = session.snapshot.part_of(visit.owner)
+    if await session.wallet.visit_mark(visit) == part.mark:
+        return entries
+    known = {entry.record_id: entry for entry in (await session.wallet.visit_report(visit)).records}
+    if any(entry.record_id not in known for entry in entries):
+        raise BlockRobotError("CLIP_ERASED", "It was erased a moment ago.")
+    return [known[entry.record_id] for entry in entries]
+
+
+async def _find_written(session: PageSession, entries: list[RecordEntry]) -> dict[bytes, int]:
+    """Return by record where the verdict stands that was put on the chain just now."""
+    trail = await audit_visit(session.wallet, entries[0].visit)
+    return {entry.record_id: entry.height for entry in trail if entry.kind == "verdict"}
+
+
+# What is open
+
+
+def _number(request: web.Request) -> int:
+    text = request.match_info["number"]
+    if not (text.isascii() and text.isdigit() and len(text) < 9):
+        raise BlockRobotError("NOT_FOUND", "There is no such frame.")
+    return int(text)
+
+
+def _clip_of(session: PageSession, request: web.Request) -> OpenClip:
+    return session.clips.find(request.match_info["clip"])
+
+
+async def _clip(session: PageSession, request: web.Request) -> web.Response:
+    return answer_json(_clip_of(session, request).as_json())
+
+
+async def _forget(session: PageSession, request: web.Request) -> web.Response:
+    session.clips.forget(request.match_info["clip"])
+    return answer_json({})
+
+
+async def _depth(session: PageSession, request: web.Request) -> web.Response:
+    asked = query_of(request)
+    own = asked.flag("own", default=False)
+    asked.end()
+    clip, number = _clip_of(session, request), _number(request)
+
+    def draw() -> tuple[Depth, bytes]:
+        depth = clip.depth(number, own=own)
+        return depth, little_endian(depth)
+
+    depth, body = await asyncio.to_thread(draw)
+    size = {WIDTH_HEADER: str(depth.shape[1]), HEIGHT_HEADER: str(depth.shape[0])}
+    return web.Response(body=body, headers=size, content_type="application/octet-stream")
+
+
+async def _file(session: PageSession, request: web.Request) -> web.Response:
+    clip, number = _clip_of(session, request), _number(request)
+    media_type, body = await asyncio.to_thread(clip.file, number)
+    return web.Response(body=body, content_type=media_type)
+
+
+async def _own_png(session: PageSession, request: web.Request) -> web.Response:
+    clip, number = _clip_of(session, request), _number(request)
+    return web.Response(body=await asyncio.to_thread(clip.own_png, number), content_type="image/png")

@@ -1,0 +1,166 @@
+"""A person's say, in the page: read, give, refuse, take back. Must never let her give before she was told."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.consenting import Consenting, Word, choice_json, round_period
+from clients.wallet.notice_commands import take_receipt
+from clients.wallet.notices import Notices, Told
+from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.session import PageSession
+from consensus.errors import BlockRobotError
+from consensus.records.consents import GIVEN
+from consensus.records.purposes import PURPOSES
+from consensus.records.rights import OWN_PURPOSES
+from consensus.records.sensors import SENSORS
+from pages.local_page import LocalRoute
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "GET", "/api/consents", _consents),
+        route(session, "POST", "/api/consents/give", _give),
+        route(session, "POST", "/api/consents/refuse", _refuse),
+        route(session, "POST", "/api/consents/withdraw", _withdraw),
+        route(session, "GET", "/api/consents/receipts", _receipts),
+        route(session, "GET", "/api/notice", _notice),
+        route(session, "POST", "/api/notice/shown", _shown),
+    ]
+
+
+def _told(notices: Notices, told: Told) -> dict[str, Any]:
+    return told.as_json() | {"must_show": notices.is_new(told)}
+
+
+async def _consents(session: PageSession, _request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        found, told = await Consenting(wallet).choices(), await notices.current()
+    offered = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
+    return answer_json(
+        {
+            "height": found.height,
+            "choices": [choice_json(row) for row in found.rows],
+            "purposes": {code: PURPOSES.get(code, code) for code in offered},
+            "sensors": SENSORS,
+            "notice": _told(notices, told),
+        }
+    )
+
+
+async def _notice(session: PageSession, _request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        return answer_json(_told(notices, await notices.current()))
+
+
+async def _shown(session: PageSession, request: web.Request) -> web.Response:
+    """Note that a notice was on the screen: the one in force, and no other."""
+    asked = await body_of(request)
+    version = asked.number("version")
+    asked.end()
+    async with session.hold() as wallet:
+        notices = Notices(wallet)
+        told = await notices.current()
+        if told.version == version:
+            notices.note_shown(told)
+    session.look_again()
+    return answer_json(_told(notices, told))
+
+
+async def _give(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    period = round_period(asked.number("from_ms", 0), asked.number("until_ms", 0))
+    version = asked.number("notice_version")
+    asked.end()
+    if not purposes or not sensors:
+        raise BlockRobotError("REQUEST_INVALID", "Say which purposes and which sensors you consent to.")
+    if period[1] and period[1] <= max(period[0], session.now_ms()):
+        raise BlockRobotError("REQUEST_INVALID", "The time until which you consent is over already.")
+
+    async def work(job: Job) -> dict[str, Any]:
+        wallet = session.wallet
+        notices = Notices(wallet)
+        job.tell("reading what you are told")
+        told = await notices.current()
+        if told.version != version:
+            raise BlockRobotError("NOTICE_NOT_SHOWN")
+        notices.note_shown(told)
+        job.tell("writing it into the ledger")
+        word = await Consenting(wallet).give(
+            purposes, sensors, from_ms=period[0], until_ms=period[1], seen_height=told.height
+        )
+        answer = await _said(session, job, word, GIVEN)
+        notices.note_consented(told)
+        return answer
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _refuse(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    asked.end()
+    if not purposes:
+        raise BlockRobotError("REQUEST_INVALID", "Say what you refuse.")
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("writing it into the ledger")
+        return await _said(session, job, await Consenting(session.wallet).refuse(purposes, sensors), "refused")
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _withdraw(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
+    asked.end()
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("writing it into the ledger")
+        return await _said(session, job, await Consenting(session.wallet).withdraw(purposes, sensors), "withdrawn")
+
+    return accepted(session.jobs.start("consent", work))
+
+
+async def _said(session: PageSession, job: Job, word: Word, status: str) -> dict[str, Any]:
+    """Fetch the receipt of a word that is final; without one it counts all the same."""
+    job.tell("fetching the receipt")
+    receipted = await take_receipt(session.wallet, word.txid)
+    return {
+        "txid": word.txid.hex(),
+        "height": word.height,
+        "from_height": word.from_height,
+        "count": word.count,
+        "status": status,
+        "sentence": f"It holds from block {word.from_height} on.",
+        **receipted.as_json(),
+        "receipt_sentence": receipted.line(),
+    }
+
+
+async def _receipts(session: PageSession, _request: web.Request) -> web.Response:
+    async with session.hold() as wallet:
+        found = await ConsentReceipts(wallet).all()
+    rows = [
+        {
+            "time_ms": receipt.word.time_ms,
+            "height": receipt.word.height,
+            "status": receipt.word.status,
+            "purposes": list(receipt.word.purposes),
+            "sensors": list(receipt.word.sensors),
+            "signed_by": receipt.node,
+            "organisation": receipt.organisation,
+            "notice_version": None if receipt.published is None else receipt.published.row.version,
+            "sentence": f"Block {receipt.word.height}, signed by {receipt.node} of {receipt.organisation} and by you.",
+        }
+        for receipt in found.checked
+    ]
+    return answer_json({"receipts": rows, "missing": len(found.missing)})

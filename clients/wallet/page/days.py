@@ -1,0 +1,170 @@
+"""Records by day, robot, sensor and time of day, from what the wallet knows. Must never ask the network.
+
+A day is one of the reader's time zone, by the robot's clock.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+import zoneinfo
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from clients.wallet.page.snapshot import Snapshot, VisitPart
+from clients.wallet.standing_words import standing_json, standing_lines
+from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
+from consensus.records.metadata import NOTICE_SENSOR
+
+_ZONE = re.compile(r"[A-Za-z0-9_+\-]{1,40}(/[A-Za-z0-9_+\-]{1,40}){0,2}", re.ASCII)
+KINDS = {"depth": "depth", "rgb": "picture", "audio": "sound", "emotion": "label", NOTICE_SENSOR: "notice"}
+
+
+def read_zone(name: str) -> datetime.tzinfo | None:
+    """Return a time zone by its name, None for this machine's. Raises REQUEST_INVALID."""
+    if not name:
+        return None
+    try:
+        if _ZONE.fullmatch(name):
+            return zoneinfo.ZoneInfo(name)
+    except (zoneinfo.ZoneInfoNotFoundError, ValueError, OSError):
+        pass
+    raise BlockRobotError("REQUEST_INVALID", f"{name[:40]!r} is no time zone that this machine knows.")
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """Which records somebody wants to see; what is empty or 0 does not matter. Minutes are those of the day."""
+
+    day: str = ""
+    robot: str = ""
+    sensor: str = ""
+    visit: str = ""
+    from_ms: int = 0
+    until_ms: int = 0
+    from_minute: int = 0
+    until_minute: int = 24 * 60
+    zone: datetime.tzinfo | None = None
+
+    def moment(self, entry: RecordEntry) -> datetime.datetime:
+        """Return when a record begins, in the zone."""
+        return datetime.datetime.fromtimestamp(entry.metadata.started_at_ms / 1000, self.zone)
+
+    def takes(self, entry: RecordEntry) -> bool:
+        """Tell whether a record is wanted."""
+        start_ms = entry.metadata.started_at_ms
+        if (
+            (self.robot and entry.visit.robot.hex() != self.robot)
+            or (self.sensor and entry.metadata.sensor != self.sensor)
+            or (self.visit and entry.visit.owner.hex() != self.visit)
+            or start_ms < self.from_ms
+            or (self.until_ms and start_ms >= self.until_ms)
+        ):
+            return False
+        if not self.day and self.from_minute == 0 and self.until_minute >= 24 * 60:
+            return True
+        moment = self.moment(entry)
+        if self.day and moment.date().isoformat() != self.day:
+            return False
+        return self.from_minute <= moment.hour * 60 + moment.minute < self.until_minute
+
+
+def picture_count(entry: RecordEntry) -> int:
+    """Return how many frames of a record there are to see: a notice of withheld frames alone has none."""
+    return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
+
+
+def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEntry]]:
+    """Return the wanted records in order of time."""
+    found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
+    return sorted(found, key=lambda pair: (pair[1].metadata.started_at_ms, pair[1].record_id))
+
+
+def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]:
+    """Return one record as a list shows it."""
+    meta, state = entry.metadata, entry.state
+    verdict = part.verdicts.get(entry.record_id)
+    return {
+        "record_id": entry.record_id.hex(),
+        "visit": entry.visit.owner.hex(),
+        "robot": entry.visit.robot.hex(),
+        "status": state["status"],
+        "sensor": meta.sensor,
+        "kind": KINDS.get(meta.sensor, "picture"),
+        "started_at_ms": meta.started_at_ms,
+        "ended_at_ms": meta.ended_at_ms,
+        "frames": picture_count(entry),
+        "erased_frames": list(state["erased_frames"]),
+        "index_in_visit": meta.index_in_visit,
+        "expires_at_ms": state["expires_at_ms"],
+        "withheld": dict(meta.withheld),
+        "restricted": part.report.standing.restricts(entry.record_id),
+        "denied": bool(part.report.standing.breach_id),
+        "shared": sum(share.grant.is_open(now_ms) and entry.record_id in share.grant.records for share in part.shares),
+        "verdict": None if verdict is None else verdict.verdict,
+        "verdict_at_ms": None if verdict is None else verdict.time_ms,
+        "height": state.get("height"),
+    }
+
+
+def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str) -> dict[str, Any]:
+    """Return a calendar: the days that have records, newest first, and the visits with what is wrong with them."""
+    days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
+    for part, entry in select(snapshot, wanted):
+        days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
+    everything = [entry for part in snapshot.visits for entry in part.report.records]
+    return {
+        "zone": zone_name,
+        "days": [_day_json(day, found) for day, found in sorted(days.items(), reverse=True)],
+        "robots": [
+            {"robot": robot, "name": f"Robot {robot[:8]}"}
+            for robot in sorted({part.report.visit.robot.hex() for part in snapshot.visits})
+        ],
+        "sensors": sorted({entry.metadata.sensor for entry in everything}),
+        "visits": [visit_json(part) for part in snapshot.visits],
+    }
+
+
+def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[str, Any]:
+    entries = [entry for _, entry in found]
+    verdicts = [part.verdicts.get(entry.record_id) for part, entry in found]
+    return {
+        "day": day,
+        "records": len(entries),
+        "pictures": sum(map(picture_count, entries)),
+        "withheld": withheld_count(entries),
+        "erased": sum(len(entry.state["erased_frames"]) for entry in entries),
+        "unsure": sum(verdict is None for verdict in verdicts),
+        "corrupted": sum(verdict is not None and verdict.verdict == "corrupted" for verdict in verdicts),
+        "first_ms": min(entry.metadata.started_at_ms for entry in entries),
+        "last_ms": max(entry.metadata.ended_at_ms for entry in entries),
+        "robots": sorted({entry.visit.robot.hex() for entry in entries}),
+        "sensors": sorted({entry.metadata.sensor for entry in entries}),
+    }
+
+
+def withheld_count(entries: Iterable[RecordEntry]) -> int:
+    """Return how many frames were kept back before these records."""
+    return sum(count for entry in entries for _, count in entry.metadata.withheld)
+
+
+def visit_json(part: VisitPart) -> dict[str, Any]:
+    """Return a visit, and what is missing of it."""
+    report = part.report
+    times = [entry.metadata.started_at_ms for entry in report.records]
+    return {
+        "visit": report.visit.owner.hex(),
+        "robot": report.visit.robot.hex(),
+        "closed": report.closed,
+        "first_ms": min(times, default=report.visit.bucket_ms),
+        "records": len(report.records),
+        "pictures": sum(map(picture_count, report.records)),
+        "missing_records": report.missing_count,
+        "erased_records": len(report.erased_ids),
+        "unreadable_records": len(report.unreadable_ids),
+        "needs_former_words": report.needs_former_words,
+        "standing": standing_json(report.standing),
+        "standing_lines": standing_lines(report.standing),
+    }

@@ -1,0 +1,159 @@
+"""Erasing in the page: what will be gone and what remains, the question, and receipts as they come in.
+
+Must never erase without the passphrase, nor call erased what a custodian has not confirmed.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.erasing import Erasing
+from clients.wallet.erasure_status import AskedErasure, find_erasures_of
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.asking import Asked
+from clients.wallet.page.days import Wanted, picture_count, read_zone, select
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.reading_routes import told_erasure, told_share
+from clients.wallet.page.session import PageSession
+from clients.wallet.sharing import Sharing
+from clients.wallet.wallet import RecordEntry
+from consensus.errors import BlockRobotError
+from pages.local_page import LocalRoute
+
+WAIT_MAX_S = 60.0
+_POLL_S = 0.5
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "POST", "/api/erasures/plan", _plan),
+        route(session, "POST", "/api/erasures", _erase),
+    ]
+
+
+def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> list[RecordEntry]:
+    """Return the records that are meant, without those that are being erased already. Raises NOT_FOUND."""
+    entries = [session.snapshot.entry(record_id) for record_id in ids]
+    if frames:
+        if len(entries) != 1:
+            raise BlockRobotError("REQUEST_INVALID", "Frames can be erased of one record at a time.")
+        if frames[-1] >= entries[0].metadata.frame_count:
+            raise BlockRobotError("REQUEST_INVALID", f"The record has {entries[0].metadata.frame_count} pictures.")
+    return [entry for entry in entries if entry.state["status"] == "active"]
+
+
+def _wanted(session: PageSession, asked: Asked) -> list[bytes]:
+    """Return the ids of what is to be erased: named, of a day, or everything but visits that she denied."""
+    everything, day = asked.flag("all", default=False), asked.text("day", "", max_chars=10)
+    zone, ids = asked.text("zone", ""), asked.ids("records")
+    if everything or day:
+        found = select(session.snapshot, Wanted(day=day, zone=read_zone(zone)))
+        return [entry.record_id for part, entry in found if not part.report.standing.breach_id]
+    return ids
+
+
+async def _plan(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    ids, frames = _wanted(session, asked), asked.numbers("frames")
+    asked.end()
+    entries = _named(session, ids, frames)
+    if not entries:
+        raise BlockRobotError("NOT_FOUND", "There is nothing left to erase.")
+    known = {entry.record_id for entry in entries}
+    recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
+    pictures = len(frames) if frames else sum(map(picture_count, entries))
+    visits = len({entry.visit.owner for entry in entries})
+    now_ms = session.now_ms()
+    return answer_json(
+        {
+            "records": [entry.record_id.hex() for entry in entries],
+            "pictures": pictures,
+            "visits": visits,
+            "gone": [
+                f"{pictures} pictures, sounds or estimates: their keys are destroyed at every custodian first, then the"
+                " data. Nobody can bring them back, not even you.",
+                "What custodians hand out of them to those with whom you shared: nothing, from then on.",
+            ],
+            "remains": [
+                "The trail of what happened: that something was recorded, when, by which robot, who looked, and that you"
+                " erased it. It names nobody.",
+                "Copies that somebody made who had looked before, or that you took along yourself.",
+                "Backups of custodians, locked, until the time that each receipt names.",
+            ],
+            "warnings": [
+                f"This speaks for {visits} of your visits, one right after the other: whoever reads the ledger can tell,"
+                " for ever, that they are one person's. If you mind, erase them hours apart."
+            ][: visits - 1],
+            "recipients": [told_share(share, now_ms) for share in recipients],
+        }
+    )
+
+
+async def _erase(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    passphrase, ids, frames = asked.text("passphrase"), asked.ids("records"), asked.numbers("frames")
+    asked.end()
+    entries = _named(session, ids, frames)
+    if not entries:
+        raise BlockRobotError("NOT_FOUND", "There is nothing left to erase.")
+    await session.gate.require(passphrase)
+
+    async def work(job: Job) -> dict[str, Any]:
+        return await _erase_and_follow(session, job, entries, frames)
+
+    return accepted(session.jobs.start("erase", work))
+
+
+async def _erase_and_follow(
+    session: PageSession, job: Job, entries: list[RecordEntry], frames: list[int]
+) -> dict[str, Any]:
+    wallet = session.wallet
+    job.tell("writing it into the ledger")
+    recipients = await Sharing(wallet).recipients(entries)
+    asked = await Erasing(wallet).request_each(entries, frames)
+    for entry in entries:
+        if open_clip := session.clips.with_record(entry.record_id):
+            session.clips.forget(open_clip)
+    loop = asyncio.get_running_loop()
+    over_at = loop.time() + WAIT_MAX_S
+    while True:
+        found = await _read_asked(session, asked)
+        _tell_receipts(job, found)
+        is_complete = all(each.report.complete for each in found)
+        if is_complete or loop.time() >= over_at:
+            break
+        await asyncio.sleep(_POLL_S)
+    now_ms = session.now_ms()
+    return {
+        "complete": is_complete,
+        "erasures": [told_erasure(each) for each in found],
+        "recipients": [told_share(share, now_ms) for share in recipients],
+        "sentence": "It is erased everywhere."
+        if is_complete
+        else "It is asked for, and not confirmed by all yet: custodians go on by themselves.",
+    }
+
+
+async def _read_asked(session: PageSession, asked: list[tuple[KnownVisit, list[bytes]]]) -> list[AskedErasure]:
+    found = []
+    for visit, ids in asked:
+        every = await find_erasures_of(session.wallet, visit, session.now_ms())
+        found += [each for each in every if each.report.erasure_id in ids]
+    return found
+
+
+def _tell_receipts(job: Job, found: list[AskedErasure]) -> None:
+    rows = [
+        {"erasure_id": each["erasure_id"], **custodian}
+        for each in map(told_erasure, found)
+        for custodian in each["custodians"]
+    ]
+    if rows == job.receipts:
+        return
+    job.receipts = rows
+    job.tell("waiting for receipts", sum(row["confirmed_at_ms"] is not None for row in rows), len(rows))

@@ -1,0 +1,103 @@
+"""Taking along, in the page: the warning, the work, the file. Must never leave the file behind when the page is closed."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import secrets
+from typing import Any
+
+from aiohttp import web
+
+from clients.bundle.writing import write_bundle
+from clients.wallet.export_command import bundle_json, bundle_warning
+from clients.wallet.exporting import Exporting, Wanted
+from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.asking import Asked
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.session import PageSession
+from consensus.errors import BlockRobotError
+from pages.local_page import LocalRoute
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "POST", "/api/exports/plan", _plan),
+        route(session, "POST", "/api/exports", _export),
+        route(session, "GET", "/api/exports/{export}/file", _file),
+        route(session, "DELETE", "/api/exports/{export}", _forget),
+    ]
+
+
+def _read_wanted(asked: Asked) -> tuple[Wanted, bool]:
+    wanted = Wanted(
+        records=tuple(asked.ids("records")),
+        from_ms=asked.number("from_ms", 0),
+        until_ms=asked.number("until_ms", 0),
+        pictures=asked.flag("pictures", default=True),
+        identity=asked.flag("identity", default=True),
+    )
+    if wanted.until_ms and wanted.until_ms <= wanted.from_ms:
+        raise BlockRobotError("REQUEST_INVALID", "The end of the time is not after its beginning.")
+    return wanted, asked.flag("now", default=False)
+
+
+async def _plan(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    wanted, now = _read_wanted(asked)
+    asked.end()
+    async with session.hold() as wallet:
+        plan = await Exporting(wallet, at_once=now).plan(wanted)
+    lines = [line.strip() for line in bundle_warning(plan, now=now)]
+    return answer_json({"visits": len(plan.visits), "records": plan.record_count, "lines": lines})
+
+
+async def _export(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    passphrase = asked.text("passphrase")
+    wanted, now = _read_wanted(asked)
+    asked.end()
+    await session.gate.require(passphrase)
+
+    async def work(job: Job) -> dict[str, Any]:
+        return await _write(session, job, wanted, at_once=now)
+
+    return accepted(session.jobs.start("export", work, stoppable=True))
+
+
+async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: bool) -> dict[str, Any]:
+    """Collect a bundle and write it into the wallet's own folder, for the page to fetch."""
+    loop = asyncio.get_running_loop()
+
+    def heard(what: str, done: int, of: int) -> None:
+        loop.call_soon_threadsafe(job.tell, what, done, of)
+
+    exporting, now_ms = Exporting(session.wallet, heard, at_once=at_once), session.now_ms()
+    plan = await exporting.plan(wanted)
+    contents = await exporting.collect(plan, now_ms)
+    name = secrets.token_hex(8)
+    path = session.folder / f"export-{name}.zip"
+    verdict = await asyncio.to_thread(write_bundle, path, contents, heard=heard)
+    session.exports[name] = path
+    told = bundle_json(path, verdict)
+    day = datetime.datetime.fromtimestamp(now_ms / 1000).astimezone().date().isoformat()
+    kept = ("bytes", "is_complete", "visits", "records", "pictures", "audit_entries", "problems", "proved_until_height")
+    return {
+        "export": name,
+        "name": f"blockrobot-{day}.zip",
+        **{key: told[key] for key in kept},
+        "lines": [f"Missing: {problem['sentence']}" for problem in told["problems"]],
+    }
+
+
+async def _file(session: PageSession, request: web.Request) -> web.StreamResponse:
+    path = session.exports.get(request.match_info["export"])
+    if path is None:
+        raise BlockRobotError("NOT_FOUND", "There is no such file, or not any more.")
+    return web.FileResponse(path, headers={"Content-Type": "application/zip"})
+
+
+async def _forget(session: PageSession, request: web.Request) -> web.Response:
+    session.forget_export(request.match_info["export"])
+    return answer_json({})

@@ -1,0 +1,140 @@
+"""What a page asked for and takes long, one after the other. Must never do two things with one wallet at once.
+
+A job is followed by its revision, which rises with everything that it tells. What failed is told as any refusal is.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import secrets
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+from consensus.errors import BlockRobotError
+
+WAIT_MAX_MS = 25_000
+KEPT_MS = 30 * 60_000
+OPEN_MAX_COUNT = 16
+_log = logging.getLogger("wallet.page")
+Work = Callable[["Job"], Awaitable[dict[str, Any]]]
+
+
+@dataclass
+class Job:
+    """One thing that was asked for. `receipts` are those of custodians, as they come in."""
+
+    name: str
+    kind: str
+    is_stoppable: bool
+    state: str = "waiting"
+    revision: int = 0
+    step: str = ""
+    done: int = 0
+    of: int = 0
+    receipts: list[dict[str, Any]] | None = None
+    result: dict[str, Any] | None = None
+    error: BlockRobotError | None = None
+    ended_ms: int = 0
+    changed: asyncio.Event = field(default_factory=asyncio.Event, repr=False)
+    task: asyncio.Task[None] | None = field(default=None, repr=False)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will come of it."""
+        return self.state in {"done", "failed", "cancelled"}
+
+    def tell(self, step: str, done: int = 0, of: int = 0) -> None:
+        """Say what is being done, and how much of how much is done (0 of 0: unknown)."""
+        self.step, self.done, self.of = step, done, of
+        self.note()
+
+    def note(self) -> None:
+        """Let everybody see that something changed."""
+        self.revision += 1
+        self.changed.set()
+        self.changed = asyncio.Event()
+
+
+class Jobs:
+    """The jobs of one page. `lock` is held while one runs; `after` is called when one has ended."""
+
+    def __init__(self, lock: asyncio.Lock, now_ms: Callable[[], int], after: Callable[[], None]) -> None:
+        self._lock = lock
+        self._now_ms = now_ms
+        self._after = after
+        self._jobs: dict[str, Job] = {}
+
+    @property
+    def are_open(self) -> bool:
+        """Whether any job waits or runs."""
+        return any(not job.is_over for job in self._jobs.values())
+
+    def start(self, kind: str, work: Work, *, stoppable: bool = False) -> Job:
+        """Begin a job as soon as those before it have ended. Raises RATE_LIMITED if too many wait."""
+        now = self._now_ms()
+        for name in [name for name, job in self._jobs.items() if job.is_over and now - job.ended_ms > KEPT_MS]:
+            del self._jobs[name]
+        if sum(not job.is_over for job in self._jobs.values()) >= OPEN_MAX_COUNT:
+            raise BlockRobotError("RATE_LIMITED", "The page has asked for too much at once.")
+        job = Job(secrets.token_hex(8), kind, stoppable)
+        self._jobs[job.name] = job
+        job.task = asyncio.create_task(self._run(job, work))
+        return job
+
+    async def _run(self, job: Job, work: Work) -> None:
+        try:
+            async with self._lock:
+                job.state = "running"
+                job.note()
+                job.result = await work(job)
+            job.state = "done"
+        except asyncio.CancelledError:
+            job.state = "cancelled"
+        except BlockRobotError as error:
+            job.state, job.error = "failed", error
+        except OSError as error:
+            reason = error.strerror or type(error).__name__
+            job.state, job.error = "failed", BlockRobotError("FILE_UNUSABLE", f"{reason}.")
+        except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
+            _log.error("unexpected fault in a job of kind %s: %s", job.kind, type(error).__name__)
+            job.state, job.error = "failed", BlockRobotError("INTERNAL")
+        job.ended_ms = self._now_ms()
+        job.note()
+        self._after()
+
+    def find(self, name: str) -> Job:
+        """Return a job. Raises NOT_FOUND for one that is forgotten."""
+        job = self._jobs.get(name)
+        if job is None:
+            raise BlockRobotError("NOT_FOUND", "There is no such task, or not any more.")
+        return job
+
+    async def wait(self, name: str, after: int, wait_ms: int) -> Job:
+        """Return a job once its revision is beyond `after`, or it is over, or the time is. Raises NOT_FOUND."""
+        job = self.find(name)
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(min(max(wait_ms, 0), WAIT_MAX_MS) / 1000):
+                while job.revision <= after and not job.is_over:
+                    await job.changed.wait()
+        return job
+
+    def cancel(self, name: str) -> Job:
+        """Stop a job that waits, or that changes nothing. Raises NOT_FOUND, JOB_NOT_STOPPABLE."""
+        job = self.find(name)
+        if job.is_over:
+            return job
+        if job.task is None or (job.state == "running" and not job.is_stoppable):
+            raise BlockRobotError("JOB_NOT_STOPPABLE")
+        job.task.cancel()
+        return job
+
+    async def close(self) -> None:
+        """Stop everything."""
+        tasks = [job.task for job in self._jobs.values() if job.task is not None and not job.task.done()]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._jobs.clear()

@@ -1,0 +1,50 @@
+"""The passphrase asked for again, before what cannot be undone. Must never keep or log it, nor let it be tried at will."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+
+from clients.wallet.keystore import Keystore
+from consensus.errors import BlockRobotError
+
+FREE_ATTEMPTS_COUNT = 5
+ATTEMPTS_MAX_COUNT = 10
+LOCK_FIRST_MS = 60_000
+
+
+class PassphraseGate:
+    """Checks a passphrase against an open wallet. `give_up` is called after too many wrong ones."""
+
+    def __init__(self, store: Keystore, now_ms: Callable[[], int], give_up: Callable[[], None]) -> None:
+        self._store = store
+        self._now_ms = now_ms
+        self._give_up = give_up
+        self._wrong_count = 0
+        self._locked_until_ms = 0
+        self._lock = asyncio.Lock()
+
+    async def require(self, passphrase: str) -> None:
+        """Return if the passphrase opens the wallet. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED.
+
+        One is tried at a time, so that many at once gain nothing; each takes as long as opening the wallet.
+        """
+        async with self._lock:
+            left_ms = self._locked_until_ms - self._now_ms()
+            if left_ms > 0:
+                raise BlockRobotError("PASSPHRASE_LOCKED", f"Wait {-(-left_ms // 1000)} seconds before you try again.")
+            if await asyncio.to_thread(self._store.opens_with, passphrase):
+                self._wrong_count = 0
+                return
+            self._wrong_count += 1
+            left = FREE_ATTEMPTS_COUNT - self._wrong_count
+            if self._wrong_count >= ATTEMPTS_MAX_COUNT:
+                self._give_up()
+                raise BlockRobotError("PASSPHRASE_LOCKED", "The passphrase was wrong ten times. This page is closed.")
+            if left > 0:
+                raise BlockRobotError("WALLET_PASSPHRASE_WRONG", f"That is not the passphrase. {left} tries are left.")
+            lock_ms = LOCK_FIRST_MS << -left
+            self._locked_until_ms = self._now_ms() + lock_ms
+            raise BlockRobotError(
+                "PASSPHRASE_LOCKED", f"That is not the passphrase. Wait {lock_ms // 1000} seconds before you try again."
+            )

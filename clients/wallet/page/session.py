@@ -1,0 +1,180 @@
+"""One open wallet behind a page: what it knows, what it does, and who waits for news. Must never do two things at once.
+
+Its keys stay in this process, and nothing that it hands to the page opens anything. While a page listens, the chain is
+read again every few seconds, so that a recording that comes in shows by itself.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import shutil
+import time
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+from clients.wallet.page.clips import Clips
+from clients.wallet.page.jobs import Jobs
+from clients.wallet.page.passphrase import PassphraseGate
+from clients.wallet.page.snapshot import Snapshot, read_snapshot
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+
+READ_EVERY_S = 2.0
+READ_IDLE_EVERY_S = 60.0
+READ_SHARE = 8
+"""Reading takes at most one part in so many of the time."""
+LISTENING_MS = 60_000
+HOLD_MAX_S = 20.0
+NEWS_KEPT_COUNT = 1_000
+_PRIVATE_FOLDER = 0o700
+_log = logging.getLogger("wallet.page")
+
+
+def wall_clock_ms() -> int:
+    """Return this machine's time."""
+    return time.time_ns() // 1_000_000
+
+
+class PageSession:
+    """What stands behind one page. `folder` is this wallet's own, for files that are to be fetched and then go."""
+
+    def __init__(
+        self,
+        wallet: Wallet,
+        profile: str,
+        folder: Path,
+        *,
+        now_ms: Callable[[], int] = wall_clock_ms,
+        read_every_s: float = READ_EVERY_S,
+    ) -> None:
+        self.wallet = wallet
+        self.profile = profile
+        self.folder = folder
+        self.now_ms = now_ms
+        self.lock = asyncio.Lock()
+        self.ended = asyncio.Event()
+        self.jobs = Jobs(self.lock, now_ms, self.look_again)
+        self.gate = PassphraseGate(wallet.store, now_ms, self.ended.set)
+        self.clips = Clips()
+        self.exports: dict[str, Path] = {}
+        self.snapshot = Snapshot()
+        self.state = "reading"
+        self.problem: BlockRobotError | None = None
+        self.news = 0
+        self.used_at_ms = now_ms()
+        self._heard_at_ms = now_ms()
+        self._new_records: list[tuple[int, bytes]] = []
+        self._changed = asyncio.Event()
+        self._wake = asyncio.Event()
+        self._read_every_s = read_every_s
+        self._watching: asyncio.Task[None] | None = None
+        wallet.trails = {}
+
+    async def __aenter__(self) -> PageSession:
+        self._clear_folder()
+        self._watching = asyncio.create_task(self._watch())
+        return self
+
+    async def __aexit__(self, *exception: object) -> None:
+        if self._watching is not None:
+            self._watching.cancel()
+            await asyncio.gather(self._watching, return_exceptions=True)
+        await self.jobs.close()
+        self.clips.forget_all()
+        self._clear_folder()
+
+    def _clear_folder(self) -> None:
+        """Delete what a page left behind: exports hold pictures."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+        self.folder.mkdir(mode=_PRIVATE_FOLDER, parents=True, exist_ok=True)
+        self.exports.clear()
+
+    # Use
+
+    def note_use(self) -> None:
+        """Remember that somebody used the page just now."""
+        self.used_at_ms = self.now_ms()
+
+    def is_idle(self, minutes: int) -> bool:
+        """Tell whether nobody has used the page for so long, and nothing that was asked for is under way."""
+        return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
+
+    def forget_export(self, name: str) -> None:
+        """Delete an export's file, if it is there."""
+        path = self.exports.pop(name, None)
+        if path is not None:
+            path.unlink(missing_ok=True)
+
+    @contextlib.asynccontextmanager
+    async def hold(self) -> AsyncIterator[Wallet]:
+        """Have the wallet for oneself while inside. Raises WALLET_BUSY if another task of the page has it for long."""
+        try:
+            async with asyncio.timeout(HOLD_MAX_S):
+                await self.lock.acquire()
+        except TimeoutError:
+            raise BlockRobotError("WALLET_BUSY", "The wallet is still busy with what you asked for before.") from None
+        try:
+            yield self.wallet
+        finally:
+            self.lock.release()
+
+    # News
+
+    def look_again(self) -> None:
+        """Have the chain read at once."""
+        self._wake.set()
+
+    async def wait_news(self, after: int, wait_ms: int) -> list[bytes]:
+        """Wait until there are news beyond number `after`; return the records that came in since."""
+        self._heard_at_ms = self.now_ms()
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(wait_ms / 1000):
+                while self.news <= after and not self.ended.is_set():
+                    await self._changed.wait()
+        self._heard_at_ms = self.now_ms()
+        return [record_id for number, record_id in self._new_records if number > after]
+
+    def _tell_news(self) -> None:
+        self.news += 1
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def _watch(self) -> None:
+        while True:
+            self._wake.clear()
+            started = time.monotonic()
+            async with self.lock:
+                await self.read()
+            took_s = time.monotonic() - started
+            is_heard = self.now_ms() - self._heard_at_ms < LISTENING_MS
+            pause_s = max(self._read_every_s if is_heard else READ_IDLE_EVERY_S, READ_SHARE * took_s)
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(pause_s):
+                    await self._wake.wait()
+
+    async def read(self, *, fresh: bool = False) -> None:
+        """Read the chain. What fails is remembered, beside what was known before. Whoever calls holds the lock."""
+        before, was = self.snapshot, (self.state, self.problem and self.problem.code)
+        try:
+            snapshot = await read_snapshot(self.wallet, before, self.now_ms(), fresh=fresh)
+        except BlockRobotError as error:
+            unread = {"NOT_REGISTERED": "not_registered", "NODE_UNREACHABLE": "unreachable"}
+            self.state, self.problem = unread.get(error.code, "failed"), error
+        except Exception as error:  # noqa: BLE001 - the page stays, and says that something is wrong
+            _log.error("unexpected fault while the chain was read: %s", type(error).__name__)
+            self.state, self.problem = "failed", BlockRobotError("INTERNAL")
+        else:
+            self.snapshot, self.state, self.problem = snapshot, "ready", None
+            self._note_new(before, snapshot)
+        is_new = self.state == "ready" and not self.snapshot.same_as(before)
+        if is_new or was != (self.state, self.problem and self.problem.code):
+            self._tell_news()
+
+    def _note_new(self, before: Snapshot, snapshot: Snapshot) -> None:
+        if not before.read_at_ms:
+            return
+        new = [record_id for record_id in snapshot.entries if record_id not in before.entries]
+        self._new_records += [(self.news + 1, record_id) for record_id in new]
+        del self._new_records[:-NEWS_KEPT_COUNT]

@@ -1,0 +1,125 @@
+"""What a wallet knows of its person at one moment, all of it proven. Must never hold what no proof led to.
+
+The page is shown from it, without asking the network. Reading it again asks little: of a visit in which nothing happened
+since, by a mark that changes whenever something does, everything is taken over.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.erasing import ErasureReport
+from clients.wallet.erasure_status import AskedErasure, custodian_names, describe_erasure, read_erasures
+from clients.wallet.notices import Notices, Told
+from clients.wallet.sharing import Share, Sharing
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+
+NOTICE_EVERY_MS = 30_000
+VERDICT_KIND = "verdict"
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What the owner last found of a record."""
+
+    verdict: str
+    time_ms: int
+    height: int
+
+
+@dataclass(frozen=True, slots=True)
+class VisitPart:
+    """One visit with all that is known of it. `mark` changes whenever anything of it does."""
+
+    mark: tuple[Any, ...]
+    report: VisitReport
+    trail: tuple[AuditEntry, ...]
+    shares: tuple[Share, ...]
+    erasures: tuple[tuple[ErasureReport, AuditEntry], ...]
+    verdicts: dict[bytes, Verdict] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A person's visits, oldest first, and what her organisation tells her. `read_at_ms` is this machine's clock."""
+
+    visits: tuple[VisitPart, ...] = ()
+    notice: Told | None = None
+    notice_at_ms: int = 0
+    read_at_ms: int = 0
+    entries: dict[bytes, RecordEntry] = field(default_factory=dict)
+
+    def part_of(self, owner: bytes) -> VisitPart:
+        """Return a visit. Raises NOT_FOUND."""
+        for part in self.visits:
+            if part.report.visit.owner == owner:
+                return part
+        raise BlockRobotError("NOT_FOUND", "You have no such visit.")
+
+    def entry(self, record_id: bytes) -> RecordEntry:
+        """Return a record. Raises NOT_FOUND."""
+        entry = self.entries.get(record_id)
+        if entry is None:
+            raise BlockRobotError("NOT_FOUND", "You have no such record, or it is erased.")
+        return entry
+
+    def same_as(self, other: Snapshot) -> bool:
+        """Tell whether nothing happened between the two."""
+        mine, others = ([(part.report.visit.owner, part.mark) for part in each.visits] for each in (self, other))
+        return mine == others and self.notice_key == other.notice_key
+
+    @property
+    def notice_key(self) -> tuple[str, int] | None:
+        """Which notice is in force."""
+        return None if self.notice is None else (self.notice.organisation, self.notice.version)
+
+    def erasures(self, wallet: Wallet, now_ms: int) -> list[AskedErasure]:
+        """Return everything that was asked to be erased, oldest first, with who is late by now."""
+        names = custodian_names(wallet)
+        found = [
+            describe_erasure(report, asked, names, now_ms) for part in self.visits for report, asked in part.erasures
+        ]
+        return sorted(found, key=lambda each: each.asked_at_ms)
+
+    def shares(self) -> list[Share]:
+        """Return every grant of one's own, oldest first."""
+        found = [share for part in self.visits for share in part.shares]
+        return sorted(found, key=lambda share: (share.grant.time_ms, share.grant.grant_id))
+
+
+async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh: bool = False) -> Snapshot:
+    """Read everything of a person, taking over from `before` the visits in which nothing happened (all anew: `fresh`).
+
+    Raises NOT_REGISTERED, MEMBER_NO_MORE, PROOF_*, NODE_UNREACHABLE.
+    """
+    known = {} if fresh else {part.report.visit.owner: part for part in before.visits}
+    parts = []
+    for visit in await wallet.scan():
+        mark = await wallet.visit_mark(visit)
+        part = known.get(visit.owner)
+        if part is None or part.mark != mark or part.report.visit != visit:
+            trail = tuple(await audit_visit(wallet, visit))
+            report = await wallet.visit_report(visit)
+            shares = tuple(await Sharing(wallet).shares_of(visit))
+            part = VisitPart(
+                mark, report, trail, shares, tuple(await read_erasures(wallet, visit)), find_verdicts(trail)
+            )
+        parts.append(part)
+    notice, notice_at_ms = before.notice, before.notice_at_ms
+    is_member = not wallet.store.content.left and not wallet.member_gone
+    if is_member and (fresh or notice is None or now_ms - notice_at_ms >= NOTICE_EVERY_MS):
+        notice, notice_at_ms = await Notices(wallet).current(), now_ms
+    entries = {entry.record_id: entry for part in parts for entry in part.report.records}
+    return Snapshot(tuple(parts), notice, notice_at_ms, now_ms, entries)
+
+
+def find_verdicts(trail: tuple[AuditEntry, ...]) -> dict[bytes, Verdict]:
+    """Return the last verdict on each record of a visit."""
+    return {
+        entry.record_id: Verdict(entry.data["verdict"], entry.time_ms, entry.height)
+        for entry in trail
+        if entry.kind == VERDICT_KIND
+    }

@@ -1,0 +1,97 @@
+"""The audit as a story: each event by kind, who acted, and in a sentence. Must never tell what its entry does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from clients.wallet.auditing import AuditEntry
+from clients.wallet.language import text
+from clients.wallet.rights import describe_event
+
+_BY_ROBOT = frozenset({"visit_opened", "recorded", "visit_closed"})
+_BY_CUSTODIAN = frozenset({"access_released", "access_refused", "erasure_receipted", "expired"})
+_BY_OFFICERS = frozenset({"breach_assessed", "breach_notified", "breach_closed", "erased_by_officers"})
+_TONES = {
+    "access_refused": "warn",
+    "denied": "warn",
+    "erased_by_officers": "warn",
+    "erasure_complete": "good",
+    "grant_noticed": "good",
+}
+
+
+def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
+    """Return one event. `names` are those of custodians, by key."""
+    data = {name: plain(value) for name, value in entry.data.items()}
+    custodian = entry.data.get("custodian")
+    if isinstance(custodian, bytes):
+        data["custodian_name"] = names.get(custodian, f"custodian {custodian.hex()[:12]}")
+    return {
+        "visit": entry.owner.hex(),
+        "record_id": entry.record_id.hex() or None,
+        "kind": entry.kind,
+        "time_ms": entry.time_ms,
+        "height": entry.height,
+        "index": entry.index,
+        "data": data,
+        "sentence": _sentence(entry, data, language),
+        "tone": _tone(entry),
+        "who": _who(entry),
+    }
+
+
+def plain(value: Any) -> Any:
+    """Return a value of the chain as JSON has it: bytes in hexadecimal digits."""
+    if isinstance(value, bytes):
+        return value.hex()
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, dict):
+        return {plain(key) if isinstance(key, bytes) else str(key): plain(each) for key, each in value.items()}
+    return value
+
+
+def _who(entry: AuditEntry) -> str:
+    if entry.kind in _BY_ROBOT:
+        return "robot"
+    if entry.kind in _BY_CUSTODIAN:
+        return "custodian"
+    if entry.kind in _BY_OFFICERS:
+        return "officers"
+    if entry.kind == "grant_noticed" or (entry.kind == "access_requested" and "grant" in entry.data):
+        return "other"
+    return "network" if entry.kind == "erasure_complete" else "you"
+
+
+def _tone(entry: AuditEntry) -> str:
+    if entry.kind == "verdict":
+        return "good" if entry.data.get("verdict") == "verified" else "bad"
+    return _TONES.get(entry.kind, "quiet")
+
+
+def _variant(entry: AuditEntry) -> str:
+    if entry.kind == "verdict":
+        return f"verdict_{entry.data.get('verdict')}"
+    if entry.kind == "access_requested" and "grant" in entry.data:
+        return "access_requested_shared"
+    if entry.kind == "erasure_requested" and entry.data.get("frames"):
+        return "erasure_requested_frames"
+    return entry.kind
+
+
+def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
+    """Say it by the page's own text; what that has no words for is said as the command line says it."""
+    records = data.get("records", data.get("record_count", 0))
+    values = {
+        **data,
+        "count": len(records) if isinstance(records, list) else records,
+        "custodian": data.get("custodian_name", ""),
+        "pictures": data.get("destroyed_frames", 0),
+        "purposes": ", ".join(data.get("purposes", [])),
+    }
+    try:
+        return text(f"page.story.{_variant(entry)}", language=language, **values)
+    except (KeyError, TypeError, IndexError):
+        words = describe_event(entry.kind, entry.data)
+        return f"{entry.kind.replace('_', ' ')}: {words}" if words else entry.kind.replace("_", " ")

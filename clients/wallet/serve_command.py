@@ -1,0 +1,139 @@
+"""`blockrobot wallet serve`: the wallet as a page in one's own browser. Must never print or pass on what opens it.
+
+The page is opened by a file that only this user can read; what the file holds works once. The command runs until it is
+stopped, until the page is locked, or until nobody has used it for a while: then the keys leave the memory with it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+import sys
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+import click
+
+from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.wallet.claiming import claim_wallet
+from clients.wallet.keystore import Keystore
+from clients.wallet.opening import read_passphrase, tell_member_gone
+from clients.wallet.page.page import make_page, page_folder
+from clients.wallet.page.session import PageSession
+from clients.wallet.wallet import Wallet
+from consensus.genesis import Genesis
+from pages.local_page import LocalPage
+
+IDLE_DEFAULT_MINUTES = 30
+IDLE_MAX_MINUTES = 24 * 60
+_LOOK_S = 1.0
+ENDINGS = (signal.SIGINT, signal.SIGTERM)
+
+
+@click.command()
+@click.option("--no-browser", is_flag=True, help="Do not open a browser; print which file opens the page.")
+@click.option(
+    "--idle-minutes",
+    type=click.IntRange(1, IDLE_MAX_MINUTES),
+    default=IDLE_DEFAULT_MINUTES,
+    show_default=True,
+    help="End after so long without use.",
+)
+@json_option
+@click.pass_context
+@plain_errors
+def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool) -> None:
+    """Open your wallet as a page in your browser, for you alone: it is served on this machine, and keys stay here.
+
+    It ends with Ctrl-C, with Lock on the page, or when nobody has used it for a while.
+
+    Example: blockrobot wallet serve
+    """
+    path, genesis_path = ctx.obj
+    genesis = load_genesis(genesis_path)
+    passphrase = read_passphrase()
+    with claim_wallet(path):
+        store = Keystore.open(path, passphrase)
+        why = asyncio.run(_serve(store, genesis, path, idle_minutes, no_browser=no_browser, as_json=as_json))
+    if not as_json:
+        console.print(why)
+
+
+async def _serve(
+    store: Keystore, genesis: Genesis, path: Path, idle_minutes: int, *, no_browser: bool, as_json: bool
+) -> str:
+    """Serve the page until it is to end; return why it ended, in a sentence."""
+    async with Wallet(store, genesis) as opened, PageSession(opened, path.stem, page_folder(path)) as session:
+        with_endings = _end_in_order(session)
+        page = make_page(session)
+        try:
+            where = await page.start()
+            _tell(where.url, where.redirect_file, no_browser=no_browser, as_json=as_json)
+            _offer_links(page, as_json=as_json)
+            return await _wait_until_over(session, idle_minutes)
+        finally:
+            await page.stop()
+            with_endings()
+            tell_member_gone(opened)
+
+
+def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
+    """Say where the page is, and open it. The address alone opens nothing."""
+    opened = not no_browser and webbrowser.open(file.as_uri())
+    if as_json:
+        print_json({"ok": True, "url": url, "redirect_file": str(file), "browser_opened": opened})
+        sys.stdout.flush()
+        return
+    if opened:
+        console.print(f"Your wallet is open in your browser, at {url}")
+        console.print(f"  If you do not see it, open this file there (it works once, for two minutes): {file}")
+    else:
+        console.print(f"Open this file in your browser; it works once, for two minutes:\n  {file}")
+    console.print("Keep this window open. Enter: a new link. Ctrl-C: end.")
+
+
+def _offer_links(page: LocalPage, *, as_json: bool) -> None:
+    """Write a new link whenever somebody at the terminal presses Enter."""
+    if as_json or not sys.stdin.isatty():
+        return
+    making: set[asyncio.Task[None]] = set()
+
+    async def offer() -> None:
+        console.print(f"A new link; it works once, for two minutes:\n  {await page.new_link()}")
+
+    def heard() -> None:
+        if not sys.stdin.readline():
+            asyncio.get_running_loop().remove_reader(sys.stdin)
+            return
+        task = asyncio.create_task(offer())
+        making.add(task)
+        task.add_done_callback(making.discard)
+
+    asyncio.get_running_loop().add_reader(sys.stdin, heard)
+
+
+def _end_in_order(session: PageSession) -> Callable[[], None]:
+    """Let Ctrl-C and a request to end close the page in order; return what undoes that."""
+    loop = asyncio.get_running_loop()
+    for number in ENDINGS:
+        loop.add_signal_handler(number, session.ended.set)
+
+    def undo() -> None:
+        for number in ENDINGS:
+            loop.remove_signal_handler(number)
+
+    return undo
+
+
+async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
+    """Wait for the end: asked for by a signal or on the page, or because nobody has used it for so long."""
+    while True:
+        try:
+            async with asyncio.timeout(_LOOK_S):
+                await session.ended.wait()
+        except TimeoutError:
+            if not session.is_idle(idle_minutes):
+                continue
+            return f"Nobody has used the page for {idle_minutes} minutes: it is closed. Your keys are locked again."
+        return "The page is closed. Your keys are locked again."
