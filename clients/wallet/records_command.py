@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import datetime
 from typing import Any
 
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.filtering import Filter, Page, Shown, read_filter, select
 from clients.wallet.keystore import WalletContent
+from clients.wallet.language import text
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rotating_commands import print_words, unreadable_words, words_json
@@ -17,7 +20,9 @@ from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.notices import NoticeRow
 
-_THINGS = {"emotion": "estimates", "audio": "sounds"}
+PAGE_RECORDS = 50
+NARROW_COLUMNS = 60
+_THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
 
 def _picture_count(entry: RecordEntry) -> int:
@@ -42,7 +47,8 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
     }
 
 
-def _report_json(report: VisitReport) -> dict[str, Any]:
+def _report_json(shown: Shown) -> dict[str, Any]:
+    report = shown.report
     return {
         "visit": report.visit.owner.hex(),
         "robot": report.visit.robot.hex(),
@@ -52,57 +58,126 @@ def _report_json(report: VisitReport) -> dict[str, Any]:
         "unreadable_records": [record_id.hex() for record_id in report.unreadable_ids],
         "needs_former_words": report.needs_former_words,
         "records": [
-            _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in report.records
+            _entry_json(entry) | {"restricted": report.standing.restricts(entry.record_id)} for entry in shown.records
         ],
         **standing_json(report.standing),
     }
 
 
+def _page_json(page: Page) -> dict[str, int]:
+    return {
+        "page": page.number,
+        "pages": page.pages_count,
+        "matching_records": page.matching_count,
+        "all_records": page.records_count,
+    }
+
+
+def _line(entry: RecordEntry) -> str:
+    meta = entry.metadata
+    name = entry.record_id.hex()[: 12 if console.is_terminal and console.width < NARROW_COLUMNS else None]
+    things = text(_THINGS.get(meta.sensor, "records.pictures"), count=_picture_count(entry))
+    parts = [show_moment(meta.started_at_ms), f"{things} ({meta.sensor})"]
+    withheld = sum(count for _, count in meta.withheld)
+    if withheld:
+        parts.append(text("records.withheld", count=withheld))
+    if entry.state["erased_frames"]:
+        parts.append(text("records.erased_frames", count=len(entry.state["erased_frames"])))
+    return f"  {name}  {', '.join(parts)}"
+
+
+def _print_visit(shown: Shown) -> None:
+    report = shown.report
+    console.print(
+        text(
+            "records.visit",
+            number=shown.number,
+            name=report.visit.owner.hex()[:12],
+            robot=report.visit.robot.hex()[:10],
+            state=text("records.ended" if report.closed else "records.open"),
+            count=sum(_picture_count(entry) for entry in report.records),
+        )
+    )
+    print_standing(report.standing)
+    for entry in shown.records:
+        console.print(_line(entry))
+    if report.erased_ids:
+        console.print("  " + text("records.erased", count=len(report.erased_ids)))
+    if report.unreadable_ids:
+        console.print(f"  [red]{unreadable_words(report)}[/red]")
+    if report.missing_count:
+        console.print(f"  [red]{text('records.missing', count=report.missing_count)}[/red]")
+
+
+def _print_page(page: Page, wanted: Filter) -> None:
+    if not page.records_count and not page.visits:
+        console.print(text("records.none"))
+    elif wanted.narrows and not page.matching_count:
+        console.print(text("records.no_match", count=page.records_count))
+    for shown in page.visits:
+        _print_visit(shown)
+    if page.number < page.pages_count:
+        console.print(text("records.page", page=page.number, pages=page.pages_count, next=page.number + 1))
+    elif page.pages_count > 1:
+        console.print(text("records.last_page", page=page.number, pages=page.pages_count))
+
+
+def _filters(command: Any) -> Any:
+    for option in (
+        click.option("--sensor", "sensors", multiple=True, help="By this sensor: depth, rgb, audio, emotion."),
+        click.option("--robot", "robots", multiple=True, help="By this robot: the beginning of its key."),
+        click.option("--time", "time_of_day", help="At this time of day: morning, evening ... or 09:00-12:30."),
+        click.option("--day", help="On this day: today, yesterday, 2027-01-31, or from..to."),
+    ):
+        command = option(command)
+    return command
+
+
 @click.command()
+@_filters
+@click.option("--page", "number", type=click.IntRange(1), default=1, show_default=True, help="Which page.")
+@click.option(
+    "--per-page", type=click.IntRange(0), help="Records a page, 0 for all (default: 50 at a terminal, otherwise all)."
+)
 @json_option
 @click.pass_context
 @plain_errors
-def records(ctx: click.Context, as_json: bool) -> None:
-    """List what was recorded of you, proven against the chain.
+def records(
+    ctx: click.Context,
+    day: str | None,
+    time_of_day: str | None,
+    robots: tuple[str, ...],
+    sensors: tuple[str, ...],
+    number: int,
+    per_page: int | None,
+    as_json: bool,
+) -> None:
+    """List what was recorded of you, proven against the chain: all, or what fits.
 
-    Example: blockrobot wallet records --json
+    Days and times are those of your time zone. A visit of which something is missing is always shown.
+
+    Example: blockrobot wallet records --day yesterday --time morning --json
     """
+    today = datetime.datetime.now().astimezone().date()
+    wanted = read_filter(day, time_of_day, robots, sensors, today)
+    if per_page is None:
+        per_page = PAGE_RECORDS if console.is_terminal and not as_json else 0
 
     async def action(opened: Wallet) -> tuple[list[VisitReport], NoticeRow | None, WalletContent]:
-        reports, content = await opened.records(), opened.store.content
-        is_member = not content.left and not opened.member_gone
-        return reports, await Notices(opened).changed_since_consent() if is_member else None, content
+        with status_line(text("records.reading"), as_json=as_json):
+            reports, content = await opened.records(), opened.store.content
+            is_member = not content.left and not opened.member_gone
+            return reports, await Notices(opened).changed_since_consent() if is_member else None, content
 
     reports, changed, content = run_opened(ctx, action)
+    page = select(reports, wanted, number, per_page)
     if as_json:
         version = None if changed is None else changed.version
-        visits = [_report_json(report) for report in reports]
-        print_json({"ok": True, "notice_changed_to": version, "visits": visits, **words_json(content)})
+        visits = [_report_json(shown) for shown in page.visits]
+        told = {"notice_changed_to": version, "visits": visits, **words_json(content), **_page_json(page)}
+        print_json({"ok": True, **told})
         return
     print_words(content)
     if changed is not None:
-        console.print(
-            f"What {escape(changed.organisation)} tells you changed since you consented: blockrobot wallet notice"
-        )
-    if not reports:
-        console.print("Nothing was recorded of you.")
-    for number, report in enumerate(reports, 1):
-        frames = sum(_picture_count(entry) for entry in report.records)
-        state = "ended" if report.closed else "still open"
-        name = report.visit.owner.hex()[:12]
-        console.print(f"Visit {number} ({name}) at robot {report.visit.robot.hex()[:10]}, {state}: {frames} pictures")
-        print_standing(report.standing)
-        for entry in report.records:
-            meta = entry.metadata
-            what = _THINGS.get(meta.sensor, "pictures")
-            span = f"{show_moment(meta.started_at_ms)}, {_picture_count(entry)} {what} ({meta.sensor})"
-            withheld = sum(count for _, count in meta.withheld)
-            span += f", {withheld} withheld before" if withheld else ""
-            erased = f", {len(entry.state['erased_frames'])} of them erased" if entry.state["erased_frames"] else ""
-            console.print(f"  {entry.record_id.hex()}  {span}{erased}")
-        if report.erased_ids:
-            console.print(f"  {len(report.erased_ids)} records of this visit are erased.")
-        if report.unreadable_ids:
-            console.print(f"  [red]{unreadable_words(report)}[/red]")
-        if report.missing_count:
-            console.print(f"  [red]{report.missing_count} records are missing. Ask the hospital why.[/red]")
+        console.print(text("records.notice_changed", organisation=escape(changed.organisation)))
+    _print_page(page, wanted)

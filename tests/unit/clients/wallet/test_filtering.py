@@ -1,0 +1,196 @@
+"""`wallet records`: by day, time of day, robot and sensor, a page at a time, in two languages, for people and programs."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime
+import json
+import re
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from clients.wallet import filtering, records_command
+from clients.wallet.cli import wallet
+from clients.wallet.filtering import Filter, read_days, read_filter, read_minutes, select
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import LANGUAGES, load
+from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
+from consensus.errors import BlockRobotError
+from consensus.records.metadata import RecordMetadata
+from tests.unit.clients.wallet.conftest import World
+
+TODAY = datetime.date(2027, 1, 31)
+REFERENCE = Path(__file__).parents[4] / "docs" / "reference" / "cli.md"
+
+
+def at(text: str) -> int:
+    return round(datetime.datetime.fromisoformat(text).astimezone().timestamp() * 1000)
+
+
+def entry(moment: str, number: int = 0, *, robot: bytes = b"\x0a" * 33, sensor: str = "depth") -> RecordEntry:
+    began = at(moment)
+    return RecordEntry(
+        record_id=number.to_bytes(16, "big"),
+        visit=KnownVisit(owner=bytes(33), ephemeral=bytes(33), robot=robot, sequence=0, bucket_ms=0),
+        state={"status": "active", "erased_frames": [], "expires_at_ms": began},
+        metadata=RecordMetadata(sensor, began, began, 1, number, bytes(32), (), 64, 48),
+    )
+
+
+def visit(*records: RecordEntry, missing: int = 0, unreadable: tuple[bytes, ...] = ()) -> VisitReport:
+    known = records[0].visit if records else entry("2027-01-01").visit
+    return VisitReport(known, records, (), closed=True, missing_count=missing, unreadable_ids=unreadable)
+
+
+@pytest.mark.parametrize(
+    ("written", "first", "last"),
+    [
+        ("today", TODAY, TODAY),
+        ("yesterday", datetime.date(2027, 1, 30), datetime.date(2027, 1, 30)),
+        ("2027-01-02", datetime.date(2027, 1, 2), datetime.date(2027, 1, 2)),
+        ("2027-01-02..today", datetime.date(2027, 1, 2), TODAY),
+    ],
+)
+def test_a_day_is_named_or_a_span_of_days(written: str, first: datetime.date, last: datetime.date) -> None:
+    assert read_days(written, TODAY) == (first, last)
+
+
+@pytest.mark.parametrize("written", ["", "tomorrow", "31.1.2027", "2027-02-30", "today..yesterday", "..", "a..b"])
+def test_what_is_no_day_is_wrong_usage(written: str) -> None:
+    with pytest.raises(click.UsageError):
+        read_days(written, TODAY)
+
+
+@pytest.mark.parametrize("written", ["noon", "9-12", "25:00-26:00", "09:00-09:00", "09:70-10:00", "09:00"])
+def test_what_is_no_time_of_day_is_wrong_usage(written: str) -> None:
+    with pytest.raises(click.UsageError):
+        read_minutes(written)
+
+
+def test_a_sensor_that_is_none_is_named() -> None:
+    with pytest.raises(BlockRobotError, match="SENSOR_UNKNOWN"):
+        read_filter(None, None, (), ("lidar",), TODAY)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "moment", "taken"),
+    [
+        (Filter(days=(TODAY, TODAY)), "2027-01-31T00:00", True),
+        (Filter(days=(TODAY, TODAY)), "2027-01-31T23:59:59", True),
+        (Filter(days=(TODAY, TODAY)), "2027-02-01T00:00", False),
+        (Filter(minutes=(540, 750)), "2027-01-31T09:00", True),
+        (Filter(minutes=(540, 750)), "2027-01-31T12:30", False),
+        (Filter(minutes=(1320, 360)), "2027-01-31T23:00", True),
+        (Filter(minutes=(1320, 360)), "2027-01-31T05:59", True),
+        (Filter(minutes=(1320, 360)), "2027-01-31T06:00", False),
+        (Filter(robots=("0a0a",)), "2027-01-31", True),
+        (Filter(robots=("0b", "0a")), "2027-01-31", True),
+        (Filter(robots=("0b",)), "2027-01-31", False),
+        (Filter(sensors=("rgb",)), "2027-01-31", False),
+        (Filter(sensors=("rgb", "depth")), "2027-01-31", True),
+        (Filter(), "1999-01-01", True),
+    ],
+)
+def test_a_record_fits_by_when_it_began_where_and_how(wanted: Filter, moment: str, taken: bool) -> None:
+    assert wanted.takes(entry(moment)) is taken
+
+
+def test_a_visit_of_which_something_is_missing_is_shown_whatever_is_asked_for() -> None:
+    reports = [
+        visit(entry("2027-01-30")),
+        visit(entry("2027-01-29"), missing=2),
+        visit(unreadable=(b"x",)),
+        visit(entry("2027-01-31")),
+    ]
+    page = select(reports, Filter(days=(TODAY, TODAY)))
+    assert [shown.number for shown in page.visits] == [2, 3, 4]
+    assert (page.matching_count, page.records_count, page.shown_count) == (1, 3, 1)
+
+
+def test_pages_hold_every_record_once_in_order_and_visits_keep_their_numbers() -> None:
+    entries = [entry("2027-01-31", number) for number in range(5000)]
+    reports = [visit(), visit(*entries[:30]), visit(*entries[30:])]
+    pages = [select(reports, Filter(), number, 50) for number in range(1, 102)]
+    found = [each for page in pages for shown in page.visits for each in shown.records]
+    assert found == entries
+    assert {page.pages_count for page in pages} == {101}
+    assert [shown.number for shown in pages[0].visits] == [1, 2, 3]
+    with pytest.raises(click.UsageError, match="101 pages"):
+        select(reports, Filter(), 102, 50)
+
+
+def test_an_empty_history_is_one_empty_page() -> None:
+    page = select([], Filter(), 1, 50)
+    assert (page.visits, page.pages_count, page.matching_count) == ((), 1, 0)
+
+
+# As people call it
+
+
+@pytest.fixture
+def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
+    def opened(_: Any, action: Callable[[Wallet], Awaitable[Any]]) -> Any:
+        return asyncio.run(action(world.wallet))  # type: ignore[arg-type]
+
+    class NoNotices:
+        def __init__(self, _: Wallet) -> None: ...
+
+        async def changed_since_consent(self) -> None:
+            return None
+
+    monkeypatch.setattr(records_command, "run_opened", opened)
+    monkeypatch.setattr(records_command, "Notices", NoNotices)
+    return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
+
+
+def test_an_empty_history_is_said_in_both_languages(run: Callable[..., Result]) -> None:
+    for language in LANGUAGES:
+        done = run("--language", language, "records")
+        assert (done.exit_code, done.output.strip()) == (0, load(language)["records.none"])
+
+
+def test_what_fits_is_listed_and_what_does_not_is_counted(world: World, run: Callable[..., Result]) -> None:
+    chain = world.open_visit()
+    first, second = world.record(chain), world.record(chain)
+    listed = run("records").output
+    assert first.upload.record_id.hex() in listed
+    assert second.upload.record_id.hex() in listed
+    assert "None of your 2 records fits." in run("records", "--day", "2001-01-01").output
+    assert "Nenhum dos seus 2 registos" in run("--language", "pt", "records", "--day", "2001-01-01").output
+    paged = run("records", "--per-page", "1").output
+    assert second.upload.record_id.hex() not in paged
+    assert "Page 1 of 2. The next: --page 2" in paged
+    assert second.upload.record_id.hex() in run("records", "--per-page", "1", "--page", "2").output
+    assert run("records", "--page", "3", "--per-page", "1").exit_code == 2
+
+
+def test_a_program_gets_the_documented_fields(world: World, run: Callable[..., Result]) -> None:
+    world.record(world.open_visit())
+    told = json.loads(run("records", "--sensor", "depth", "--json").stdout)
+    assert (told["page"], told["pages"], told["matching_records"], told["all_records"]) == (1, 1, 1, 1)
+    fields = set(told) | set(told["visits"][0]) | set(told["visits"][0]["records"][0])
+    documented = REFERENCE.read_text(encoding="utf-8").split("**`wallet records --json`**")[1].split("\n\n")[0]
+    assert fields - {"ok"} <= set(re.findall(r"`(\w+)`", documented))
+
+
+@pytest.mark.parametrize("width", [20, 40, 59, 200])
+def test_a_narrow_terminal_gets_the_beginning_of_a_name(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(records_command, "console", filtering_console(width))
+    line = records_command._line(entry("2027-01-31", 7))
+    assert (entry("2027-01-31", 7).record_id.hex() in line) == (width >= 60)
+
+
+def filtering_console(width: int) -> Any:
+    from rich.console import Console
+
+    return Console(force_terminal=True, width=width)
+
+
+def test_parts_of_the_day_cover_it_once() -> None:
+    hours = sorted(filtering.PARTS_OF_DAY.values())
+    assert [first for first, _ in hours] + [24] == [0] + [end for _, end in hours]
