@@ -44,7 +44,8 @@ ANYONE = Access("anyone", frozenset())
 MEMBER = Access("a member's session", frozenset({"member"}))
 OWNER = Access("the session of a visit's owner key", frozenset({"owner"}))
 GRANTEE = Access("the session of a grantee's one-time key", frozenset({"grantee"}))
-MEMBER_OR_OWNER = Access("a member's, an owner's or a grantee's session", frozenset({"member", "owner", "grantee"}))
+MEMBER_OR_OWNER = Access("a member's or an owner's session", frozenset({"member", "owner"}))
+VIEWER = Access("a member's, an owner's or a grantee's session", frozenset({"member", "owner", "grantee"}))
 READER = Access(
     "a member's, an owner's or a grantee's session, also for a while after the grant",
     frozenset({"member", "owner", "grantee", "former-grantee"}),

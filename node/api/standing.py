@@ -1,6 +1,7 @@
 """Who a key is on the finalized state: an active member, a custodian, who decides of a visit now, or a grantee.
 
-Of a grant that ended its key reads, for a while, what became of the records: nothing else of the chain.
+The key of a grant reads what is of its visit, and for a while after its end what became of the records: nothing else of
+the chain, since nobody can tell whether its holder is still a member.
 
 Must never look at anything but finalized state: what could still be undone gives nobody a right.
 """
@@ -22,7 +23,8 @@ ROLE_ADMIN = "admin"
 ROLE_REGISTRAR = "registrar"
 ROLE_CUSTODIAN = "custodian"
 _ORGANISATIONS_MAX_COUNT = 256
-_NODES = b"membership\x00"
+_NODES = (b"membership\x00",)
+_CUSTODIANS = (b"identity\x00custodians", b"identity\x00custodian/")
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,18 +84,21 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
 
 
 def require_readable(snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, keys: Iterable[bytes]) -> None:
-    """Refuse state that is none of the reader's business: by the key of an ended grant what is not of its visit.
+    """Refuse state that is none of the reader's business: by the key of a grant what is not of its visit.
 
-    What names a visit's first key or a granted record is of it; which nodes there are she may read as well. Raises
-    NOT_PERMITTED.
+    What names a visit's first key or a granted record is of it; which nodes there are she may read as well, and which are
+    custodians while the grant stands. Raises NOT_PERMITTED.
     """
-    if standing != "former-grantee":
+    if standing not in {"grantee", "former-grantee"}:
         return
+    open_to_her = _NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS)
     grant_id = snapshot.get(state_key("access", b"grant-of/" + reader))
     grant = find_grant(snapshot, reader, snapshot.header.timestamp_ms)
     if grant is None or grant_id is None:
         raise BlockRobotError("NOT_PERMITTED")
     own = (grant["owner"], decode_value(grant_id), *grant["records"])
     for key in keys:
-        if not key.startswith(_NODES) and not any(name in key for name in own):
-            raise BlockRobotError("NOT_PERMITTED", "The grant has ended: only what became of its records is read.")
+        if not key.startswith(open_to_her) and not any(name in key for name in own):
+            raise BlockRobotError(
+                "NOT_PERMITTED", "The key of a grant reads only what is of its visit and its records."
+            )

@@ -6,7 +6,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
-from node.api.access import MEMBER_OR_OWNER, ROBOT
+from node.api.access import ROBOT, VIEWER
 from node.api.documents import BackgroundAnswer
 from node.api.routes.clips import custody_of
 from node.api.routing import BYTES, JSON, Answer, Body, Call, Parameter, Route, bytes_answer, json_answer
@@ -50,7 +50,7 @@ ROUTES = (
         "/v1/backgrounds/{sha256}",
         "getBackground",
         "Fetch a recorded empty frame.",
-        MEMBER_OR_OWNER,
+        VIEWER,
         _get,
         Answer(BYTES, None, "The picture's bytes."),
         None,

@@ -35,7 +35,7 @@ ALLOWED = {
     "proveState": READERS,
     "proveNotices": EVERYBODY,
     "signConsentReceipt": MEMBERS,
-    "queryContract": EVERYBODY_KNOWN,
+    "queryContract": EVERYBODY_KNOWN - {"grantee's key"},
     "listAnnouncements": MEMBERS,
     "streamEvents": MEMBERS,
     "listEvents": MEMBERS,

@@ -94,11 +94,30 @@ async def test_after_the_end_only_what_became_of_the_records_is_read(
     assert (await api.post("/v1/queries", json=query, headers=headers)).status == 403
 
 
-async def test_while_the_grant_stands_its_key_reads_proofs_as_others_do(
+async def test_while_the_grant_stands_its_key_reads_what_is_of_its_visit_and_who_the_custodians_are(
     api: Any, node: SmallNode, open_session: Any
 ) -> None:
+    """Whoever left keeps the key of a grant until it ends, and nobody can tell that it is she."""
     await share(node, 0)
-    assert await read(api, await open_session(key_of(0)), flat("records", b"visit/" + OTHER_VISIT)) == 200
+    headers = await open_session(key_of(0))
+    own = [
+        flat("records", b"record/" + RECORD_ID),
+        flat("records", b"current/" + OWNER.public_key),
+        flat("membership", b"node/n0"),
+        flat("identity", b"custodians"),
+        flat("identity", b"custodian/" + SUBJECT.public_key),
+    ]
+    assert await read(api, headers, *own) == 200
+    foreign = [
+        flat("records", b"visit/" + OTHER_VISIT),
+        flat("identity", b"member/" + SUBJECT.public_key),
+        flat("identity", b"handle/" + bytes(32)),
+        flat("access", b"grant-number/" + bytes(8)),
+    ]
+    for key in foreign:
+        assert await read(api, headers, own[0], key) == 403, key
+    query = {"contract": "echo", "view": "back", "args": encode_value([]).hex()}
+    assert (await api.post("/v1/queries", json=query, headers=headers)).status == 403
 
 
 async def test_long_after_the_end_there_is_no_session(api: Any, node: SmallNode, open_session: Any) -> None:
