@@ -26,6 +26,7 @@ from clients.wallet.records_command import records
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
+from clients.wallet.serve_command import serve
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
 from clients.wallet.sharing_commands import share_json, tell_recipients
@@ -61,6 +62,7 @@ for command in (
     *ROTATING_COMMANDS,
     export,
     erasures,
+    serve,
 ):
     wallet.add_command(command)
 

@@ -59,9 +59,9 @@ class Job:
 
 
 class Jobs:
-    """The jobs of one page. `lock` is held while one runs; `after` is called when one has ended."""
+    """The jobs of one page. `lock` is held while one runs, and while `after` is awaited, whatever became of it."""
 
-    def __init__(self, lock: asyncio.Lock, now_ms: Callable[[], int], after: Callable[[], None]) -> None:
+    def __init__(self, lock: asyncio.Lock, now_ms: Callable[[], int], after: Callable[[], Awaitable[None]]) -> None:
         self._lock = lock
         self._now_ms = now_ms
         self._after = after
@@ -89,8 +89,11 @@ class Jobs:
             async with self._lock:
                 job.state = "running"
                 job.note()
-                job.result = await work(job)
-            job.state = "done"
+                try:
+                    result = await work(job)
+                finally:
+                    await self._after()
+            job.state, job.result = "done", result
         except asyncio.CancelledError:
             job.state = "cancelled"
         except BlockRobotError as error:
@@ -103,7 +106,6 @@ class Jobs:
             job.state, job.error = "failed", BlockRobotError("INTERNAL")
         job.ended_ms = self._now_ms()
         job.note()
-        self._after()
 
     def find(self, name: str) -> Job:
         """Return a job. Raises NOT_FOUND for one that is forgotten."""

@@ -55,7 +55,7 @@ class PageSession:
         self.now_ms = now_ms
         self.lock = asyncio.Lock()
         self.ended = asyncio.Event()
-        self.jobs = Jobs(self.lock, now_ms, self.look_again)
+        self.jobs = Jobs(self.lock, now_ms, self.read)
         self.gate = PassphraseGate(wallet.store, now_ms, self.ended.set)
         self.clips = Clips()
         self.exports: dict[str, Path] = {}

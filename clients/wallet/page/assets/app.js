@@ -53,7 +53,9 @@ async function showPlace({ keepFocus = false } = {}) {
   main.setAttribute("aria-busy", "true");
   let view;
   try {
-    view = overview.state === "not_registered" ? notRegistered() : await (await VIEWS[name]())(context, ...rest);
+    const show = await VIEWS[name]();
+    if (signal.aborted) return;
+    view = overview.state === "not_registered" ? notRegistered() : await show(context, ...rest);
   } catch (error) {
     if (error.name === "AbortError" || isClosed) return;
     if (!(error instanceof Problem)) await get("overview").catch(() => {});  // a part of the page that could not be had: is anybody there?

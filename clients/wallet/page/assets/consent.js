@@ -65,7 +65,7 @@ export async function showConsent(context) {
       const result = await follow(job, progress.show);
       data = await get("consents", {}, context.signal);
       const words = t("consent.holds", { height: result.from_height });
-      replace(said, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, t(`consent.said.${what}`)), " ", words), result.receipt_sentence && h("p", { class: "quiet" }, result.receipt_sentence)));
+      replace(said, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, t(`consent.said.${what}`)), " ", words), h("p", { class: "quiet" }, result.receipt ? t("consent.receiptIn") : t("consent.receiptLater"))));
       announce(`${t(`consent.said.${what}`)} ${words}`);
     } catch (error) {
       if (error.name === "AbortError") return;

@@ -51,10 +51,10 @@ export async function showEraseForm(context) {
   const result = h("div", {});
 
   const form = h("div", {},
-    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences(plan.gone)),
-    h("section", { class: "card" }, h("h2", {}, t("erase.remains")), sentences(plan.remains)),
+    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([t("erase.gone1", { count: plan.pictures }), t("erase.gone2")])),
+    h("section", { class: "card" }, h("h2", {}, t("erase.remains")), sentences([t("erase.remains1"), t("erase.remains2"), t("erase.remains3")])),
     plan.recipients.length > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.recipients")), sentences(plan.recipients.map((one) => t("erase.recipient", { who: one.who })))),
-    plan.warnings.map((line) => h("div", { class: "notice warn" }, h("p", {}, line))),
+    plan.visits > 1 && h("div", { class: "notice warn" }, h("p", {}, t("erase.joined", { count: plan.visits }))),
     h("div", { class: "row" }, h("a", { class: "button", href: `#/${selection.back}` }, t("erase.keep")), h("button", { type: "button", class: "danger", onclick: () => erase() }, t("erase.button"))));
 
   const erase = async () => {
@@ -81,10 +81,10 @@ export async function showEraseForm(context) {
       told = now;
     });
     drop();
-    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.complete ? "erase.done" : "erase.notYet")), h("p", {}, done.sentence), done.erasures.map((one) => receiptList(one.custodians)),
+    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.complete ? "erase.done" : "erase.notYet")), !done.complete && h("p", {}, t("erase.later")), done.erasures.map((one) => receiptList(one.custodians)),
       done.recipients.length > 0 && [h("h3", {}, t("erase.recipients")), sentences(done.recipients.map((one) => t("erase.recipient", { who: one.who })))], h("p", {}, h("a", { href: "#/erasing" }, t("erase.seeAll")), " · ", h("a", { href: "#/" }, t("calendar.title")))));
     result.querySelector("h2").focus();
-    announce(done.sentence);
+    announce(t(done.complete ? "erase.done" : "erase.notYet"));
   };
 
   replace(node, form, result);

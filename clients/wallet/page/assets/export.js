@@ -37,7 +37,7 @@ export async function showExport(context) {
     const wanted = body();
     try {
       const plan = await post("exports/plan", wanted, context.signal);
-      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), sentences(plan.lines), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
+      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), sentences([t("export.warn1"), plan.visits > 1 && t("export.warn2", { count: plan.visits })].filter(Boolean)), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
       result.querySelector("h2").focus();
     } catch (error) {
       if (error.name !== "AbortError") replace(result, problemCard(error));
@@ -69,7 +69,7 @@ export async function showExport(context) {
       h("a", { href: address, download: done.name }).click();
     } }, t("export.save", { name: done.name, size: formatBytes(done.bytes) }));
     replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: done.records, height: done.proved_until_height })),
-      done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), sentences(done.lines), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0 }, h("code", {}, `blockrobot verify ${done.name}`))));
+      done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0 }, h("code", {}, `blockrobot verify ${done.name}`))));
     result.querySelector("h2").focus();
     announce(t("export.done"));
   };

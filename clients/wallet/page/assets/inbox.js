@@ -14,7 +14,7 @@ export async function showInbox(context) {
     const isQuiet = data.alarms.length + data.looks.length + data.received.length + data.overdue.length === 0;
     replace(node,
       isQuiet && h("div", { class: "card" }, h("p", {}, t("inbox.empty"))),
-      data.alarms.map((alarm) => h("div", { class: "notice bad" }, h("h2", {}, t("inbox.alarm")), h("p", {}, alarm.sentence), h("p", {}, h("a", { href: `#/visit/${alarm.visit}` }, t("inbox.visit"))))),
+      data.alarms.map((alarm) => h("div", { class: "notice bad" }, h("h2", {}, t("inbox.alarm")), sentences([alarm.missing_records > 0 && t("visit.missing", { count: alarm.missing_records }), alarm.unreadable_records.length > 0 && t("visit.unreadable", { count: alarm.unreadable_records.length }), alarm.corrupted_records.length > 0 && t("inbox.corrupted", { count: alarm.corrupted_records.length })].filter(Boolean)), h("p", {}, h("a", { href: `#/visit/${alarm.visit}` }, t("inbox.visit"))))),
       data.overdue.map((erasure) => h("div", { class: "notice warn" }, h("h2", {}, t("inbox.overdue")), receiptList(erasure.custodians))),
       data.looks.length > 0 && h("section", { class: "card" }, h("h2", {}, t("inbox.looks")), sentences(data.looks.map((look) => t("inbox.look", { time: moment(look.time_ms), who: look.who, count: look.records })))),
       data.received.length > 0 && h("section", { class: "card" }, h("h2", {}, t("inbox.received")), data.received.map((one) => h("div", { class: "received" },

@@ -45,7 +45,7 @@ export function progressOf(label) {
   const stop = h("button", { type: "button", hidden: true }, t("job.stop"));
   const node = h("div", { class: "notice", role: "status" }, words, bar, h("p", { class: "row" }, stop));
   const show = (job) => {
-    replace(words, job.state === "waiting" ? t("job.waiting") : job.step || label);
+    replace(words, job.state === "waiting" ? t("job.waiting") : stepWords(job) || label);
     if (job.of > 0) {
       bar.max = job.of;
       bar.value = job.done;
@@ -54,6 +54,12 @@ export function progressOf(label) {
     stop.onclick = () => { post(`jobs/${job.job}/cancel`).catch(() => { stop.hidden = true; }); };
   };
   return { node, show };
+}
+
+/** What a job is doing, in the reader's language as far as the catalogue has it. */
+function stepWords({ step, done, of }) {
+  const words = step && said(`step.${step.replaceAll(" ", "_")}`, step);
+  return words && of > 1 ? t("job.of", { step: words, done, of }) : words;
 }
 
 /** A badge for what is known of a recording's truth. */

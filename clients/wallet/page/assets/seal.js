@@ -30,7 +30,7 @@ export function makeSeal(seals, onVerdict) {
 function tellOne(seal, isNamed) {
   return h("div", { class: "seal-one" },
     isNamed && h("h3", {}, t("seal.of", { id: shortHex(seal.record_id) })),
-    h("ul", { class: "checks" }, seal.checks.map((check) => h("li", { class: check.ok ? "ok" : "failed" }, h("span", { class: "visually-hidden" }, check.ok ? t("seal.ok") : t("seal.failed")), said(`check.${check.code}`, check.what), !check.ok && `: ${check.sentence}`))),
+    h("ul", { class: "checks" }, seal.checks.map((check) => h("li", { class: check.ok ? "ok" : "failed" }, h("span", { class: "visually-hidden" }, check.ok ? t("seal.ok") : t("seal.failed")), said(check.ok ? `check.${check.code}` : `wrong.${check.code}`, check.ok ? check.what : check.sentence)))),
     (seal.refused ?? []).length > 0 && h("ul", { class: "sentences" }, seal.refused.map((one) => h("li", {}, t("seal.refused", { name: one.name }), " ", one.sentence))),
     seal.corrupted.length > 0 && h("p", {}, t("seal.places", { places: seal.corrupted.map((index) => index + 1).join(", ") })),
     h("dl", { class: "facts" }, h("dt", {}, t("seal.recordedAt")), h("dd", {}, t("seal.block", { height: seal.record_height })), h("dt", {}, t("seal.transaction")), h("dd", { class: "mono" }, shortHex(seal.record_txid)),

@@ -34,8 +34,8 @@ export async function showSharing(context) {
     try {
       const { job } = await post(`shares/${share.grant_id}/revoke`);
       const result = await follow(job, progress.show);
-      replace(said, h("div", { class: "notice good" }, h("p", {}, result.sentence)));
-      announce(result.sentence);
+      replace(said, h("div", { class: "notice good" }, h("p", {}, t("share.ended"), result.looks > 0 && ` ${t("share.endedLooked")}`)));
+      announce(t("share.ended"));
       data = await get("shares", {}, context.signal);
       redraw(node, draw);
     } catch (error) {
@@ -74,7 +74,7 @@ export async function showShareForm(context) {
     try {
       const plan = await post("shares/plan", wanted, context.signal);
       replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("share.means")), h("p", {}, t("share.grantee", { name: plan.grantee.name || t("share.nobody"), role: t(`role.${plan.grantee.role}`), organisation: plan.grantee.organisation }), " ", t("share.what", { count: plan.records }), " ", t("share.until.open", { until: moment(plan.until_ms) })),
-        sentences(plan.lines), h("button", { type: "button", class: "primary", onclick: () => share(wanted) }, t("share.confirm"))));
+        sentences([t("share.sees"), t("share.listed"), t("share.canEnd"), t("share.undo")]), h("button", { type: "button", class: "primary", onclick: () => share(wanted) }, t("share.confirm"))));
       result.querySelector("h2").focus();
     } catch (error) {
       if (error.name !== "AbortError") replace(result, problemCard(error));
@@ -94,8 +94,10 @@ export async function showShareForm(context) {
       replace(result, progress.node);
       const done = await follow(accepted.job, progress.show);
       drop();
-      replace(result, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, done.sentence)), done.shared.some((one) => one.left_out.length > 0) && h("p", {}, t("share.leftOut")), h("p", {}, h("a", { href: "#/sharing" }, t("share.seeAll")))));
-      announce(done.sentence);
+      const words = t("share.done", { count: done.shared.reduce((sum, one) => sum + one.records.length, 0) });
+      const away = [...new Set(done.shared.flatMap((one) => one.custodians_away))];
+      replace(result, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, words)), done.shared.some((one) => one.left_out.length > 0) && h("p", {}, t("share.leftOut")), away.length > 0 && h("p", {}, t("share.away", { names: away.join(", ") })), h("p", {}, h("a", { href: "#/sharing" }, t("share.seeAll")))));
+      announce(words);
     } catch (error) {
       form.hidden = false;
       if (error instanceof Problem) replace(result, problemCard(error));
