@@ -10,6 +10,24 @@ const remembered = new Map();
 /** How the page got in: `kind` is member, public or none. */
 export const entry = { kind: "none", endsMs: 0, reason: null };
 
+/** Pages of this node in the same browser: a session that is opened in one lets those go on whose own has ended. */
+const neighbours = new BroadcastChannel("blockrobot-explorer");
+
+/** Use a session's token from here on. It is kept in memory alone. */
+function use(token, endsMs) {
+  useSession(token, (secret) => ({ Authorization: `Bearer ${secret}` }));
+  Object.assign(entry, { kind: "member", endsMs });
+}
+
+/** Call `goOn` whenever a neighbour has opened a session and this page's own is over. */
+export function followNeighbours(isOver, goOn) {
+  neighbours.addEventListener("message", ({ data }) => {
+    if (!isOver()) return;
+    use(data.token, data.endsMs);
+    goOn();
+  });
+}
+
 /** Take the signed answer out of the address, if there is one, and open a session with it. Returns the status or null. */
 export async function enter() {
   const signed = SIGNED.exec(location.hash.slice(1));
@@ -18,8 +36,8 @@ export async function enter() {
     const [, key, challenge, signature] = signed;
     try {
       const answer = await fetchJson(`${V1}/sessions`, { method: "POST", body: { public_key: key, challenge, signature } });
-      useSession(answer.token, (token) => ({ Authorization: `Bearer ${token}` }));
-      Object.assign(entry, { kind: "member", endsMs: answer.expires_at_ms });
+      use(answer.token, answer.expires_at_ms);
+      neighbours.postMessage({ token: answer.token, endsMs: answer.expires_at_ms });
     } catch (problem) {
       entry.reason = problem;
     }

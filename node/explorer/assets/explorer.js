@@ -2,7 +2,7 @@
 
 import { announce, h, replace } from "./shared/dom.js";
 import { formatClock } from "./shared/format.js";
-import { entry, enter } from "./api.js";
+import { entry, enter, followNeighbours } from "./api.js";
 import { feed } from "./feed.js";
 import { go, problemView } from "./pieces.js";
 import { blockPage } from "./page-block.js";
@@ -97,7 +97,8 @@ function showState() {
   const { problem, status } = feed;
   let words = entry.kind === "member" ? `session until ${formatClock(entry.endsMs)}` : "public explorer";
   let tone = "good";
-  if (problem && (problem.status === 401 || problem.status === 403)) [words, tone] = ["session ended", "bad"];
+  if (feed.isOver) [words, tone] = ["session ended", "bad"];
+  else if (problem?.code === "RATE_LIMITED") [words, tone] = ["the node is busy, trying again", "warn"];
   else if (problem) [words, tone] = ["not connected, trying again", "warn"];
   if (state.textContent !== words) {
     replace(state, h("span", { class: `badge ${tone}` }, words));
@@ -133,5 +134,9 @@ if (status === null) {
   showState();
   addEventListener("hashchange", () => show());
   await show(true);
-  feed.run(status);
+  followNeighbours(() => feed.isOver, () => {
+    feed.run();
+    show();
+  });
+  feed.run();
 }

@@ -1,12 +1,13 @@
 // The newest headers as the node tells them, live. Goes on after a break where it stopped, and keeps 500 of them at most.
 
-import { api } from "./api.js";
+import { api, entry } from "./api.js";
 
 export const KEPT_COUNT = 500;
 const FIRST_COUNT = 200;
 const PAGE_COUNT = 100;
 const WAIT_MS = 5_000;
 const PAUSE_MS = 200;
+const PUBLIC_PAUSE_MS = 1_000;
 const RETRY_FIRST_MS = 1_000;
 const RETRY_MAX_MS = 10_000;
 
@@ -25,22 +26,24 @@ class Feed extends EventTarget {
     return this.headers[height - first] ?? null;
   }
 
-  /** Follow the chain until the page is closed. `status` is the first answer. */
-  async run(status) {
-    this.status = status;
+  /** Tell whether the session is over: nothing comes in until there is another. */
+  get isOver() {
+    return this.problem?.status === 401 || this.problem?.status === 403;
+  }
+
+  /** Follow the chain until the page is closed or the session is over; may be called again then. */
+  async run() {
     let retryMs = RETRY_FIRST_MS;
-    let isFirst = true;
     for (;;) {
       try {
-        if (!isFirst) this.status = await api.status(this.last, WAIT_MS);
-        isFirst = false;
+        this.status = await api.status(this.last, WAIT_MS);
         await this.catchUp();
         this.#tell(null);
         retryMs = RETRY_FIRST_MS;
-        await pause(PAUSE_MS);
+        await pause(entry.kind === "member" ? PAUSE_MS : PUBLIC_PAUSE_MS);
       } catch (problem) {
         this.#tell(problem);
-        if (problem.status === 401 || problem.status === 403) return;
+        if (this.isOver) return;
         await pause(retryMs);
         retryMs = Math.min(2 * retryMs, RETRY_MAX_MS);
       }

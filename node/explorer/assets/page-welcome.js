@@ -4,9 +4,10 @@ import { h } from "./shared/dom.js";
 import { card, problemView } from "./pieces.js";
 
 const NO_NEWS = new Set(["SESSION_REQUIRED"]);
+const USED_LINK = { detail: "This link works once, within a minute: it has been used, or is too old.", nextStep: "Run the command again: it makes a new link." };
 
 export function welcomePage({ reason = null, forMembers = false }) {
-  const told = reason && !NO_NEWS.has(reason.code) ? problemView(reason) : null;
+  const told = reason && !NO_NEWS.has(reason.code) ? problemView(reason.code === "CHALLENGE_INVALID" ? USED_LINK : reason) : null;
   return [
     h("h1", { tabindex: "-1" }, forMembers ? "This is for members" : "Look at the chain"),
     h("p", { class: "lead" }, forMembers

@@ -1,0 +1,187 @@
+"""What the node tells the explorer: headers with their certificates, who sits where, meanings of codes, and no person."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import pytest
+from aiohttp import web
+from aiohttp.test_utils import TestClient, TestServer
+
+from consensus.block import Receipt
+from consensus.primitives.encoding import encode, encode_value
+from consensus.primitives.hashing import sha256
+from consensus.transaction import sign_transaction
+from contracts.vm.faults import VM_CODES
+from node.api import create_api
+from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
+from node.api.services import RoundPlace
+from tests.unit.node.api.small_network import NOW_MS, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
+
+Client = TestClient[web.Request, web.Application]
+EVIDENCE = {"kind": "vote", "epoch": 0, "round": 7, "height": 3, "first_id": bytes(32), "second_id": bytes([1] * 32)}
+
+
+class Rounds:
+    """A node that is in round 9 and saw block 1 become final within 42 ms."""
+
+    def place(self) -> RoundPlace:
+        return RoundPlace(epoch=0, round=9, leader=1, certified_height=4, timed_out_count=3)
+
+    def finality_lag_ms(self, height: int) -> int | None:
+        return 42 if height == 1 else None
+
+
+@dataclass
+class Public:
+    """A node whose explorer is public, and somebody without a session."""
+
+    node: SmallNode
+    client: Client
+
+    async def ask(self, path: str) -> Any:
+        answer = await self.client.get(f"/v1/explorer/{path}")
+        assert answer.status == 200, await answer.text()
+        return await answer.json()
+
+
+@pytest.fixture
+async def public() -> AsyncIterator[Public]:
+    node = SmallNode.around(await SmallLedger().start())
+    node.services = replace(node.services, public_explorer=True, rounds=Rounds())
+    async with TestClient(TestServer(create_api(node.services))) as client:
+        yield Public(node, client)
+
+
+def a_call() -> tuple[Any, Receipt]:
+    call = sign_transaction(
+        SUBJECT,
+        chain_id=bytes(32),
+        contract="identity",
+        entry="leave",
+        arguments=[bytes(32)],
+        valid_until_ms=NOW_MS + 60_000,
+        salt=bytes(8),
+    )
+    return call, Receipt(txid=call.txid, ok=True, code="OK", message="", line=None, gas_used=9, events=())
+
+
+async def test_a_header_tells_who_certified_it_and_how_soon_it_was_final(public: Public) -> None:
+    call, receipt = a_call()
+    header = await public.node.ledger.extend([call], (receipt,))
+    await public.node.ledger.extend()
+    told = (await public.ask("headers?from_height=1&limit=1"))["headers"][0]
+    assert told["block_id"] == sha256(encode(header)).hex()
+    assert told["certificate"] == {"epoch": 0, "round": header.round, "block_id": told["block_id"], "voters": [0, 1, 2]}
+    assert (told["transaction_count"], told["finality_lag_ms"]) == (1, 42)
+    assert (told["missed_count"], told["missed"], told["timeout"]) == (0, [], None)
+
+
+async def test_the_newest_block_has_its_certificate_too_and_genesis_has_none(public: Public) -> None:
+    await public.node.ledger.extend()
+    genesis, newest = (await public.ask("headers"))["headers"]
+    assert newest["certificate"]["block_id"] == newest["block_id"]
+    assert genesis["certificate"] is None
+
+
+async def test_rounds_that_were_given_up_are_told_with_those_who_should_have_led(public: Public) -> None:
+    await public.node.ledger.extend()
+    await public.node.ledger.extend(gap=2)
+    told = (await public.ask("headers?from_height=2"))["headers"][0]
+    assert (told["round"], told["missed_count"], told["missed"]) == (4, 2, [2, 3])
+
+
+async def test_a_long_silence_names_only_the_first_rounds(public: Public) -> None:
+    await public.node.ledger.extend(gap=500)
+    told = (await public.ask("headers?from_height=1"))["headers"][0]
+    assert (told["missed_count"], len(told["missed"])) == (500, 32)
+
+
+async def test_the_last_block_of_an_epoch_has_a_certificate_and_the_next_epoch_other_seats(public: Public) -> None:
+    boundary = await public.node.ledger.change_epoch()
+    await public.node.ledger.extend()
+    told = (await public.ask(f"headers?from_height={boundary.height}"))["headers"]
+    assert told[0]["is_boundary"] is True
+    assert told[0]["certificate"]["block_id"] == told[0]["block_id"]
+    assert told[1]["epoch"] == 1
+    before, after = await public.ask("epochs/0"), await public.ask("epochs/1")
+    assert [seat["key"] for seat in before["seats"]] == [key.public_key.hex() for key in PRODUCERS]
+    assert {seat["key"] for seat in after["seats"]}.isdisjoint(seat["key"] for seat in before["seats"])
+    assert (before["quorum"], before["faults_tolerated"], before["seats"][0]["name"]) == (3, 1, "n0")
+
+
+async def test_a_block_is_found_by_its_id_and_an_unknown_one_is_not(public: Public) -> None:
+    header = await public.node.ledger.extend()
+    assert (await public.ask(f"headers/{sha256(encode(header)).hex()}"))["height"] == 1
+    for path in (f"headers/{'00' * 32}", "epochs/7"):
+        answer = await public.client.get(f"/v1/explorer/{path}")
+        assert (answer.status, (await answer.json())["code"]) == (404, "NOT_FOUND")
+
+
+async def test_producers_are_told_with_votes_suspension_and_evidence(public: Public) -> None:
+    key = PRODUCERS[0].public_key
+    entry = {
+        "name": "n0",
+        "organisation": "ward",
+        "votes": ["ward"],
+        "removals": [],
+        "status": "suspended",
+        "suspended_height": 3,
+        "evidence": EVIDENCE,
+    }
+    epoch = {"number": 0, "producers": [key], "leaderless": [], "settings": {}, "height": 0}
+    writes = {b"keys": [key], b"candidate/" + key: entry, b"epoch": epoch}
+    await public.node.ledger.extend(
+        writes={flat("producers", name): encode_value(value) for name, value in writes.items()}
+    )
+    answer = await public.ask("producers")
+    (told,) = answer["producers"]
+    assert (told["name"], told["status"], told["seat"], told["votes"]) == ("n0", "suspended", 0, ["ward"])
+    assert told["evidence"]["first_id"] == "00" * 32
+    assert "signature" not in str(told)
+
+
+async def test_the_status_waits_for_the_next_block(public: Public) -> None:
+    asking = asyncio.create_task(public.ask("status?after_height=0&wait_ms=20000"))
+    await asyncio.sleep(0)
+    await public.node.ledger.extend()
+    told = await asking
+    assert (told["head"], told["node"], told["is_public"]) == (1, "n0", True)
+    assert told["rounds"] == {"epoch": 0, "round": 9, "leader": 1, "certified_height": 4, "timed_out_count": 3}
+
+
+async def test_what_anybody_is_told_says_nothing_of_a_person_or_of_what_a_transaction_says(public: Public) -> None:
+    call, receipt = a_call()
+    await public.node.ledger.extend([call], (receipt,))
+    texts = [str(await public.ask(path)) for path in ("status", "headers", "producers", "epochs/0")]
+    for secret in (SUBJECT.public_key.hex(), call.txid.hex(), "identity", "leave", "subject"):
+        assert not [text for text in texts if secret in text], secret
+
+
+async def test_a_node_that_is_not_public_asks_for_a_session_and_still_serves_the_page() -> None:
+    node = SmallNode.around(await SmallLedger().start())
+    async with TestClient(TestServer(create_api(node.services))) as client:
+        answer = await client.get("/v1/explorer/status")
+        assert (answer.status, (await answer.json())["code"]) == (401, "SESSION_REQUIRED")
+        assert (await client.get("/explorer/")).status == 200
+
+
+@pytest.mark.parametrize("path", ["blocks", "blocks/0", "contracts", "events/page", "headers", "announcements"])
+async def test_a_public_explorer_opens_no_other_route(path: str, public: Public) -> None:
+    answer = await public.client.get(f"/v1/{path}")
+    assert (answer.status, (await answer.json())["code"]) == (401, "SESSION_REQUIRED")
+
+
+def test_every_code_of_the_machine_has_a_meaning() -> None:
+    assert set(MACHINE_MEANINGS) == VM_CODES
+
+
+def test_a_code_is_explained_by_who_gives_it() -> None:
+    assert explain_refusal("CONTRACT_DISABLED").origin == "catalogue"
+    assert "work" in explain_refusal("OUT_OF_GAS").meaning
+    told = explain_refusal("HANDLE_TAKEN")
+    assert (told.origin, "card" in told.next_step) == ("contract", True)
+    assert explain_refusal("NEVER_HEARD_OF").next_step == ""
