@@ -6,8 +6,6 @@ process map; what people see; the statistics tables.
 
 from __future__ import annotations
 
-import base64
-import html
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,52 +17,31 @@ from network.experiments.published_figures import SOURCE
 from network.experiments.run_figures import RunFigures
 from network.experiments.run_one import Outcome
 from network.experiments.tables import HEADINGS, Row, activity_rows, figure_rows, pair_rows, show_value
+from network.report_page import Section, badge, bar, build_report, drawing, gallery, picture, quiet, table, text
 
 PICTURES_A_PERSON_COUNT = 3
-_STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 68rem; margin: 2rem auto; padding: 0 1rem; color: #222; }
-h1 { font-size: 1.6rem; } h2 { margin-top: 2.5rem; font-size: 1.2rem; } .wide { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; } td, th { padding: .3rem .6rem; border-bottom: 1px solid #ddd; }
-td, th { text-align: left; vertical-align: top; } td.n, th.n { text-align: right; white-space: nowrap; }
-.held { color: #0a6b2d; } .failed { color: #b00020; font-weight: bold; } .small { font-size: .85rem; color: #555; }
-.bar { display: inline-block; height: .9rem; background: #3b6ea5; vertical-align: middle; }
-.bar.other { background: #c48a3a; }
-figure { display: inline-block; margin: .5rem; } figure img { width: 20rem; max-width: 100%; }
-figcaption { font-size: .85rem; } svg { max-width: 100%; height: auto; }
-"""
+_IN_MS = '<span class="visually-hidden">in milliseconds</span>'
 
 
-def _html(title: str, body: str) -> str:
-    return (
-        f"<!doctype html>\n<html lang=en><meta charset=utf-8><title>{html.escape(title)}</title>"
-        f"<style>{_STYLE}</style><h1>{html.escape(title)}</h1>{body}</html>\n"
-    )
-
-
-def _table(headings: Sequence[str], rows: Sequence[Sequence[str]], *, numbers_from: int = 1) -> str:
-    """Return a table of cells that are HTML already; columns from `numbers_from` on are set to the right."""
-    mark = ["" if place < numbers_from else " class=n" for place in range(len(headings))]
-    head = "".join(f"<th{kind}>{cell}</th>" for kind, cell in zip(mark, headings, strict=True))
-    lines = ["".join(f"<td{kind}>{cell}</td>" for kind, cell in zip(mark, row, strict=True)) for row in rows]
-    return f"<div class=wide><table><tr>{head}</tr>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table></div>"
-
-
-def build_page(outcome: Outcome, refusal: BlockRobotError | None) -> str:
-    """Return an experiment's page. `refusal` says why Graphviz drew no map, if it did not."""
+def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None = None) -> str:
+    """Return an experiment's page. `drawn` is Graphviz's process map as SVG; `refusal` says why it drew none."""
     experiment = outcome.experiment
-    parts = [f"<p>{html.escape(experiment.question)}</p>", _verdict(outcome), _conditions(outcome.conditions)]
-    parts.append("<h2>What was checked</h2>")
-    parts.append(_checks(outcome.checks.checks))
+    sections = [Section("What was checked", _checks(outcome.checks.checks) + _conditions(outcome.conditions))]
     if outcome.reading is not None:
         figures = outcome.reading.figures
-        parts += ["<h2>What share was paired</h2>", _paired(outcome, figures)]
-        parts += ["<h2>Where the time goes</h2>", _times(outcome, figures)]
-        parts += ["<h2>What was lost</h2>", _lost(outcome, figures)]
-        parts += [f"<h2>Beside {html.escape(experiment.beside.name)}</h2>", _side_by_side(outcome, figures)]
-        parts += ["<h2>What follows what</h2>", _map(outcome, refusal)]
-        parts += ["<h2>What people see</h2>", _pictures(outcome)]
-        parts += ["<h2>Statistics</h2>", _statistics(outcome)]
-    return _html(f"Experiment {experiment.number}: {experiment.title}", "".join(parts))
+        sections += [
+            Section("What share was paired", _paired(outcome, figures)),
+            Section("Where the time goes", _times(outcome, figures)),
+            Section("What was lost", _lost(outcome, figures)),
+            Section(f"Beside {experiment.beside.name}", _side_by_side(outcome, figures)),
+            Section("What follows what", _map(outcome, refusal, drawn), new_sheet=True),
+            Section("What people see", _pictures(outcome)),
+            Section("Statistics", _statistics(outcome), new_sheet=True),
+        ]
+    lead = f"{_verdict(outcome)}<p>{text(experiment.question)}</p>"
+    return build_report(
+        f"Experiment {experiment.number}: {experiment.title}", lead, sections, lead_is_good=bool(outcome.ok)
+    )
 
 
 def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
@@ -76,38 +53,38 @@ def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
         name = outcome.experiment.name
         rows.append(
             [
-                f"<a href='{name}/report.html'>{outcome.experiment.number}: {html.escape(outcome.experiment.title)}</a>",
-                "<span class=held>held</span>" if outcome.ok else "<span class=failed>FAILED</span>",
+                f'<a href="{name}/report.html">{outcome.experiment.number}: {text(outcome.experiment.title)}</a>',
+                badge(ok=outcome.ok),
                 f"{held} of {len(outcome.checks.checks)}",
                 *(f"{frames.get(key, 0):,}" for key in ("published", "covered", "kept", "withheld", "lost")),
             ]
         )
     headings = ["Experiment", "Claims", "Checks", "Frames", "Covered", "Kept", "Withheld", "Lost"]
     conditions = ", ".join(f"{key} {value}" for key, value in result["conditions"].items() if key != "scenarios")
-    note = (
-        "<p class=small>Covered, kept, withheld and lost count a frame once for each owner. "
-        f"{result['figures']['seconds']} s in all; {html.escape(conditions)}.</p>"
+    note = quiet(
+        "Covered, kept, withheld and lost count a frame once for each owner. "
+        f"{result['figures']['seconds']} s in all; {text(conditions)}."
     )
-    return _html("The experiments", _table(headings, rows, numbers_from=2) + note)
+    held = bool(outcomes) and all(outcome.ok for outcome in outcomes)
+    lead = "<p><strong>Every claim held.</strong></p>" if held else "<p><strong>Not every claim held.</strong></p>"
+    body = table("Each experiment, and what became of its frames", headings, rows, numbers_from=3) + note
+    return build_report("The experiments", lead, [Section("What was run", body)], lead_is_good=held)
 
 
 def _conditions(conditions: dict[str, Any]) -> str:
     told = ", ".join(f"{key} {value}" for key, value in conditions.items() if value is not None)
-    return (
-        f"<p class=small>Measured with: {html.escape(told)}. A load above the cores means that others worked too.</p>"
-    )
+    return quiet(f"Measured with: {text(told)}. A load above the cores means that others worked too.")
 
 
 def _verdict(outcome: Outcome) -> str:
     if outcome.ok:
-        return "<p class=held>Every check held.</p>"
-    return "<p class=failed>Not every check held.</p>"
+        return "<p><strong>Every check held.</strong></p>"
+    return "<p><strong>Not every check held.</strong></p>"
 
 
 def _checks(checks: Sequence[Check]) -> str:
-    marks = {True: "<span class=held>held</span>", False: "<span class=failed>FAILED</span>"}
-    rows = [[marks[check.ok], html.escape(check.name), html.escape(check.detail)] for check in checks]
-    return _table(["", "Check", "Seen"], rows, numbers_from=3)
+    rows = [[badge(ok=check.ok), text(check.name), text(check.detail)] for check in checks]
+    return table("Each check, and what was seen", ["", "Check", "Seen"], rows, numbers_from=3)
 
 
 def _percent(part: float, whole: float) -> str:
@@ -127,7 +104,7 @@ def _paired(outcome: Outcome, figures: RunFigures) -> str:
         f"({_percent(frames['kept'], frames['covered'])}) are on the chain, and {frames['withheld']:,} were withheld.</p>"
         f"<p>The prototype received {received:,.0f} frames, {covered:,.0f} of them within five seconds of a reading, and "
         f"paired {theirs['frames paired']:,.0f} ({_percent(theirs['frames paired'], received)})."
-        f"{html.escape(outcome.experiment.beside.remark)}</p>"
+        f"{text(outcome.experiment.beside.remark)}</p>"
     )
 
 
@@ -141,29 +118,26 @@ def _times(outcome: Outcome, figures: RunFigures) -> str:
     )
     for name, _ in ways:
         ours, other = figures.stretches[name].mean_ms, theirs[f"{name}, mean (ms)"]
-        rows.append([name, _bar(ours, longest), f"{ours:,.0f} ms", _bar(other, longest, "other"), f"{other:,.0f} ms"])
+        rows.append([name, bar(ours, longest, 1), f"{ours:,.0f} ms", bar(other, longest, 2), f"{other:,.0f} ms"])
     latency = outcome.robot["latency_ms"]
     window = latency["frame_to_final"]
     return (
         "<p>A frame is paired when nothing that may still arrive can change its owners: five seconds for readings to "
         "come, one for those that come late. That wait is most of the way, and it is chosen. The prototype paired at "
         "once, with what it had. Ours is on the chain when it is final, by a quorum; theirs when one producer took it.</p>"
-        + _table(["Mean", "ours", "", "theirs", ""], rows, numbers_from=5)
+        + table(
+            "From one step to the next, on average", ["Mean", "ours", _IN_MS, "theirs", _IN_MS], rows, numbers_from=5
+        )
         + f"<p>From the end of the five seconds to final: median {window['p50']:,.0f} ms, 95 in 100 within "
         f"{window['p95']:,.0f} ms, at most {window['max']:,.0f} ms (longer where whom a silhouette belongs to was settled "
         f"only by later readings). From submission to final: median {latency['submit_to_final']['p50']:,.0f} ms.</p>"
     )
 
 
-def _bar(value: float, longest: float, kind: str = "") -> str:
-    width = 12 * value / longest if longest else 0
-    return f"<span class='bar {kind}' style='width:{width:.2f}rem'></span>"
-
-
 def _lost(outcome: Outcome, figures: RunFigures) -> str:
     theirs = outcome.experiment.beside.figures
     frames = outcome.robot["frames"]
-    reasons = ", ".join(f"{html.escape(name)} {count:,}" for name, count in frames["withheld_reasons"].items())
+    reasons = ", ".join(f"{text(name)} {count:,}" for name, count in frames["withheld_reasons"].items())
     return (
         f"<p>{figures.frames_published - figures.frames_received:,} of {figures.frames_published:,} frames did not arrive; "
         f"of those that had an owner, {frames['lost']:,} were lost. The prototype lost "
@@ -177,27 +151,29 @@ def _lost(outcome: Outcome, figures: RunFigures) -> str:
 
 def _side_by_side(outcome: Outcome, figures: RunFigures) -> str:
     theirs = outcome.experiment.beside.figures
-    rows = [
-        [html.escape(name), show_value(value), show_value(theirs.get(name))] for name, value in figure_rows(figures)
-    ]
-    return (
-        _table(["", "ours", "theirs"], rows)
-        + f"<p class=small>Theirs: {html.escape(SOURCE)}. A dash: the log does not tell. Our readings are more than the "
-        "published ones, since hiding needs distance and facing; the frames that they cover are not.</p>"
+    rows = [[text(name), show_value(value), show_value(theirs.get(name))] for name, value in figure_rows(figures)]
+    return table("Figures of both runs", ["Figure", "ours", "theirs"], rows) + quiet(
+        f"Theirs: {text(SOURCE)}. A dash: the log does not tell. Our readings are more than the published ones, "
+        "since hiding needs distance and facing; the frames that they cover are not."
     )
 
 
-def _map(outcome: Outcome, refusal: BlockRobotError | None) -> str:
+def _map(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None) -> str:
     assert outcome.reading is not None
+    graph = outcome.reading.graph
     note = ""
     if refusal is not None:
-        note = (
-            f"<p class=small>Graphviz drew no map here ({html.escape(refusal.code)}). "
-            f"Next step: {html.escape(refusal.next_step)}</p>"
+        note = quiet(
+            f"Graphviz drew no map here ({text(refusal.code)}); this is the plainer one of our own. "
+            f"Next step: {text(refusal.next_step)}"
         )
+    alternative = (
+        f"Process map: {len(graph.activities)} activities and the {len(graph.pairs)} ways from one to the next. "
+        "The tables under Statistics say the same in figures."
+    )
     return (
         "<p>Each arrow: how often the second came directly after the first in the same frame (for the same owner), and "
-        f"how long after on average.</p><div class=wide>{draw_svg(outcome.reading.graph)}</div>{note}"
+        f"how long after on average.</p>{drawing(drawn or draw_svg(graph), alternative=alternative)}{note}"
     )
 
 
@@ -205,15 +181,14 @@ def _pictures(outcome: Outcome) -> str:
     shown = []
     for alias, belongings in outcome.belongings.items():
         step = max(1, len(belongings.pictures) // PICTURES_A_PERSON_COUNT)
-        shown += [_figure(alias, picture) for picture in belongings.pictures[::step][:PICTURES_A_PERSON_COUNT]]
-    return "".join(shown) or "<p>Nobody has a picture.</p>"
+        shown += [_figure(alias, path) for path in belongings.pictures[::step][:PICTURES_A_PERSON_COUNT]]
+    return gallery(shown) if shown else "<p>Nobody has a picture.</p>"
 
 
-def _figure(alias: str, picture: Path) -> str:
-    data = base64.b64encode(picture.read_bytes()).decode()
-    label = html.escape(f"{alias.replace('-', ' ')}, frame {int(picture.stem)}")
-    image = f"<img alt='{label}' src='data:image/png;base64,{data}'>"
-    return f"<figure>{image}<figcaption>{label}</figcaption></figure>"
+def _figure(alias: str, path: Path) -> str:
+    label = f"{alias.replace('-', ' ')}, frame {int(path.stem)}"
+    alternative = f"{label}: one silhouette alone on the recorded empty corridor, distance in colours"
+    return picture(path.read_bytes(), alternative=alternative, caption=label)
 
 
 def _statistics(outcome: Outcome) -> str:
@@ -222,11 +197,11 @@ def _statistics(outcome: Outcome) -> str:
     return (
         f"<p>{graph.event_count:,} events in {graph.case_count:,} cases: a frame is a case, and so are a tag's readings. "
         "An activity's duration is the time since the event before in its case.</p>"
-        + _rows("Activity", activity_rows(graph))
-        + _rows("Pair of activities", pair_rows(graph))
+        + _rows("Each activity (times in ms)", "Activity", activity_rows(graph))
+        + _rows("Each pair, the second directly after the first (times in ms)", "Pair of activities", pair_rows(graph))
     )
 
 
-def _rows(heading: str, rows: Sequence[Row]) -> str:
-    cells = [[html.escape(row.name), *map(show_value, row.values)] for row in rows]
-    return _table([heading, *HEADINGS], cells)
+def _rows(caption: str, heading: str, rows: Sequence[Row]) -> str:
+    cells = [[text(row.name), *map(show_value, row.values)] for row in rows]
+    return table(caption, [heading, *HEADINGS], cells)

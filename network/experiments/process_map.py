@@ -45,13 +45,13 @@ def build_dot(graph: FlowGraph) -> str:
         f'  node [shape=box, style="rounded,filled", fillcolor="#eef3fb", color="{_INK}", fontsize=11, '
         f'margin="0.18,0.09", {_FONT}];',
         f'  edge [fontsize=10, color="{_INK}", fontcolor="{_INK}", arrowsize=0.8, {_FONT}];',
-        f'  {START} [shape=circle, label="", width=0.22, fillcolor="#1b6b3a", tooltip="cases begin"];',
-        f'  {END} [shape=doublecircle, label="", width=0.16, fillcolor="#a3262a", tooltip="cases end"];',
+        f'  {START} [shape=circle, label="", width=0.22, fillcolor="#1b6b3a"];',
+        f'  {END} [shape=doublecircle, label="", width=0.16, fillcolor="#a3262a"];',
     ]
     for activity, tally in graph.activities.items():
         # The line break is DOT's own, behind the quoting.
         label = _quote(activity)[:-1] + f'\\n{counted(tally)}"'
-        lines.append(f"  {names[activity]} [label={label}, tooltip={_quote(activity)}];")
+        lines.append(f"  {names[activity]} [label={label}];")
     for (first, second), tally in graph.pairs.items():
         pen = round(1 + (_PEN_MAX - 1) * tally.absolute / busiest, 2)
         # What happens most is drawn straight, and a label keeps away from its arrow.

@@ -15,7 +15,7 @@ from clients.robot.scenario import Scenario
 from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions
 from network.demo.checks import Check, CheckList
-from network.experiments.comparison import write_reading
+from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.definitions import Experiment
 from network.experiments.guard import Guard
 from network.experiments.out_folder import REPORT_FILE, SUMMARY_FILE, make_experiment_folder, taken
@@ -95,10 +95,13 @@ async def _run_one(experiment: Experiment, scenario: Scenario, options: RunOptio
 def _leave(outcome: Outcome, folder: Path) -> None:
     """Write an experiment's files beside its event log."""
     refusal: BlockRobotError | None = None
+    drawn: str | None = None
     if outcome.reading is not None:
         refusal = write_reading(outcome.reading, folder)
+        if refusal is None:
+            drawn = (folder / f"{MAP_FILE}.svg").read_text(encoding="utf-8")
     _write(folder / SUMMARY_FILE, json.dumps(outcome.figures(), indent=2) + "\n")
-    _write(folder / REPORT_FILE, build_page(outcome, refusal))
+    _write(folder / REPORT_FILE, build_page(outcome, refusal, drawn))
 
 
 def _drawn_by(outcomes: Sequence[Outcome], out: Path) -> str:
