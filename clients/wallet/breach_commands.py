@@ -12,6 +12,7 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
+from clients.wallet.counting import counted
 from clients.wallet.lost_keys_commands import lost_keys
 from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
 from clients.wallet.rights import read_correction, write_correction
@@ -175,7 +176,8 @@ def close(ctx: click.Context, breach: str, outcome: str, reason: str, yes: bool,
         click.echo(f"erasing records: {number} of {count} are asked for", err=True)
 
     count, after = _run(ctx, breach, lambda handled, found: handled.close(found, outcome, reason, tell))
-    line = OUTCOMES[outcome] + (f" {count} records are being erased." if outcome == "erased" else "")
+    going = f" {counted(count, 'record is', 'records are')} being erased." if outcome == "erased" else ""
+    line = OUTCOMES[outcome] + going
     _tell(ctx, after, line, as_json=as_json, more={"erasing": count})
 
 
@@ -195,7 +197,7 @@ def check_correction(ctx: click.Context, file: Path, as_json: bool) -> None:
         place = {"number": row["number"], "txid": row["txid"].hex(), "height": row["height"], "time_ms": row["time"]}
         print_json({"ok": True, **place, "correction": json.loads(write_correction(correction))})
         return
-    of = f"{len(correction.record_ids)} records" if correction.record_ids else "all"
+    of = counted(len(correction.record_ids), "record") if correction.record_ids else "all"
     console.print(
         f"Said by the owner of visit {correction.visit[:12]} on {show_moment(row['time'])} (block {row['height']}), "
         f"of {of} of it, about its {correction.kind}:\n"

@@ -12,12 +12,12 @@ from typing import Any
 
 from clients.sdk.receipts import FinalReceipt
 from clients.wallet.lost_keys import active_records
+from clients.wallet.naming import BREACH, find_named
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import u32, u64
 from consensus.records.rights import Correction, commit_correction
 
-ID_PREFIX_MIN_CHARS = 8
 RECORDS_A_CALL_MAX_COUNT = 64
 _COUNT_KEY = b"rights\x00breach-count"
 _NUMBER = b"rights\x00breach-number/"
@@ -70,14 +70,9 @@ class Breaches:
         return [Breach(breach_id, states[_BREACH + breach_id], now_ms) for breach_id in ids]
 
     async def find(self, start: str) -> Breach:
-        """Return the breach whose id (hexadecimal) begins so. Raises NOT_FOUND, REQUEST_INVALID."""
-        if len(start) < ID_PREFIX_MIN_CHARS:
-            raise BlockRobotError("REQUEST_INVALID", f"Name a breach by at least {ID_PREFIX_MIN_CHARS} characters.")
-        found = [breach for breach in await self.read_all() if breach.breach_id.hex().startswith(start.lower())]
-        if len(found) != 1:
-            code = "REQUEST_INVALID" if found else "NOT_FOUND"
-            raise BlockRobotError(code, f"There are {len(found) or 'no'} breaches that begin with {start}.")
-        return found[0]
+        """Return the breach whose id (hexadecimal) begins so. Raises BREACH_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+        known = await self.read_all()
+        return known[find_named(BREACH, [breach.breach_id.hex() for breach in known], start)]
 
     async def assess(self, breach: Breach, risk: str, reason: str) -> FinalReceipt:
         """Say how much risk there is, and why. Raises CALL_REFUSED with the contract's code."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from clients.wallet.counting import counted
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
@@ -86,5 +87,6 @@ class Erasing:
                 return reports
             if loop.time() > deadline:
                 waiting = sum(len(report.custodians) - len(report.receipts) for report in reports)
-                raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{waiting} receipts of custodians are still missing.")
+                missing = counted(waiting, "receipt of a custodian is", "receipts of custodians are")
+                raise BlockRobotError("ERASURE_NOT_CONFIRMED", f"{missing} still missing.")
             await asyncio.sleep(_POLL_S)

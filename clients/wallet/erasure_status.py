@@ -14,6 +14,7 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.counting import counted
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.opening import run_opened, show_moment
@@ -116,7 +117,9 @@ def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
 
 def erasure_lines(erasure: AskedErasure) -> list[str]:
     """Say one erasure in plain sentences."""
-    what = f"{len(erasure.frames)} pictures of a record" if erasure.frames else f"{erasure.records_count} records"
+    what = counted(erasure.records_count, "record")
+    if erasure.frames:
+        what = counted(len(erasure.frames), "picture") + " of a record"
     done = "erased everywhere" if erasure.report.complete else "not erased everywhere yet"
     lines = [f"{show_moment(erasure.asked_at_ms)}  {what}: {done}."]
     for word in erasure.custodians:
@@ -125,7 +128,9 @@ def erasure_lines(erasure: AskedErasure) -> list[str]:
             if word.remains and word.remains != "nothing":
                 left = f"; what remains is {word.remains}, until {show_moment(word.remains_until_ms)}"
             moment = show_moment(word.confirmed_at_ms)
-            lines.append(f"  {word.name} confirmed {moment}: {word.destroyed_frames} pictures destroyed{left}.")
+            lines.append(
+                f"  {word.name} confirmed {moment}: {counted(word.destroyed_frames, 'picture')} destroyed{left}."
+            )
         elif word.overdue:
             lines.append(f"  {word.name} is OVERDUE. Ask its organisation. It hands nothing out before it has erased.")
         else:

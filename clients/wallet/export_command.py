@@ -16,6 +16,7 @@ from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.counting import counted
 from clients.wallet.exporting import Exporting, Plan, Wanted
 from clients.wallet.opening import run_opened
 from clients.wallet.wallet import Wallet
@@ -55,7 +56,8 @@ def _read_ids(texts: tuple[str, ...]) -> tuple[bytes, ...]:
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
     """Return what the bundle would give away, in plain sentences."""
     wanted = plan.wanted
-    lines = [f"The bundle will hold {len(plan.visits)} visits with {plan.record_count} records. Whoever has it learns:"]
+    what = f"{counted(len(plan.visits), 'visit')} with {counted(plan.record_count, 'record')}"
+    lines = [f"The bundle will hold {what}. Whoever has it learns:"]
     if plan.visits:
         lines.append("  - that these visits were of one person (on the ledger nobody can tell), where and when;")
     if wanted.pictures and plan.record_count:
@@ -163,7 +165,8 @@ def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
 def _print(out: Path, verdict: Verdict) -> None:
     told = bundle_json(out, verdict)
     console.print(
-        f"{out}: {told['visits']} visits, {told['records']} records, {told['pictures']} pictures, "
+        f"{out}: {counted(told['visits'], 'visit')}, {counted(told['records'], 'record')}, "
+        f"{counted(told['pictures'], 'picture')}, "
         f"{told['audit_entries']} events, {told['bytes'] / 1e6:.1f} MB, proved up to block {told['proved_until_height']}."
     )
     for problem in verdict.manifest.problems:

@@ -131,17 +131,17 @@ class Exporting:
     async def plan(self, wanted: Wanted) -> Plan:
         """Look what there is of what is wanted; nothing is asked for, nobody is told.
 
-        Raises NOT_FOUND for a record that is not this person's, or if nothing is left to take along.
+        Raises RECORD_NOT_FOUND for a record that is not this person's, or if nothing is left to take along.
         """
         reports = await self._wallet.records()
         known = {record_id for report in reports for record_id in _all_ids(report)}
         for record_id in wanted.records:
             if record_id not in known:
-                raise BlockRobotError("NOT_FOUND", f"You have no record {record_id.hex()}.")
+                raise BlockRobotError("RECORD_NOT_FOUND", f"You have no record {record_id.hex()}.")
         chosen = [_choose(report, wanted) for report in reports]
         visits = tuple(visit for visit in chosen if visit is not None)
         if not visits and not (wanted.identity and wanted.is_everything):
-            raise BlockRobotError("NOT_FOUND", "Nothing of this was recorded of you.")
+            raise BlockRobotError("RECORD_NOT_FOUND", "Nothing of this was recorded of you.")
         return Plan(wanted, visits)
 
     async def collect(self, plan: Plan, now_ms: int) -> Contents:

@@ -11,7 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
+from clients.wallet import naming
 from clients.wallet.keys import WalletKeys
+from clients.wallet.naming import find_named
 from clients.wallet.sharing_memory import ReceivedGrant
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
@@ -26,7 +28,6 @@ _NUMBER = b"access\x00grant-number/"
 _CUSTODIANS = b"identity\x00custodians"
 _CUSTODIAN = b"identity\x00custodian/"
 PAGE_COUNT = 100
-GRANT_PREFIX_MIN_CHARS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,11 +154,5 @@ def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
 
 
 def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
-    """Return the one grant id that begins so (hexadecimal). Raises NOT_FOUND, REQUEST_INVALID."""
-    if len(start) < GRANT_PREFIX_MIN_CHARS:
-        raise BlockRobotError("REQUEST_INVALID", f"Name a grant by at least {GRANT_PREFIX_MIN_CHARS} characters.")
-    found = [grant_id for grant_id in ids if grant_id.hex().startswith(start.lower())]
-    if len(found) != 1:
-        code = "REQUEST_INVALID" if found else "NOT_FOUND"
-        raise BlockRobotError(code, f"There are {len(found) or 'no'} grants that begin with {start}.")
-    return found[0]
+    """Return the one grant id that begins so (hexadecimal). Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
+    return ids[find_named(naming.GRANT, [grant_id.hex() for grant_id in ids], start)]

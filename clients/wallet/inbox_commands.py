@@ -14,6 +14,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
@@ -107,11 +108,11 @@ def receipt_lines(receipt: Receipt) -> list[str]:
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
     meaning = PURPOSES.get(grant.purpose, grant.purpose)
     end = f"until {show_moment(grant.until_ms)}" if receipt.is_open else "over"
-    lines = [f"{name}  {len(grant.records)} records of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
+    lines = [f"{name}  {counted(len(grant.records), 'record')} of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
     news = [notice for notice in receipt.notices if not notice.confirmed]
     for kind in dict.fromkeys(notice.kind for notice in news):
         told = [notice for notice in news if notice.kind == kind]
-        lines.append(f"  {len(told)} of {len(grant.records)} records: {WORDS[kind]}")
+        lines.append(f"  {len(told)} of {counted(len(grant.records), 'record')}: {WORDS[kind]}")
         if len(told) < len(grant.records):
             lines += [f"    {notice.record_id.hex()}" for notice in told]
     lines += [f"  a copy is in {place}" for place in copies_left(receipt, receipt.to_confirm)]
@@ -128,7 +129,8 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
     for report in alarms:
         name = report.visit.owner.hex()[:12]
         if report.missing_count:
-            console.print(f"[red]Your visit {name}: {report.missing_count} records are missing. Ask why.[/red]")
+            missing = counted(report.missing_count, "record is", "records are")
+            console.print(f"[red]Your visit {name}: {missing} missing. Ask why.[/red]")
         if report.unreadable_ids:
             console.print(f"[red]Your visit {name}: {unreadable_words(report)}[/red]")
 
@@ -257,7 +259,8 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
         whole = sum(frame.status == STATUS_OK for frame in shown)
-        line = f"{view.record_id.hex()}: {whole} of {len(shown)} pictures are as the robot took them"
+        of = counted(len(shown), "picture is", "pictures are")
+        line = f"{view.record_id.hex()}: {whole} of {of} as the robot took them"
         if view.corrupted:
             line += f"; [red]changed since, or not shared: {', '.join(map(str, view.corrupted))}[/red]"
         console.print(line + ".")
@@ -288,14 +291,15 @@ def confirm_deleted(
         receiving, receipt = await _find(opened, grant)
         chosen = _choose(receipt, record_ids, receipt.to_confirm)
         if not chosen:
-            raise BlockRobotError("NOT_FOUND", "Nothing of this grant is to be deleted, or you have confirmed it all.")
+            text = "Nothing of this share is to be deleted now, or you have confirmed it all."
+            raise BlockRobotError("NOTHING_TO_CONFIRM", text)
         places = copies_left(receipt, chosen)
         if places and not delete:
             raise BlockRobotError("COPIES_REMAIN", f"There is still a copy in {places[0]}.")
-        doing = f"Delete what `look` wrote into {len(places)} folders, and say" if places else "Say"
+        doing = f"Delete what `look` wrote into {counted(len(places), 'folder')}, and say" if places else "Say"
         confirm(
-            f"{doing} on the ledger that you have no copy left of {len(chosen)} records: not elsewhere on this machine,"
-            " not on another, not on paper, and with nobody whom you gave one.",
+            f"{doing} on the ledger that you have no copy left of {counted(len(chosen), 'record')}: not elsewhere on this"
+            " machine, not on another, not on paper, and with nobody whom you gave one.",
             "Is that so?",
             yes=yes,
         )
@@ -312,7 +316,7 @@ def confirm_deleted(
     for folder in dict.fromkeys(path.parent for path in kept):
         names = ", ".join(path.name for path in kept if path.parent == folder)
         console.print(f"{folder} stays: it holds what `look` did not write ({names}). No copy may be among it.")
-    console.print(f"The owner sees now that you have deleted your copies of {len(chosen)} records.")
+    console.print(f"The owner sees now that you have deleted your copies of {counted(len(chosen), 'record')}.")
 
 
 COMMANDS = (inbox, look, confirm_deleted)

@@ -13,6 +13,7 @@ from typing import Any
 from clients.sdk.announcements import Announcement
 from clients.sdk.receipts import FinalReceipt
 from clients.wallet.auditing import RECORDED_KIND
+from clients.wallet.naming import PROPOSAL, find_named
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
@@ -80,6 +81,8 @@ class Proposal:
     proposal_id: bytes
     state: dict[str, Any]
     now_ms: int
+    is_own: bool = False
+    """Whether it is the proposal of the officer who reads it."""
 
     @property
     def span(self) -> Span:
@@ -110,15 +113,15 @@ class Ordered:
 
 
 def make_span(robot: bytes, from_ms: int, until_ms: int) -> Span:
-    """Return the span in whole buckets that holds all of it. Raises REQUEST_INVALID for one that is none, or too long."""
+    """Return the span in whole buckets that holds all of it. Raises SPAN_INVALID for one that is none, or too long."""
     first = from_ms - from_ms % TIME_BUCKET_MS
     end = -(-until_ms // TIME_BUCKET_MS) * TIME_BUCKET_MS
     if not 0 <= first < end:
-        raise BlockRobotError("REQUEST_INVALID", "The span ends before it begins.")
+        raise BlockRobotError("SPAN_INVALID", "The span ends before it begins.")
     if end - first > SPAN_MAX_MS:
         minutes = SPAN_MAX_MS // 60_000
         raise BlockRobotError(
-            "REQUEST_INVALID", f"A span has at most {minutes} minutes, for others' visits go with it: make it shorter."
+            "SPAN_INVALID", f"A span has at most {minutes} minutes, for others' visits go with it: make it shorter."
         )
     return Span(robot, first, end)
 
@@ -135,21 +138,21 @@ class LostKeys:
     async def preview(self, robot: str, from_ms: int, until_ms: int) -> Preview:
         """Say what would be erased of the visits that a robot (the beginning of its key, hexadecimal) opened then.
 
-        No name is enough where one robot alone opened visits then. Raises REQUEST_INVALID for a wrong span or a name that
-        is too short or fits several, NOT_FOUND if no such robot opened a visit then.
+        No name is enough where one robot alone opened visits then. Raises SPAN_INVALID, NAME_TOO_SHORT, NAME_AMBIGUOUS if
+        several fit, SPAN_EMPTY if no such robot opened a visit then.
         """
         if 0 < len(robot) < ID_PREFIX_MIN_CHARS:
-            raise BlockRobotError("REQUEST_INVALID", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
+            raise BlockRobotError("NAME_TOO_SHORT", f"Name a robot by at least {ID_PREFIX_MIN_CHARS} characters.")
         span = make_span(b"", from_ms, until_ms)
         found = [item for item in await self._opened(span) if item[2].hex().startswith(robot.lower())]
         robots = {item[2] for item in found}
         if len(robots) != 1:
             named = f" whose key begins with {robot}" if robot else ""
             if not robots:
-                raise BlockRobotError("NOT_FOUND", f"No robot{named} opened a visit in that span.")
+                raise BlockRobotError("SPAN_EMPTY", f"No robot{named} opened a visit in that span.")
             keys = ", ".join(sorted(key.hex()[:10] for key in robots))
             text = f"{len(robots)} robots{named} opened visits in that span: {keys}. Name one with --robot."
-            raise BlockRobotError("REQUEST_INVALID", text)
+            raise BlockRobotError("NAME_AMBIGUOUS", text)
         return await self._judge(Span(robots.pop(), span.from_ms, span.until_ms), found)
 
     async def preview_span(self, span: Span) -> Preview:
@@ -219,17 +222,14 @@ class LostKeys:
         ids = [found[key] for key in numbers]
         states = await self._wallet.values([_PROPOSAL + proposal_id for proposal_id in ids], self._key)
         now_ms = (await self._wallet.network.newest_header(self._key)).timestamp_ms
-        return [Proposal(proposal_id, states[_PROPOSAL + proposal_id], now_ms) for proposal_id in ids]
+        rows = [(proposal_id, states[_PROPOSAL + proposal_id]) for proposal_id in ids]
+        own = {keys.identity.public_key for keys in self._wallet.eras}
+        return [Proposal(proposal_id, row, now_ms, row["proposer"] in own) for proposal_id, row in rows]
 
     async def find(self, start: str) -> Proposal:
-        """Return the proposal whose id (hexadecimal) begins so. Raises NOT_FOUND, REQUEST_INVALID."""
-        if len(start) < ID_PREFIX_MIN_CHARS:
-            raise BlockRobotError("REQUEST_INVALID", f"Name a proposal by at least {ID_PREFIX_MIN_CHARS} characters.")
-        found = [one for one in await self.read_all() if one.proposal_id.hex().startswith(start.lower())]
-        if len(found) != 1:
-            code = "REQUEST_INVALID" if found else "NOT_FOUND"
-            raise BlockRobotError(code, f"There are {len(found) or 'no'} proposals that begin with {start}.")
-        return found[0]
+        """Return the proposal whose id (hexadecimal) begins so. Raises PROPOSAL_NOT_FOUND, NAME_TOO_SHORT and the like."""
+        known = await self.read_all()
+        return known[find_named(PROPOSAL, [one.proposal_id.hex() for one in known], start)]
 
     # Deciding
 

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.counting import counted
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
 from clients.wallet.opening import run_opened, show_moment
 from consensus.errors import BlockRobotError
@@ -60,6 +61,14 @@ def _officer(ctx: click.Context) -> str:
     return "blockrobot officer" + (f" --profile {profile}" if profile != "default" else "") + " lost-keys"
 
 
+def _second(ctx: click.Context, proposal: Proposal) -> str:
+    """Return how it is approved: not by who proposed it, so a hint for her names nobody's profile."""
+    name = proposal.proposal_id.hex()[:12]
+    if proposal.is_own:
+        return f"another officer, with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}"
+    return f"you may agree: {_officer(ctx)} approve {name}"
+
+
 def _preview_json(preview: Preview) -> dict[str, Any]:
     return {
         "robot": preview.span.robot.hex(),
@@ -88,13 +97,15 @@ def _print_preview(preview: Preview) -> None:
         f"Robot {span.robot.hex()[:10]}, visits that began from {show_moment(span.from_ms)} to before "
         f"{show_moment(span.until_ms)}:"
     )
-    console.print(f"  {len(preview.touched)} visits with {preview.records_count} records would be erased.")
+    what = f"{counted(len(preview.touched), 'visit')} with {counted(preview.records_count, 'record')}"
+    console.print(f"  {what} would be erased.")
     restricted = sum(visit.restricted_count > 0 for visit in preview.visits)
     denied = sum(visit.denied for visit in preview.visits)
     if restricted:
-        console.print(f"  Of {restricted} visits their owners restricted records: those stay.")
+        console.print(f"  Of {counted(restricted, 'visit')} records are restricted by the owner: those stay.")
     if denied:
-        console.print(f"  {denied} visits were denied: they stay with their breach (blockrobot officer breaches).")
+        visits = counted(denied, "visit was", "visits were")
+        console.print(f"  {visits} denied: what is denied stays with its breach (blockrobot officer breaches).")
     if preview.touched:
         console.print(
             "  [bold red]The chain cannot say whose visits these are.[/bold red] All of them go, those of others too, "
@@ -128,11 +139,12 @@ def _print_proposal(ctx: click.Context, proposal: Proposal) -> None:
     state, name = proposal.state, proposal.proposal_id.hex()[:12]
     console.print(
         f"{name}  {proposal.status}, {state['reason']}: robot {state['robot'].hex()[:10]} at {state['org']}, "
-        f"{show_moment(state['from_ms'])} to {show_moment(state['until_ms'])}, at most {state['visits_max']} visits; "
-        f"{state['visits']} visits and {state['records']} records ordered so far"
+        f"{show_moment(state['from_ms'])} to {show_moment(state['until_ms'])}, "
+        f"at most {counted(state['visits_max'], 'visit')}; "
+        f"{counted(state['visits'], 'visit')} and {counted(state['records'], 'record')} ordered so far"
     )
     steps = {
-        "proposed": f"another officer, until {show_moment(state['ends_ms'])}: {_officer(ctx)} approve {name}",
+        "proposed": f"{_second(ctx, proposal)}, until {show_moment(state['ends_ms'])}",
         "approved": f"either of the two, until {show_moment(state['ends_ms'])}: {_officer(ctx)} erase {name}",
         "lapsed": f"its time is over; if it is still wanted: {_officer(ctx)} propose ...",
     }
@@ -149,13 +161,14 @@ def _confirm(text: str, *, yes: bool) -> None:
 
 
 def _require_room(found: Preview, visits: int | None) -> int:
-    """Return how many visits may go at most. Raises NOT_FOUND where nothing is left, REQUEST_INVALID for too many."""
+    """Return how many visits may go at most. Raises SPAN_EMPTY where nothing is left, SPAN_TOO_FULL."""
     count = len(found.touched)
     if not count:
-        raise BlockRobotError("NOT_FOUND", "Nothing in that span is left to erase.")
+        raise BlockRobotError("SPAN_EMPTY", "Nothing in that span is left to erase.")
     most = min(visits or count, VISITS_MAX_COUNT)
     if count > most:
-        raise BlockRobotError("REQUEST_INVALID", f"{count} visits are in that span, and {most} may go: shorten it.")
+        found_visits = counted(count, "visit is", "visits are")
+        raise BlockRobotError("SPAN_TOO_FULL", f"{found_visits} in that span, and {most} may go.")
     return visits or count
 
 
@@ -234,7 +247,7 @@ def propose(
         if not as_json:
             _print_preview(found)
         most = _require_room(found, visits)
-        _confirm(f"Propose that all of these {len(found.touched)} visits are erased?", yes=yes)
+        _confirm(f"Propose that {counted(len(found.touched), 'visit is', 'visits are')} erased, all of it?", yes=yes)
         proposal_id = await handling.propose(found.span, reason, most)
         return found, await handling.find(proposal_id.hex())
 
@@ -297,7 +310,7 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         if not as_json:
             _print_preview(found)
         if found.touched:
-            _confirm(f"Erase the records of {len(found.touched)} visits for everyone, for ever?", yes=yes)
+            _confirm(f"Erase the records of {counted(len(found.touched), 'visit')} for everyone, for ever?", yes=yes)
         ordered = await handling.erase(before, tell)
         return ordered, await handling.find(before.proposal_id.hex())
 
@@ -316,13 +329,15 @@ def erase(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None:
         console.print("There is nothing left to erase.")
     else:
         console.print(
-            f"Ordered: {ordered.records} records of {ordered.visits} visits. Custodians destroy them and sign for it; "
-            "each visit's audit says that two officers did this, and why."
+            f"Ordered: {counted(ordered.records, 'record')} of {counted(ordered.visits, 'visit')}. "
+            "Custodians destroy them and sign for it; each visit's audit says that two officers did this, and why."
         )
     if ordered.kept_visits:
-        console.print(f"  {ordered.kept_visits} visits stay in whole or in part: restricted, or denied.")
+        visits = counted(ordered.kept_visits, "visit stays", "visits stay")
+        console.print(f"  {visits} in whole or in part: restricted, or denied.")
     if ordered.left_visits:
-        console.print(f"  {ordered.left_visits} visits are more than was approved: they stay. Propose them anew.")
+        visits = counted(ordered.left_visits, "visit is", "visits are")
+        console.print(f"  {visits} more than was approved, and left. Propose the rest anew.")
     _print_proposal(ctx, after)
 
 

@@ -262,12 +262,12 @@ class Receiving:
     async def confirm_deleted(self, receipt: Receipt, records: Sequence[bytes]) -> bytes:
         """Tell the owner, on the chain, that copies of these records are deleted; forget where they were.
 
-        Returns the txid. Raises REQUEST_INVALID for records of which nothing is to be confirmed, CALL_REFUSED.
+        Returns the txid. Raises NOTHING_TO_CONFIRM for records of which nothing is to be confirmed, CALL_REFUSED.
         """
         received = receipt.received
         if not set(records) <= set(receipt.to_confirm):
             text = "Only of what the inbox asks you to delete you can say that it is deleted, and once."
-            raise BlockRobotError("REQUEST_INVALID", text)
+            raise BlockRobotError("NOTHING_TO_CONFIRM", text)
         arguments = [receipt.grant.grant_id, list(records)]
         key = grantee_key(received, self._wallet)
         txid = (await self._wallet.network.call(key, "access", "noticed", arguments)).txid

@@ -14,7 +14,10 @@ from typing import Any
 
 import msgspec
 
+from clients.wallet.counting import counted
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.naming import VISIT, find_named
+from clients.wallet.visits import find_record
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.purposes import require_published
@@ -29,7 +32,6 @@ from consensus.records.rights import (
 )
 
 SPREAD_MAX_MS = 4_000
-VISIT_PREFIX_MIN_CHARS = 8
 _OBJECTION = b"rights\x00objection/"
 _QUARANTINE = b"rights\x00quarantine/"
 Tell = Callable[[int, int], None]
@@ -64,14 +66,12 @@ class Said:
 def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Sequence[str]) -> list[Chosen]:
     """Return what is meant by record ids and by beginnings of visits' names (hexadecimal).
 
-    Raises NOT_FOUND for what is not this person's, REQUEST_INVALID for a beginning that is too short or fits several.
+    Raises RECORD_NOT_FOUND and VISIT_NOT_FOUND for what is not this person's, NAME_TOO_SHORT, NAME_AMBIGUOUS.
     """
     chosen = [Chosen(_find_visit(reports, start).visit) for start in visits]
     entries = {entry.record_id.hex(): entry for report in reports for entry in report.records}
     by_visit: dict[bytes, list[RecordEntry]] = {}
-    for record_id in record_ids:
-        if record_id not in entries:
-            raise BlockRobotError("NOT_FOUND", f"You have no record {record_id}.")
+    for record_id in dict.fromkeys(find_record(list(entries), start) for start in record_ids):
         by_visit.setdefault(entries[record_id].visit.owner, []).append(entries[record_id])
     whole = {one.visit.owner for one in chosen}
     chosen += [Chosen(part[0].visit, tuple(part)) for owner, part in by_visit.items() if owner not in whole]
@@ -79,13 +79,7 @@ def choose(reports: Sequence[VisitReport], record_ids: Sequence[str], visits: Se
 
 
 def _find_visit(reports: Sequence[VisitReport], start: str) -> VisitReport:
-    if len(start) < VISIT_PREFIX_MIN_CHARS:
-        raise BlockRobotError("REQUEST_INVALID", f"Name a visit by at least {VISIT_PREFIX_MIN_CHARS} characters.")
-    found = [report for report in reports if report.visit.owner.hex().startswith(start.lower())]
-    if len(found) != 1:
-        code = "REQUEST_INVALID" if found else "NOT_FOUND"
-        raise BlockRobotError(code, f"You have {len(found) or 'no'} visits that begin with {start}.")
-    return found[0]
+    return reports[find_named(VISIT, [report.visit.owner.hex() for report in reports], start)]
 
 
 class Rights:
@@ -227,10 +221,14 @@ _WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
     "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
     "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
     "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
-    "erased_by_officers": lambda data: f"{data['records']} records, by two officers together: {data['reason']}",
-    "granted": lambda data: f"{data['records']} records for {data['purpose']}, grant {data['grant_id'].hex()[:12]}",
+    "erased_by_officers": lambda data: (
+        f"{counted(data['records'], 'record')}, by two officers together: {data['reason']}"
+    ),
+    "granted": lambda data: (
+        f"{counted(data['records'], 'record')} for {data['purpose']}, grant {data['grant_id'].hex()[:12]}"
+    ),
     "grant_revoked": lambda data: f"grant {data['grant_id'].hex()[:12]}",
-    "grant_noticed": lambda data: f"copies of {len(data['records'])} records are deleted, says who had them",
+    "grant_noticed": lambda data: f"copies of {counted(len(data['records']), 'record')} are deleted, says who had them",
     "access_requested": lambda data: (
         f"by whom you shared with, grant {data['grant'].hex()[:12]}" if "grant" in data else ""
     ),

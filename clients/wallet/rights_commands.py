@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.counting import counted
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.wallet import Wallet
@@ -58,7 +59,7 @@ def said_json(said: Said) -> dict[str, Any]:
 
 def _name(said: Said) -> str:
     visit = f"visit {said.visit.owner.hex()[:12]}"
-    return f"{len(said.record_ids)} records of {visit}" if said.record_ids else f"all of {visit}"
+    return f"{counted(len(said.record_ids), 'record')} of {visit}" if said.record_ids else f"all of {visit}"
 
 
 def _all_of(spoken: Spoken) -> list[Said]:
@@ -167,7 +168,7 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
         return
     console.print(
         f"You object to: {', '.join(purposes)}. From block {height} on nothing is recorded of you for that; "
-        f"{len(words)} visits are released for it no more.\n"
+        f"{counted(len(words), 'visit is', 'visits are')} released for it no more.\n"
         "  What was recorded stays until you erase it: blockrobot wallet erase. To see it: blockrobot wallet consent list."
     )
 

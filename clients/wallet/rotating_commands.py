@@ -14,6 +14,7 @@ import click
 
 from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.counting import counted
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
 from clients.wallet.linking import tell_linked
@@ -94,7 +95,7 @@ def _transferred_json(done: Transferred) -> dict[str, Any]:
 
 
 def _tell_transferred(done: Transferred) -> None:
-    console.print(f"{len(done.done)} visits have a key of your present words.")
+    console.print(f"{counted(len(done.done), 'visit has', 'visits have')} a key of your present words.")
     print_taken(len(done.taken))
     print_stuck(len(done.stuck))
     if done.refusal is not None:
@@ -111,8 +112,9 @@ def print_taken(count: int) -> None:
 def _taken_lines(count: int) -> list[str]:
     return [
         (
-            f"{count} visits were given a key that is not of your words, by somebody who had their key: they are"
-            f" out of this wallet's reach. Tell the hospital's data protection officer; see {STOLEN_PAGE}."
+            f"{counted(count, 'visit was', 'visits were')} given a key that is not of your words, by somebody who had"
+            " the key before: out of this wallet's reach. Tell the hospital's data protection officer; see"
+            f" {STOLEN_PAGE}."
         )
     ][:count]
 
@@ -124,11 +126,11 @@ def print_stuck(count: int) -> None:
 
 
 def _stuck_lines(count: int) -> list[str]:
+    visits = counted(count, "visit still obeys", "visits still obey")
     return [
         (
-            f"{count} visits still obey your former words, and cannot be given another key any more: they were moved"
-            " too often. Whoever has those words sees them. You can have them erased: blockrobot wallet erase; see"
-            f" {STOLEN_PAGE}."
+            f"{visits} your former words, and can be given no other key any more: moved too often. Whoever has those words"
+            f" sees them. You can have them erased: blockrobot wallet erase; see {STOLEN_PAGE}."
         )
     ][:count]
 
@@ -136,7 +138,7 @@ def _stuck_lines(count: int) -> list[str]:
 def unreadable_words(report: VisitReport) -> str:
     """Say what to do about records of a visit that do not open."""
     count = len(report.unreadable_ids)
-    what = "1 record" if count == 1 else f"{count} records"
+    what = counted(count, "record")
     if not report.needs_former_words:
         return f"{what} cannot be opened with your keys. Ask the hospital why."
     return (
@@ -169,7 +171,8 @@ def print_words(content: WalletContent) -> None:
 def words_lines(content: WalletContent) -> list[str]:
     """Return the same in sentences."""
     count = len(exposed(content))
-    told = [f"{count} visits still obey your former words. Run: blockrobot wallet transfer"] if count else []
+    visits = counted(count, "visit still obeys", "visits still obey")
+    told = [f"{visits} your former words. Run: blockrobot wallet transfer"] if count else []
     told += _taken_lines(sum(visit.taken for visit in content.visits))
     return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits))
 
@@ -222,7 +225,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             rotating.confirm_shown()
         due_count = await _fetch_receipts(opened) if content.next_words else 0
         if await rotating.rotate() and due_count:
-            click.echo(f"{due_count} receipts of consent that were still due cannot be had any more.", err=True)
+            click.echo(f"{counted(due_count, 'receipt')} of consent, still due, cannot be had any more.", err=True)
         return await _transfer(rotating, over_minutes, now=now, as_json=as_json)
 
     done = run_opened(ctx, action)

@@ -139,7 +139,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
     """Return the records that are meant, of one visit, as the chain would let them be shared.
 
     Raises SHARE_NOT_POSSIBLE for records of several visits (side by side, two grants would tell that they are one
-    person's), NOT_FOUND if none is left, CALL_REFUSED with the code by which the chain would refuse.
+    person's), NOTHING_TO_SHARE if none is left, CALL_REFUSED with the code by which the chain would refuse.
     """
     if len(chosen) != 1:
         raise BlockRobotError(
@@ -159,7 +159,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
             "CALL_REFUSED", "RECORD_RESTRICTED: You restricted it: only you see it, until you lift that."
         )
     if not entries:
-        raise BlockRobotError("NOT_FOUND", "Nothing is left of these records to share.")
+        raise BlockRobotError("NOTHING_TO_SHARE", "Nothing is left of these records to share.")
     return entries
 
 
@@ -241,7 +241,7 @@ class Sharing:
         """Share records of one visit, up to 64, and wait until that is final. `until_ms` is a full five minutes.
 
         Records without a picture that can be opened are left out. Raises SHARE_CUSTODIANS_MISSING if too few
-        custodians take their parts, NOT_FOUND if nothing can be shared, CALL_REFUSED with the contract's code.
+        custodians take their parts, NOTHING_TO_SHARE if nothing can be shared, CALL_REFUSED with the contract's code.
         """
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
             raise BlockRobotError("SHARE_NOT_POSSIBLE", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
@@ -250,7 +250,7 @@ class Sharing:
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
         if not records:
-            raise BlockRobotError("NOT_FOUND", "No picture of these records can be opened: there is nothing to share.")
+            raise BlockRobotError("NOTHING_TO_SHARE", "No picture of these records can be opened.")
         custodians = await self._find_custodians()
         chain_id = self._wallet.genesis.chain_id
         ephemeral = PrivateKey(self._draw(32))

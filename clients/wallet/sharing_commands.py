@@ -15,6 +15,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
+from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import choose
@@ -66,7 +67,8 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
     gone = sum(entry.state["expires_at_ms"] < until_ms for entry in entries)
     early = f" {gone} of them are erased before that, at their usual time." if gone else ""
     return (
-        f"You share {len(entries)} records, {pictures} pictures or sounds ({sensors}), of {first} to {last}\n"
+        f"You share {counted(len(entries), 'record')}, {counted(pictures, 'picture or sound', 'pictures or sounds')}"
+        f" ({sensors}), of {first} to {last}\n"
         f"  with   {name_grantee(grantee)}\n"
         f"  for    {purpose}: {require_purpose(purpose)}\n"
         f"  until  {show_moment(until_ms)}.{early}\n"
@@ -109,7 +111,8 @@ def tell_of_first(error: BlockRobotError, done: Sequence[Shared]) -> BlockRobotE
         return error
     names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
     count = sum(len(shared.records) for shared in done)
-    text = f"{count} records are shared already, and stay so until you end it (blockrobot wallet revoke: {names})."
+    what = counted(count, "record is", "records are")
+    text = f"{what} shared already, until you end it (blockrobot wallet revoke: {names})."
     return BlockRobotError(error.code, f"{text} The others are not: {error.detail}")
 
 
@@ -129,11 +132,13 @@ async def share_each(
 
 def _print_shared(shared: Shared, grantee: Grantee) -> None:
     console.print(
-        f"Shared with {name_grantee(grantee)}: {len(shared.records)} records until {show_moment(shared.until_ms)}.\n"
+        f"Shared with {name_grantee(grantee)}: {counted(len(shared.records), 'record')}"
+        f" until {show_moment(shared.until_ms)}.\n"
         f"  To end it: blockrobot wallet revoke {shared.grant_id.hex()[:12]}"
     )
     if shared.left_out:
-        console.print(f"  {len(shared.left_out)} records were left out: they have no picture that can be opened.")
+        left_out = counted(len(shared.left_out), "record was", "records were")
+        console.print(f"  {left_out} left out: no picture can be opened.")
     if shared.absent:
         console.print(f"  [yellow]{', '.join(shared.absent)} was away: two of the others are needed to look.[/yellow]")
     if len(shared.custodians) == 1 and not shared.absent:
@@ -228,7 +233,7 @@ def _status(share_: Share, now_ms: int) -> str:
 def share_lines(share_: Share, now_ms: int) -> list[str]:
     """Say one grant in plain sentences."""
     grant = share_.grant
-    what = f"{len(grant.records)} records of visit {share_.visit.owner.hex()[:12]}"
+    what = f"{counted(len(grant.records), 'record')} of visit {share_.visit.owner.hex()[:12]}"
     ends = {
         "open": f"until {show_moment(grant.until_ms)}",
         "over": f"over since {show_moment(grant.until_ms)}",
@@ -240,11 +245,11 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
     lines = [head]
     for look in share_.looks:
         told = "may be fetched" if look.released_count else "asked for, no custodian is ready so far"
-        lines.append(f"  looked {show_moment(look.time_ms)}: {look.records_count} records {told}")
+        lines.append(f"  looked {show_moment(look.time_ms)}: {counted(look.records_count, 'record')} {told}")
     if not share_.looks:
         lines.append("  nobody has looked")
     if share_.confirmed:
-        lines.append(f"  says that copies of {len(share_.confirmed)} records are deleted")
+        lines.append(f"  says that copies of {counted(len(share_.confirmed), 'record')} are deleted")
     return lines
 
 
@@ -293,18 +298,25 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
     Example: blockrobot wallet revoke 3fa2c19b07de
     """
 
-    async def action(opened: Wallet) -> tuple[Share, bytes]:
+    async def action(opened: Wallet) -> tuple[Share, bytes | None]:
         sharing = Sharing(opened)
         found = await sharing.shares()
         chosen = find_by_prefix([each.grant.grant_id for each in found], grant)
         (one,) = [each for each in found if each.grant.grant_id == chosen]
-        return one, await sharing.revoke(one)
+        return one, None if one.grant.status == "revoked" else await sharing.revoke(one)
 
     ended, txid = run_opened(ctx, action)
     if as_json:
-        print_json({"ok": True, "grant_id": ended.grant.grant_id.hex(), "txid": txid.hex(), "looks": len(ended.looks)})
+        told = {"grant_id": ended.grant.grant_id.hex(), "txid": None if txid is None else txid.hex()}
+        print_json({"ok": True, **told, "looks": len(ended.looks), "already_ended": txid is None})
         return
-    console.print(f"Ended: {len(ended.grant.records)} records are shared with {ended.name} no more.")
+    count = len(ended.grant.records)
+    if txid is None:
+        console.print(
+            "You had ended that already: nobody gets anything by it. What you share: blockrobot wallet shares."
+        )
+    else:
+        console.print(f"Ended: {counted(count, 'record')} shared with {ended.name} no more.")
     if ended.looks:
         console.print(
             "  They were looked at before. The other is told that you ended it, and asked to delete copies;"

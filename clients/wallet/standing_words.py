@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from clients.sdk.terminal import console
+from clients.wallet.counting import counted
 from clients.wallet.opening import show_moment
 from clients.wallet.standing import VisitRights
 from consensus.records.lost_keys import LOST_KEY_REASONS
@@ -51,8 +52,8 @@ def standing_lines(standing: VisitRights) -> list[str]:
     lines = _breach_lines(standing)
     lines += [
         (
-            f"Two officers together had {one.records} records of this visit erased on {show_moment(one.time_ms)}: "
-            f"{one.reason}. {LOST_KEY_REASONS.get(one.reason, '')} "
+            f"Two officers together had {counted(one.records, 'record')} of this visit erased on"
+            f" {show_moment(one.time_ms)}: {one.reason}. {LOST_KEY_REASONS.get(one.reason, '')} "
             "They name a robot and minutes, and the chain cannot say whose visits those are. If it was not you who "
             f"asked, ask the hospital about {one.proposal_id.hex()[:12]}."
         )
@@ -60,7 +61,8 @@ def standing_lines(standing: VisitRights) -> list[str]:
     ]
     row = standing.restriction
     if row is not None:
-        what = "All of this visit is" if row["whole"] else f"{len(row['records'])} records of this visit are"
+        some = counted(len(row["records"]), "record of this visit is", "records of this visit are")
+        what = "All of this visit is" if row["whole"] else some
         kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
         lines.append(f"{what} restricted ({row['ground']}): only you see it{kept}.")
     if standing.objections:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from clients.sdk.announcements import Announcement
 from clients.wallet.keys import WalletKeys
 from clients.wallet.keystore import KnownVisit
-from consensus.errors import BlockRobotError
+from clients.wallet.naming import RECORD, find_named
 from consensus.primitives.keys import PrivateKey
 from consensus.records.owner_keys import derive_owner_key, scan_announcement
 
@@ -77,9 +77,5 @@ def owner_key(visit: KnownVisit, keys: WalletKeys, chain_id: bytes) -> PrivateKe
 
 
 def find_record(known: list[str], wanted: str) -> str:
-    """Return the one record whose id begins so. Raises NOT_FOUND if there is none, or more than one."""
-    found = [record_id for record_id in known if wanted and record_id.startswith(wanted.lower())]
-    if len(found) != 1:
-        several = "more than one record whose id begins with" if found else "no record"
-        raise BlockRobotError("NOT_FOUND", f"You have {several} {wanted}.")
-    return found[0]
+    """Return the one record whose id begins so. Raises RECORD_NOT_FOUND, NAME_AMBIGUOUS, NAME_TOO_SHORT."""
+    return known[find_named(RECORD, known, wanted)]

@@ -209,7 +209,7 @@ async def test_a_record_of_somebody_else_and_an_empty_choice_are_told(ward: Ward
     for wanted in (Wanted(records=(bytes(16),)), Wanted(from_ms=NOW_MS)):
         with pytest.raises(BlockRobotError) as caught:
             await Exporting(ward.wallet).plan(wanted)
-        assert caught.value.code == "NOT_FOUND"
+        assert caught.value.code == "RECORD_NOT_FOUND"
 
 
 async def test_a_person_of_whom_nothing_was_recorded_takes_her_consents_along(ward: Ward, tmp_path: Path) -> None:

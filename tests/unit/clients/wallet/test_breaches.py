@@ -91,7 +91,7 @@ async def test_a_breach_is_named_by_a_beginning_that_is_its_own(world: World, cl
     assert clock
     put_breach(world, FIRST, 0, b"o" * 33)
     assert (await Breaches(world.wallet).find("b1" * 4)).breach_id == FIRST
-    for start, code in (("b1", "REQUEST_INVALID"), ("cc" * 6, "NOT_FOUND")):
+    for start, code in (("b1", "NAME_TOO_SHORT"), ("cc" * 6, "BREACH_NOT_FOUND")):
         with pytest.raises(BlockRobotError) as refusal:
             await Breaches(world.wallet).find(start)
         assert refusal.value.code == code
@@ -188,8 +188,8 @@ def test_a_patient_restricts_lifts_objects_corrects_and_denies(world: World, run
     name, text, out = visit.owner.hex()[:12], str(tmp_path / "right.txt"), tmp_path / "correction.json"
     for arguments, words in (
         (("restrict", "--visit", name, "--ground", "legal-claim"), "Only you can look at it now. It is kept until"),
-        (("lift", record_id), f"Lifted: 1 records of visit {name}"),
-        (("object", "--purpose", "demo", "--now"), "1 visits are released for it no more"),
+        (("lift", record_id), f"Lifted: 1 record of visit {name}"),
+        (("object", "--purpose", "demo", "--now"), "1 visit is released for it no more"),
         (("correct", "--visit", name, "--text-file", text, "--out", str(out)), "Nothing was changed"),
         (("wrong-person", name, "--yes"), "has no officer, that is until it has enrolled one"),
     ):
@@ -264,7 +264,7 @@ def test_what_was_restricted_before_a_refusal_is_told(world: World, run: Any, mo
 def test_what_is_not_hers_is_named_with_the_next_step(world: World, run: Any) -> None:
     world.open_visit()
     result = run("wallet", "restrict", "00" * 16, "--ground", "accuracy")
-    assert (result.exit_code, "NOT_FOUND. Next step" in result.stderr) == (3, True)
+    assert (result.exit_code, "RECORD_NOT_FOUND. Next step: `blockrobot wallet records`" in result.stderr) == (3, True)
 
 
 def test_records_and_audit_say_what_stands(world: World, run: Any) -> None:

@@ -142,7 +142,7 @@ async def test_who_has_confirmed_and_who_is_overdue_is_said_by_name(world: World
         erasure = await _described(world, {b"a" * 33: told}, age_ms=age_ms, frames=[])
         assert [word.overdue for word in erasure.custodians] == [False, overdue]
         lines = "\n".join(erasure_lines(erasure))
-        assert "1 records: not erased everywhere yet." in lines
+        assert "1 record: not erased everywhere yet." in lines
         assert "node-1 of ward confirmed" in lines
         assert "12 pictures destroyed." in lines
         assert ("node-2 of lab is OVERDUE" in lines) == overdue

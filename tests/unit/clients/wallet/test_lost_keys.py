@@ -226,16 +226,16 @@ async def test_wrong_names_and_spans_are_refused_before_anything_is_asked(house:
     from_ms, until_ms = house.pass_span()
     handling, robot = LostKeys(house.officers[0]), house.robot.hex()
     for name, start, end, code in (
-        (robot[:7], from_ms, until_ms, "REQUEST_INVALID"),
-        ("00" * 33, from_ms, until_ms, "NOT_FOUND"),
-        (robot, until_ms, from_ms, "REQUEST_INVALID"),
-        (robot, from_ms, from_ms + 61 * 60_000, "REQUEST_INVALID"),
-        (robot, until_ms + DAY_MS, until_ms + DAY_MS + 1, "NOT_FOUND"),
+        (robot[:7], from_ms, until_ms, "NAME_TOO_SHORT"),
+        ("00" * 33, from_ms, until_ms, "SPAN_EMPTY"),
+        (robot, until_ms, from_ms, "SPAN_INVALID"),
+        (robot, from_ms, from_ms + 61 * 60_000, "SPAN_INVALID"),
+        (robot, until_ms + DAY_MS, until_ms + DAY_MS + 1, "SPAN_EMPTY"),
     ):
         with pytest.raises(BlockRobotError) as refusal:
             await handling.preview(name, start, end)
         assert refusal.value.code == code
-    for start, code in (("b1", "REQUEST_INVALID"), ("cc" * 6, "NOT_FOUND")):
+    for start, code in (("b1", "NAME_TOO_SHORT"), ("cc" * 6, "PROPOSAL_NOT_FOUND")):
         with pytest.raises(BlockRobotError) as refusal:
             await handling.find(start)
         assert refusal.value.code == code
@@ -251,7 +251,7 @@ async def test_a_robot_needs_no_name_where_it_was_alone_and_is_named_where_it_wa
     second = house.pass_span()
     with pytest.raises(BlockRobotError) as refusal:
         await handling.preview("", *second)
-    assert refusal.value.code == "REQUEST_INVALID"
+    assert refusal.value.code == "NAME_AMBIGUOUS"
     assert all(visit.robot.identity.public_key.hex()[:10] in refusal.value.detail for visit in visits)
 
 
@@ -299,10 +299,15 @@ def test_the_whole_way_as_officers_type_it(house: House, run: Any) -> None:
     assert run("eva", "propose", *span, "--reason", "key-lost").exit_code == 2, "nobody is there to ask: --yes"
     few = run("eva", "propose", *span, "--reason", "key-lost", "--visits", "1", "--yes")
     assert "2 visits are in that span, and 1 may go" in few.stderr
+    assert "SPAN_TOO_FULL. Next step: Make the span shorter" in few.stderr
     spoken = run("eva", "propose", *span, "--reason", "key-lost", "--yes")
     assert "Nothing is erased yet: a second officer has 3 days to agree." in spoken.output, spoken.output
     (listed,) = json.loads(run("max", "list", "--json").stdout)["proposals"]
     name = listed["proposal_id"][:12]
+    for hers in (spoken.output, run("eva", "list").output):
+        assert f"with a wallet of her own: blockrobot officer --profile HERS lost-keys approve {name}" in hers
+        assert "--profile eva lost-keys approve" not in hers
+    assert f"you may agree: blockrobot officer --profile max lost-keys approve {name}" in run("max", "list").output
     assert (listed["status"], listed["visits_max"], listed["approver"]) == ("proposed", 2, None)
     alone = run("eva", "approve", name, "--yes")
     assert (alone.exit_code, "OFFICER_THE_SAME" in alone.stderr) == (4, True)
@@ -314,8 +319,8 @@ def test_the_whole_way_as_officers_type_it(house: House, run: Any) -> None:
     assert "visit 2 of 2: erasure is being ordered" in done.stderr
     assert "nothing left to erase" in run("eva", "erase", name, "--yes").output
     told = run("ann", "records").output
-    assert "Two officers together had 1 records of this visit erased" in told, told
-    assert "1 records, by two officers together: key-lost" in run("ann", "audit").output
+    assert "Two officers together had 1 record of this visit erased" in told, told
+    assert "1 record, by two officers together: key-lost" in run("ann", "audit").output
     (visit,) = json.loads(run("ann", "records", "--json").stdout)["visits"]
     assert visit["erased_by_officers"][0]["reason"] == "key-lost"
     assert "nothing more is erased" in run("eva", "stop", name).output

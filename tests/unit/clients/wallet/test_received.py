@@ -256,7 +256,7 @@ async def test_the_inbox_tells_what_was_erased_since_and_the_owner_sees_it_confi
     assert (receipt.to_confirm, [copy.record_id for copy in receipt.received.copies]) == ([], [kept])
     (share,) = await ward.sharing.shares()
     assert share.confirmed == {gone}
-    with pytest.raises(BlockRobotError, match="REQUEST_INVALID"):
+    with pytest.raises(BlockRobotError, match="NOTHING_TO_CONFIRM"):
         await receiving.confirm_deleted(receipt, [gone])
 
 
@@ -291,7 +291,7 @@ async def test_who_looks_again_after_saying_that_copies_are_gone_is_not_shown_as
     await ward.share(doctor)
     await ward.erase(visit, [gone])
     receipt = await only(receiving)
-    with pytest.raises(BlockRobotError, match="REQUEST_INVALID"):
+    with pytest.raises(BlockRobotError, match="NOTHING_TO_CONFIRM"):
         await receiving.confirm_deleted(receipt, [gone, first])
     wire: Any = doctor.network
     key = grantee_key(receipt.received, doctor)
@@ -345,7 +345,7 @@ async def test_a_restriction_that_came_later_bars_the_doctor(
 def test_a_grant_is_named_by_its_beginning() -> None:
     ids = [bytes([1] * 32), bytes([1] * 31 + [2]), bytes([9] * 32)]
     assert find_by_prefix(ids, "09090909") == ids[2]
-    for start, code in (("0101", "REQUEST_INVALID"), ("01010101", "REQUEST_INVALID"), ("abababab", "NOT_FOUND")):
+    for start, code in (("0101", "NAME_TOO_SHORT"), ("01010101", "NAME_AMBIGUOUS"), ("abababab", "GRANT_NOT_FOUND")):
         with pytest.raises(BlockRobotError, match=code):
             find_by_prefix(ids, start)
 

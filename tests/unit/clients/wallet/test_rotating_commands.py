@@ -58,7 +58,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
 def test_rotating_tells_what_was_done_and_what_to_keep(desk: Desk) -> None:
     done = desk.rotate()
     assert done.exit_code == 0, done.output
-    assert "1 visits have a key of your present words" in done.output
+    assert "1 visit has a key of your present words" in done.output
     assert "Keep the old ones too" in done.output
     assert desk.words_file.read_text().strip() == Keystore.open(desk.story.path, "tea").content.words
     assert desk.words_file.stat().st_mode & 0o777 == 0o600
@@ -73,7 +73,7 @@ def test_a_program_gets_one_object(desk: Desk) -> None:
     told = json.loads(desk.run("records", "--json").stdout)
     assert told["exposed_visits"] == [late.owner.hex()]
     said = desk.run("records")
-    assert "1 visits still obey your former words. Run: blockrobot wallet transfer" in " ".join(said.output.split())
+    assert "1 visit still obeys your former words. Run: blockrobot wallet transfer" in " ".join(said.output.split())
     moved = json.loads(desk.run("transfer", "--now", "--json").stdout)
     assert moved["transferred"] == [late.owner.hex()]
     assert json.loads(desk.run("records", "--json").stdout)["exposed_visits"] == []
@@ -186,7 +186,7 @@ def test_a_visit_that_nobody_can_move_any_more_is_told(desk: Desk) -> None:
     store.content.visits[0].stuck = True
     store.save()
     said = " ".join(desk.run("transfer", "--now").output.split())
-    assert "1 visits still obey your former words, and cannot be given another key any more" in said
+    assert "1 visit still obeys your former words, and can be given no other key any more" in said
     told = json.loads(desk.run("records", "--json").stdout)
     assert (told["stuck_visits"], told["exposed_visits"]) == ([name], [])
 
@@ -211,6 +211,6 @@ def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer
     store.save()
     done = desk.rotate()
     assert done.exit_code == 0, done.output
-    assert "1 receipts of consent that were still due cannot be had any more" in done.stderr
+    assert "1 receipt of consent, still due, cannot be had any more" in done.stderr
     assert asked == [(b"1", OLD_WORDS), (b"2", OLD_WORDS)]
     assert desk.story.open().store.content.receipts_due == []

@@ -109,9 +109,9 @@ def test_the_whole_story_on_two_command_lines(people: People, tmp_path: Path) ->
     assert people.told(doctor, "confirm-deleted", name, "--yes", "--delete")["records"] == [record_id.hex()]
     assert not (out / record_id.hex()).exists()
     assert people.told(ann, "shares")["shares"][0]["confirmed_deleted"] == [record_id.hex()]
-    assert "copies of 1 records are deleted" in people.run(ann, "shares").output
+    assert "copies of 1 record are deleted" in people.run(ann, "shares").output
     again = people.run(doctor, "confirm-deleted", name, "--yes")
-    assert (again.exit_code, "NOT_FOUND" in again.output) == (3, True)
+    assert (again.exit_code, "NOTHING_TO_CONFIRM" in again.output) == (3, True)
 
 
 def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and_is_named(
@@ -138,7 +138,11 @@ def test_what_was_ended_is_told_on_both_sides(people: People, tmp_path: Path) ->
     _, (record_id,) = people.ward.record_visit(1)
     people.share(record_id, "--yes")
     (row,) = people.told(people.ward.wallet, "shares")["shares"]
-    assert "Ended: 1 records" in people.run(people.ward.wallet, "revoke", row["grant_id"][:8]).output
+    assert "Ended: 1 record shared" in people.run(people.ward.wallet, "revoke", row["grant_id"][:8]).output
+    again = people.run(people.ward.wallet, "revoke", row["grant_id"][:8])
+    assert (again.exit_code, "You had ended that already" in again.output) == (0, True)
+    told = json.loads(people.run(people.ward.wallet, "revoke", row["grant_id"][:8], "--json").output)
+    assert (told["already_ended"], told["txid"]) == (True, None)
     assert "you ended it" in people.run(people.ward.wallet, "shares").output
     refused = people.run(people.doctor, "look", row["grant_id"][:8], "--out", tmp_path / "shared")
     assert "GRANT_ENDED" in refused.output
@@ -211,7 +215,7 @@ def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypa
     (row,) = people.told(ward.wallet, "shares")["shares"]
     assert failed.exit_code == 1
     assert (
-        f"1 records are shared already, and stay so until you end it (blockrobot wallet revoke: {row['grant_id'][:12]})"
+        f"1 record is shared already, until you end it (blockrobot wallet revoke: {row['grant_id'][:12]})"
         in failed.output
     )
 
