@@ -17,6 +17,7 @@ import click
 
 from clients.sdk.terminal import home_folder, load_genesis, say_errors
 from clients.wallet.claiming import claim_wallet
+from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import LANGUAGES, choose_language, say_error, text
 from clients.wallet.wallet import Wallet
@@ -49,7 +50,13 @@ def wallet_options(command: F) -> F:
             callback=_speak,
             help="What to speak (default: BLOCKROBOT_LANGUAGE, else as your system does).",
         ),
-        click.option("--profile", default="default", show_default=True, help="Which wallet, if there are several."),
+        click.option(
+            "--profile",
+            default="default",
+            show_default=True,
+            shell_complete=complete_profiles,
+            help="Which wallet, if there are several.",
+        ),
     ):
         command = option(command)
     return command

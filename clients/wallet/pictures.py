@@ -5,33 +5,45 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Awaitable, Callable, Sequence
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 
-from clients.sdk.picture import colourise, compose
+import numpy as np
+from PIL import Image
+
+from clients.sdk.picture import Depth, colour_pixels, colourise, compose
 from clients.sdk.rendition_files import own_pixels, sense_file
 from clients.wallet.viewing import FrameView, RecordView, Viewing
-from consensus.records.renditions import ENCODING_PNG16, Rendition
+from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
 _PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
 _WRITTEN = re.compile(r"[0-9]{8,}\.(png|depth\.png|rgb\.png|rgb\.jpg|label\.json|wav)")
 FindBackground = Callable[[Rendition], Awaitable[bytes]]
+Seen = Callable[[int, Callable[[], Image.Image]], None]
 
 
-async def write_pictures(viewing: Viewing, view: RecordView, out: Path) -> list[Path]:
+async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
     """Write every whole frame of a record as `<sequence>.png` (colour map and legend) into `out`/<record id>/.
 
     Beside each stands `<sequence>.depth.png`, the owner's own pixels as measured. Other senses become
     `<sequence>.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of what is there to look at or hear.
     """
     return await write_frames(
-        lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out
+        lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out, seen
     )
 
 
 async def write_frames(
-    background: FindBackground, record_id: bytes, frames: Sequence[FrameView], out: Path
+    background: FindBackground,
+    record_id: bytes,
+    frames: Sequence[FrameView],
+    out: Path,
+    seen: Seen | None = None,
 ) -> list[Path]:
     """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame.
+
+    `seen` is told of each picture: when it was taken (ms), and how to make it.
 
     Only the user of this machine reads them: they are pictures of a person.
     """
@@ -46,8 +58,10 @@ async def write_frames(
         if rendition.encoding != ENCODING_PNG16:
             suffix, data = sense_file(rendition)
             other = folder / f"{rendition.sequence:08d}.{suffix}"
-            _write(other, data)
+            write_private(other, data)
             written.append(other)
+            if seen is not None and rendition.encoding in {ENCODING_JPEG, ENCODING_PNG_RGBA}:
+                seen(rendition.captured_at_ms, partial(_open, data))
             continue
         if rendition.background_id not in backgrounds:
             backgrounds[rendition.background_id] = await background(rendition)
@@ -60,10 +74,20 @@ async def write_frames(
             rendition.pixels,
         )
         picture = folder / f"{rendition.sequence:08d}.png"
-        _write(picture, colourise(depth))
-        _write(folder / f"{rendition.sequence:08d}.depth.png", own_pixels(rendition))
+        write_private(picture, colourise(depth))
+        write_private(folder / f"{rendition.sequence:08d}.depth.png", own_pixels(rendition))
         written.append(picture)
+        if seen is not None:
+            seen(rendition.captured_at_ms, partial(_paint, depth))
     return written
+
+
+def _open(data: bytes) -> Image.Image:
+    return Image.open(BytesIO(data)).convert("RGB")
+
+
+def _paint(depth: Depth) -> Image.Image:
+    return Image.fromarray(np.ascontiguousarray(colour_pixels(depth)[..., ::-1]))
 
 
 def delete_frames(folder: Path) -> list[Path]:
@@ -82,7 +106,8 @@ def delete_frames(folder: Path) -> list[Path]:
     return others
 
 
-def _write(path: Path, data: bytes) -> None:
+def write_private(path: Path, data: bytes) -> None:
+    """Write a file that only the user of this machine reads."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _PRIVATE_FILE)
     with os.fdopen(descriptor, "wb") as file:
         os.fchmod(descriptor, _PRIVATE_FILE)  # one of an earlier look may be open to others

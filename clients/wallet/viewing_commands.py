@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.album import Album
 from clients.wallet.choosing import choose_records, tell_visits_linked
+from clients.wallet.completing import complete_records
+from clients.wallet.language import text
 from clients.wallet.opening import run_opened
 from clients.wallet.pictures import write_pictures
-from clients.wallet.viewing import RecordView, Viewing
+from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, Wallet
 
 
 async def _view_all(
-    opened: Wallet, entries: list[RecordEntry], purpose: str, *, verdict: bool, out: Path | None
+    opened: Wallet,
+    entries: list[RecordEntry],
+    purpose: str,
+    *,
+    verdict: bool,
+    album: Album | None = None,
+    tell: Callable[[str], None] = lambda _: None,
 ) -> list[RecordView]:
     viewing = Viewing(opened)
     views: list[RecordView] = []
@@ -25,11 +35,12 @@ async def _view_all(
             part = [entry for entry in entries[start : start + 64] if entry.visit.owner == owner]
             access_id = await viewing.request_access(part, purpose)
             for entry in part:
+                tell(text("view.doing", number=len(views) + 1, count=len(entries)))
                 view = await viewing.view(entry, access_id)
                 if verdict:
                     await viewing.put_verdict(view)
-                if out:
-                    await write_pictures(viewing, view, out)
+                if album is not None:
+                    await write_pictures(viewing, view, album.out, album.seen_by(entry))
                 views.append(view)
     return views
 
@@ -43,46 +54,71 @@ def _view_json(view: RecordView) -> dict[str, Any]:
     }
 
 
-def _print_views(views: list[RecordView], *, as_json: bool, out: Path | None) -> None:
-    if as_json:
-        print_json({"ok": True, "records": [_view_json(view) for view in views], "out": str(out) if out else None})
-        return
+def _print_views(views: list[RecordView]) -> None:
     if not views:
-        console.print("There is nothing to show.")
-        return
+        console.print(text("view.nothing"))
     for view in views:
-        pictures = sum(frame.status != "notice" for frame in view.frames)
-        whole = sum(frame.status == "ok" for frame in view.frames)
-        line = f"{view.entry.record_id.hex()}: {whole} of {pictures} pictures are as the robot took them"
+        name = view.entry.record_id.hex()
+        pictures = sum(frame.status != STATUS_NOTICE for frame in view.frames)
+        if not pictures:
+            console.print(text("view.no_pictures", name=name))
+            continue
+        whole = sum(frame.status == STATUS_OK for frame in view.frames)
+        line = text("view.whole", name=name, whole=whole, count=pictures)
+        erased = sum(frame.status == STATUS_ERASED for frame in view.frames)
+        if erased:
+            line += "; " + text("view.erased", count=erased)
         if view.corrupted:
-            line += f"; [red]changed since: {', '.join(map(str, view.corrupted))}[/red]"
+            line += f"; [red]{text('view.changed', indexes=', '.join(map(str, view.corrupted)))}[/red]"
         console.print(line + ".")
-    if out:
-        console.print(f"The pictures are in {out}.")
 
 
 @click.command()
-@click.argument("record_ids", nargs=-1)
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("pictures"), show_default=True)
+@click.option("--sheet/--no-sheet", default=True, help="Write contact sheets and animations too, or leave them.")
+@click.option("--show/--no-show", default=True, help="Show some pictures in the terminal, where it can.")
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
 @json_option
 @click.pass_context
 @plain_errors
-def view(ctx: click.Context, record_ids: tuple[str, ...], out: Path, purpose: str, as_json: bool) -> None:
+def view(
+    ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
+) -> None:
     """Fetch, check and decrypt records (all if none is named) and write them as pictures, labels and sounds.
+
+    A contact sheet (PNG) and an animation (GIF) of each record, and of each visit, show many at a glance.
 
     Example: blockrobot wallet view 3fa2c19b07de --out pictures
     """
+    album, sheets = Album(out), list[Path]()
 
     async def action(opened: Wallet) -> list[RecordView]:
         entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
-        return await _view_all(opened, entries, purpose, verdict=False, out=out)
+        with status_line(text("view.asking"), as_json=as_json) as tell:
+            views = await _view_all(opened, entries, purpose, verdict=False, album=album, tell=tell)
+            if sheet:
+                tell(text("view.drawing"))
+                sheets.extend(path for entry in entries for path in album.write_record(entry))
+                sheets.extend(album.write_visits())
+        return views
 
-    _print_views(run_opened(ctx, action), as_json=as_json, out=out)
+    views = run_opened(ctx, action)
+    if as_json:
+        rows = [_view_json(view) for view in views]
+        print_json({"ok": True, "records": rows, "out": str(out), "sheets": [str(path) for path in sheets]})
+        return
+    _print_views(views)
+    if views:
+        console.print(text("view.written", out=out))
+    for path in [path for path in sheets if path.parent == out] or sheets[:2]:
+        console.print(f"  {path}")
+    if show:
+        album.show(console)
 
 
 @click.command()
-@click.argument("record_ids", nargs=-1)
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--purpose", default="own-access", show_default=True, help="Why you look: it stands in the audit trail.")
 @json_option
 @click.pass_context
@@ -95,9 +131,14 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
 
     async def action(opened: Wallet) -> list[RecordView]:
         entries = tell_visits_linked(await choose_records(opened, record_ids), as_json=as_json)
-        return await _view_all(opened, entries, purpose, verdict=True, out=None)
+        with status_line(text("view.asking"), as_json=as_json) as tell:
+            return await _view_all(opened, entries, purpose, verdict=True, tell=tell)
 
-    _print_views(run_opened(ctx, action), as_json=as_json, out=None)
+    views = run_opened(ctx, action)
+    if as_json:
+        print_json({"ok": True, "records": [_view_json(view) for view in views], "out": None})
+        return
+    _print_views(views)
 
 
 COMMANDS = (view, verify)

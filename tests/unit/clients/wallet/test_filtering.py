@@ -161,7 +161,7 @@ def test_what_fits_is_listed_and_what_does_not_is_counted(world: World, run: Cal
     assert first.upload.record_id.hex() in listed
     assert second.upload.record_id.hex() in listed
     assert "None of your 2 records fits." in run("records", "--day", "2001-01-01").output
-    assert "Nenhum dos seus 2 registos" in run("--language", "pt", "records", "--day", "2001-01-01").output
+    assert "Nenhuma das suas 2 gravações" in run("--language", "pt", "records", "--day", "2001-01-01").output
     paged = run("records", "--per-page", "1").output
     assert second.upload.record_id.hex() not in paged
     assert "Page 1 of 2. The next: --page 2" in paged
