@@ -71,6 +71,31 @@ def test_a_code_that_has_a_translation_is_in_the_catalogue_of_errors() -> None:
             assert what in {"meaning", "next_step"}
 
 
+MET_BY_PATIENTS = {code for code in CATALOGUE if code.startswith(("WALLET_", "WORDS_", "VOUCHER_"))} | {
+    "CALL_REFUSED",
+    "CLIP_ERASED",
+    "ERASURE_NOT_CONFIRMED",
+    "FILE_UNUSABLE",
+    "GENESIS_INVALID",
+    "HANDLE_TAKEN",
+    "MEMBER_NO_MORE",
+    "NODE_UNREACHABLE",
+    "NOT_FOUND",
+    "NOT_REGISTERED",
+    "PROOF_INVALID",
+    "RENDITION_CORRUPTED",
+    "SESSION_REFUSED",
+    "TRANSACTION_NOT_FINAL_IN_TIME",
+}
+
+
+@pytest.mark.parametrize("code", sorted(MET_BY_PATIENTS))
+def test_what_a_patient_meets_is_told_with_its_next_step_in_portuguese(code: str) -> None:
+    detail, next_step = describe_error(BlockRobotError(code), "pt")
+    assert detail == load("pt")[f"errors.{code}.meaning"] != CATALOGUE[code].meaning
+    assert next_step == load("pt")[f"errors.{code}.next_step"] != CATALOGUE[code].next_step
+
+
 @pytest.mark.parametrize(
     ("environment", "expected"),
     [
