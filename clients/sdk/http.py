@@ -59,8 +59,9 @@ T = TypeVar("T")
 
 __all__ = ["FinalReceipt", "NetworkClient"]
 
-_ELSEWHERE = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
-"""Faults of an answer, not of the question: another node may answer well."""
+_FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+_ELSEWHERE = _FAULTY | {"SESSION_REFUSED"}
+"""Another node may answer well: faults of an answer, and what a node says that lies or follows late of who is nobody."""
 
 
 _NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"})

@@ -173,6 +173,20 @@ async def test_a_node_that_nobody_hears_is_passed_over(nodes: Any, code: str) ->
     assert receipt.height == 1
 
 
+async def test_one_node_that_opens_no_session_does_not_speak_for_the_others(nodes: Any) -> None:
+    """It may not have the block yet in which somebody became a member, or something was shared with her."""
+    client, refusing = nodes.client(), {"n0"}
+
+    async def ask(node: Any) -> str:
+        if node.name in refusing:
+            raise BlockRobotError("SESSION_REFUSED")
+        return str(node.name)
+
+    assert await client.ask_any(ask) == "n1"
+    refusing.add("n1")
+    assert await refusal_of(client.ask_any(ask)) == "SESSION_REFUSED"
+
+
 async def test_without_any_node_the_network_is_unreachable(nodes: Any) -> None:
     client = nodes.client(urls={"n0": DEAD_URL, "n1": DEAD_URL})
     assert await refusal_of(client.query("echo", "back", [], SUBJECT)) == "NODE_UNREACHABLE"
