@@ -25,6 +25,11 @@ _WHERE = """() => {
   return {stop: active.dataset.tabStop ?? null, rings, name: active.localName + (active.id ? '#' + active.id : '')};
 }"""
 
+_CLEAR = """() => {
+  document.querySelectorAll('[data-tab-stop]').forEach((element) => delete element.dataset.tabStop);
+  if (document.activeElement && !document.activeElement.closest('dialog[open]')) document.activeElement.blur();
+}"""
+
 
 async def find_accessibility_faults(page: Page, *, by_keyboard: bool = True) -> list[str]:
     """Return what is wrong on the page as it stands, each with the element; nothing if nothing was found.
@@ -38,7 +43,7 @@ async def find_accessibility_faults(page: Page, *, by_keyboard: bool = True) -> 
     stops: list[str] = found["stops"]
     if by_keyboard and len(stops) <= STOPS_MAX_COUNT:
         faults += await _walk(page, stops)
-    await page.evaluate("() => document.querySelectorAll('[data-tab-stop]').forEach((e) => delete e.dataset.tabStop)")
+    await page.evaluate(_CLEAR)
     return faults
 
 
