@@ -37,6 +37,7 @@ _COMMANDS = {
     "officer": ("clients.wallet.breach_commands", "officer"),
     "verify": ("clients.bundle.cli", "verify"),
     "robot": ("clients.robot.cli", "robot"),
+    "completion": ("network.cli.completion_command", "completion"),
     "reference": ("network.cli.reference_command", "reference"),
 }
 

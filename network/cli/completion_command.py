@@ -1,0 +1,28 @@
+"""`blockrobot completion`: prints what makes a shell complete commands. Must never write into a shell's own files."""
+
+from __future__ import annotations
+
+import click
+from click.shell_completion import get_completion_class
+
+from clients.sdk.terminal import plain_errors
+
+_PROGRAM, _VARIABLE = "blockrobot", "_BLOCKROBOT_COMPLETE"
+_SHELLS = ("bash", "fish", "zsh")
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(_SHELLS))
+@plain_errors
+def completion(shell: str) -> None:
+    """Print the completion script of a shell: commands, options, profiles, records that were viewed here.
+
+    To have it for good: bash into ~/.local/share/bash-completion/completions/blockrobot, zsh into ~/.zfunc/_blockrobot,
+    fish into ~/.config/fish/completions/blockrobot.fish. Completing asks no network and opens no wallet.
+
+    Example: eval "$(blockrobot completion bash)"
+    """
+    found = get_completion_class(shell)
+    assert found is not None
+    script = found(click.Group(_PROGRAM), {}, _PROGRAM, _VARIABLE)
+    click.echo(script.source_template % script.source_vars())
