@@ -240,6 +240,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NOTICE_NOT_FOUND", 404, "No privacy notice is published.", "An admin of the organisation publishes one with `blockrobot notice publish FILE`."),
     ErrorEntry("PURPOSE_NOT_TOLD", 409, "The privacy notice in force does not name this purpose, so nobody can know what she would agree to.", "Choose one that the sentence names (`blockrobot wallet notice` shows them); if another is wanted, the organisation has to publish a notice that names it first."),
     ErrorEntry("CONSENT_RECEIPT_INVALID", 409, "A consent receipt is not what was said and proved on the chain.", "Keep it as evidence, do not sign it, and ask the data protection officer of the organisation; `blockrobot wallet consent list` shows what holds."),
+    ErrorEntry("RECEIPT_FILE_DAMAGED", 400, "The file is no file of consent receipts, or not as a wallet wrote it.", "Have the file copied again, whole. A wallet writes its own anew: `blockrobot wallet consent receipts --out FILE`."),
     ErrorEntry("CONSENT_WORD_MISSING", 404, "The transaction holds no word of consent.", "Name the transaction in which consent was given, refused or taken back; `blockrobot wallet consent receipts --search` finds all of yours."),
     ErrorEntry("CONSENT_RECEIPT_ELSEWHERE", 404, "This node signs no consent receipt for this person.", "Ask a custodian node of the organisation that registered the person."),
     ErrorEntry("NOT_REGISTERED", 409, "This wallet is not registered yet.", "Register with the code on your card: `blockrobot wallet register CODE`."),

@@ -33,6 +33,7 @@ FORMAT_VERSION = 1
 FILE_MAX_BYTES = 64 * 1024 * 1024
 RECEIPTS_MAX_COUNT = 4_096
 _CUSTODIAN = b"identity\x00custodian/"
+_MEMBER = b"identity\x00member/"
 _NAME = "a consent receipt"
 _VERSIONS_END = (1 << 32) - 1  # the next version has a key too
 _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError, RecursionError)
@@ -64,19 +65,27 @@ class ReceiptFile(doc.Document, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class CheckedReceipt:
-    """What a receipt says, now that it is known to be true."""
+    """What a receipt says, now that it is known to be true.
+
+    `is_registrars`: the organisation that signed is proved to be the one that registered her. Receipts of before do not
+    have the proof of it.
+    """
 
     word: ConsentWord
     organisation: str
     node: str
     published: PublishedNotice | None
     fields: dict[str, Any]
+    is_registrars: bool
 
 
-def state_keys(controller_key: bytes, organisation: str, notice_version: int) -> list[bytes]:
-    """Return the keys whose proofs go with a receipt: the node, the version that was in force (0: none), the next one."""
+def state_keys(controller_key: bytes, member: bytes, organisation: str, notice_version: int) -> list[bytes]:
+    """Return the keys whose proofs go with a receipt: the node, the person, the version of the notice that was in force
+    (0: none), and the next one.
+    """
     versions = [notice_version, notice_version + 1] if notice_version else [1]
-    return [_CUSTODIAN + controller_key, *(version_key(organisation, version) for version in versions)]
+    keys = [_CUSTODIAN + controller_key, _MEMBER + member]
+    return [*keys, *(version_key(organisation, version) for version in versions)]
 
 
 def read_reference(document: bytes) -> tuple[str, int]:
@@ -127,6 +136,7 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: ReceiptEntry, *, signed:
     organisation, version = read_reference(document)
     if organisation != node["org"]:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"A node of {node['org']} signed it for {organisation}.")
+    is_registrars = _is_registrars(state, organisation, word)
     published = _notice(state, organisation, version, word)
     if build_document(word, organisation, published) != document:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "Its words are not those of the chain.")
@@ -137,7 +147,17 @@ def _check(chain: ProvedChain, genesis: Genesis, entry: ReceiptEntry, *, signed:
         person=word.member,
         person_signature=doc.read_bytes(_NAME, entry.person_signature) if signed else None,
     )
-    return CheckedReceipt(word, organisation, node["name"], published, json.loads(document))
+    return CheckedReceipt(word, organisation, node["name"], published, json.loads(document), is_registrars)
+
+
+def _is_registrars(state: dict[bytes, ProvedValue], organisation: str, word: ConsentWord) -> bool:
+    """Tell whether it is proved that an organisation registered her. Raises CONSENT_RECEIPT_INVALID if another did."""
+    proved = state.get(_MEMBER + word.member)
+    if proved is None:
+        return False
+    if proved.value is None or (proved.value["org"], proved.value["handle"]) != (organisation, word.handle):
+        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{organisation} signed it, and did not register her.")
+    return True
 
 
 def _notice(
@@ -179,27 +199,31 @@ class CheckedFile:
 
 
 def check_file(path: Path, expected: Genesis | bytes | None = None) -> CheckedFile:
-    """Check a file of receipts. Raises CONSENT_RECEIPT_INVALID, BUNDLE_OTHER_CHAIN, OSError."""
+    """Check a file of receipts.
+
+    Raises RECEIPT_FILE_DAMAGED for a file that is none, CONSENT_RECEIPT_INVALID for a receipt that is not true,
+    BUNDLE_OTHER_CHAIN, OSError.
+    """
     if path.stat().st_size > FILE_MAX_BYTES:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} is too large.")
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is too large.")
     try:
         content = msgspec.json.decode(path.read_bytes(), type=ReceiptFile)
         genesis = genesis_from_json(content.genesis)
         chain = ProvedChain(genesis, content.epochs)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} is no file of consent receipts.") from None
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} is no file of consent receipts, or not whole.") from None
     except BlockRobotError as error:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{error.detail} ({error.code})") from None
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{error.detail} ({error.code})") from None
     wanted = expected.block_id if isinstance(expected, Genesis) else expected
     if wanted is not None and wanted != genesis.block_id:
         raise BlockRobotError("BUNDLE_OTHER_CHAIN", "The receipts are of another network than the one you named.")
     if (content.format, content.version) != (FORMAT, FORMAT_VERSION) or len(content.receipts) > RECEIPTS_MAX_COUNT:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} has a form that this version does not know.")
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} has a form that this version does not know.")
     if not content.receipts:
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"{path} holds no receipt: it proves nothing.")
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", f"{path} holds no receipt: it proves nothing.")
     checked = tuple(check_entry(chain, genesis, entry) for entry in content.receipts)
     if len({each.word.txid for each in checked}) < len(checked):
-        raise BlockRobotError("CONSENT_RECEIPT_INVALID", "The file holds a receipt twice.")
+        raise BlockRobotError("RECEIPT_FILE_DAMAGED", "The file holds a receipt twice.")
     if len({each.word.handle for each in checked}) > 1:
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", "The file mixes receipts of several persons.")
     return CheckedFile(genesis, wanted is not None, checked)

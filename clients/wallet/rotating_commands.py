@@ -17,7 +17,7 @@ from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.counting import counted
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
-from clients.wallet.linking import tell_linked
+from clients.wallet.linking import tell_linked_moves
 from clients.wallet.opening import STOLEN_PAGE, run_opened
 from clients.wallet.rotating import Rotating, Transferred
 from clients.wallet.wallet import VisitReport, Wallet
@@ -37,7 +37,9 @@ def _spread(command: Any) -> Any:
         help="Move the visits within this time, at moments that chance decides.",
     )
     now = click.option(
-        "--now", is_flag=True, help="Without pauses between visits: whoever watches can tell that they are one's."
+        "--now",
+        is_flag=True,
+        help="All at once, without pauses: whoever reads the ledger can tell that they are one's.",
     )
     return over(now(command))
 
@@ -79,10 +81,12 @@ def _tell_progress(number: int, count: int, pause_s: float) -> None:
     click.echo(f"Visit {number + 1} of {count} gets its new key in {pause_s:.0f} s ...", err=True)
 
 
-async def _transfer(rotating: Rotating, over_minutes: int, *, now: bool, as_json: bool) -> Transferred:
+async def _transfer(
+    rotating: Rotating, over_minutes: int, *, now: bool, with_member: bool, as_json: bool
+) -> Transferred:
     count = len(await rotating.exposed_visits())
     if now and not as_json:
-        tell_linked(count)
+        tell_linked_moves(count, with_member=with_member)
     return await rotating.transfer_all(0.0 if now else over_minutes * 60.0, _tell_progress)
 
 
@@ -226,7 +230,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
         due_count = await _fetch_receipts(opened) if content.next_words else 0
         if await rotating.rotate() and due_count:
             click.echo(f"{counted(due_count, 'receipt')} of consent, still due, cannot be had any more.", err=True)
-        return await _transfer(rotating, over_minutes, now=now, as_json=as_json)
+        return await _transfer(rotating, over_minutes, now=now, with_member=True, as_json=as_json)
 
     done = run_opened(ctx, action)
     if as_json:
@@ -254,7 +258,7 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, as_json: bool) ->
     """
 
     async def action(opened: Wallet) -> Transferred:
-        return await _transfer(Rotating(opened), over_minutes, now=now, as_json=as_json)
+        return await _transfer(Rotating(opened), over_minutes, now=now, with_member=False, as_json=as_json)
 
     done = run_opened(ctx, action)
     if as_json:

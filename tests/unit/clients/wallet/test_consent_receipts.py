@@ -288,17 +288,20 @@ async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Pa
     assert found.is_anchored
     with pytest.raises(BlockRobotError, match="another network"):
         file.check_file(path, bytes(32))
-    for old, new in (
-        (b'\\"event_state\\":\\"given\\"', b'\\"event_state\\":\\"taken\\"'),
-        (b'"person_signature": "', b'"person_signature": "00'),
-        (b'"blockrobot-consent-receipts"', b'"blockrobot-consent-receipt5"'),
-        (b'"epochs": []', b'"epochs": ["00"]'),
+    untrue, damaged = "CONSENT_RECEIPT_INVALID", "RECEIPT_FILE_DAMAGED"
+    for old, new, code in (
+        (b'\\"event_state\\":\\"given\\"', b'\\"event_state\\":\\"taken\\"', untrue),
+        (b'"person_signature": "', b'"person_signature": "00', untrue),
+        (b'"blockrobot-consent-receipts"', b'"blockrobot-consent-receipt5"', damaged),
+        (b'"epochs": []', b'"epochs": ["00"]', damaged),
+        (path.read_bytes()[-700:], b"", damaged),
     ):
         assert old in path.read_bytes(), old
         (tmp_path / "forged.json").write_bytes(path.read_bytes().replace(old, new, 1))
         with pytest.raises(BlockRobotError) as caught:
             file.check_file(tmp_path / "forged.json")
-        assert caught.value.code == "CONSENT_RECEIPT_INVALID", old
+        assert caught.value.code == code, old
+        assert ("wallet consent receipts --out" in caught.value.next_step) == (code == damaged)
 
 
 async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: NoticeWard, tmp_path: Path) -> None:
@@ -309,7 +312,7 @@ async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: Notice
         path.write_bytes(file.encode_file(ward.genesis, kept.epochs(), listed))
         with pytest.raises(BlockRobotError, match=told) as caught:
             file.check_file(path, ward.genesis)
-        assert caught.value.code == "CONSENT_RECEIPT_INVALID"
+        assert caught.value.code == "RECEIPT_FILE_DAMAGED"
 
 
 def test_no_file_is_written_of_no_receipt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -373,4 +376,4 @@ async def test_bytes_all_over_a_file_are_not_changed_without_showing(ward: Notic
             pass
         with pytest.raises(BlockRobotError) as caught:
             file.check_file(path)
-        assert caught.value.code == "CONSENT_RECEIPT_INVALID", place
+        assert caught.value.code in {"CONSENT_RECEIPT_INVALID", "RECEIPT_FILE_DAMAGED"}, place
