@@ -249,8 +249,8 @@ class Demo:
         refused = await self.stage.refusal("patient-b", "view", foreign[0], "--out", str(self.options.out / "none"))
         self.checks.add(
             "patient B's wallet cannot tell which records are A's, nor fetch them",
-            ok=not own & set(foreign) and refused == "NOT_FOUND",
-            detail="no record of A's opens to B's view key",
+            ok=not own & set(foreign) and refused == "RECORD_NOT_FOUND",
+            detail=f"no record of A's opens to B's view key; asking for one is answered {refused or 'with the record'}",
         )
         probe = await self.stage.wallet("patient-b", "probe", foreign[0])
         self.checks.add(
@@ -312,7 +312,7 @@ class Demo:
         refused = await self.stage.refusal("patient-a", "view", chosen["record_id"], "--out", str(out))
         self.checks.add(
             "nothing of it can be had any more",
-            ok=refused in {"NOT_FOUND", "CLIP_ERASED"},
+            ok=refused in {"RECORD_NOT_FOUND", "CLIP_ERASED"},
             detail=f"asking for it again is answered {refused or 'with the record'}",
         )
         await self._hunt(traces)

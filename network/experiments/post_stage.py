@@ -128,7 +128,7 @@ class PostStage:
         shared = set(found[owner].record_ids) & set(found[stranger].record_ids)
         self._checks.add(
             f"{stranger} gets no frame of {owner}",
-            ok=not shared and refused == "NOT_FOUND" and bool(codes) and codes <= REFUSALS,
+            ok=not shared and refused == "RECORD_NOT_FOUND" and bool(codes) and codes <= REFUSALS,
             detail=f"her wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
         )
 

@@ -26,7 +26,7 @@ class House:
         self.pictures = {"patient-a": [IN_A_TIME], "patient-b": [IN_B_TIME]}
         self.status: dict[str, str] = {}
         self.refusals = {"custodian-1": "NOT_PERMITTED"}
-        self.view_refusal = "NOT_FOUND"
+        self.view_refusal = "RECORD_NOT_FOUND"
         self.changed: list[tuple[str, int]] = []
         nodes = [SimpleNamespace(name="node-1"), SimpleNamespace(name="node-2")]
         self.cluster = SimpleNamespace(genesis=SimpleNamespace(custodians=nodes), config=lambda name: name)
