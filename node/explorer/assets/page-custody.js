@@ -13,7 +13,7 @@ export async function custodyPage({ args: [first] }) {
   const from = Math.max(earliest, /^\d+$/.test(first ?? "") ? Number(first) : head - WINDOW_BLOCKS + 1);
   const [names, erasures, accesses, records] = await Promise.all([custodianNames(), api.events({ from, contract: "erasure" }), api.events({ from, contract: "access" }), api.events({ from, contract: "records" })]);
   return sheet("Custody",
-    "What robots recorded lies with custodians, as ciphertext. The chain holds a commitment to it, and everything that custodians did: to whom they released, what they refused, which keys they destroyed. A key on the chain stands for one visit; whose it was, the chain does not say.",
+    "What robots recorded lies with custodians, as ciphertext. The chain holds a commitment to it, and what custodians did: what they released, what they refused, which keys they destroyed. A key on the chain stands for one visit; whose it was, the chain does not say.",
     card("In short", summary(from, erasures.events, accesses.events, records.events)),
     card("Erasures", h("p", { class: "quiet" }, "An erasure is complete once every custodian has destroyed its keys and said so."), table("Erasures, newest first", ["block", "what happened", "by", "more"], newest(erasures.events).map((event) => erasureRow(event, names)), "No erasure in these blocks.")),
     card("Releases and refusals", table("Access, newest first", ["block", "what happened", "by", "more"], newest(accesses.events).map((event) => accessRow(event, names)), "Nobody asked for records in these blocks.")),

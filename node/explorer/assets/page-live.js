@@ -36,6 +36,7 @@ export async function livePage({ signal }) {
     updateRows(body, rows, shown, epochs);
   }
   feed.follow(update, signal);
+  addEventListener("resize", update, { signal });
   await update();
   return sheet("Live",
     "A block is final once a quorum of producers has certified it and its child in the next round: from then on nothing undoes it. Each round has one leader, who proposes a block; if it comes too late, the producers give the round up together and the next one leads. A quiet network makes an empty block only now and then.",

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import AsyncIterator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
-from aiohttp import web
+from aiohttp import ClientSession, web
 from aiohttp.test_utils import TestClient, TestServer
 
 from consensus.block import Receipt
@@ -16,9 +17,10 @@ from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.transaction import sign_transaction
 from contracts.vm.faults import VM_CODES
-from node.api import create_api
+from node.api import create_api, rate_limit, server
 from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
 from node.api.services import RoundPlace
+from node.snapshot.making import header_of_block
 from tests.unit.node.api.small_network import NOW_MS, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
 
 Client = TestClient[web.Request, web.Application]
@@ -182,6 +184,48 @@ def test_every_code_of_the_machine_has_a_meaning() -> None:
 def test_a_code_is_explained_by_who_gives_it() -> None:
     assert explain_refusal("CONTRACT_DISABLED").origin == "catalogue"
     assert "work" in explain_refusal("OUT_OF_GAS").meaning
-    told = explain_refusal("HANDLE_TAKEN")
+    told = explain_refusal("MEMBER_NOT_ACTIVE")
     assert (told.origin, "card" in told.next_step) == ("contract", True)
     assert explain_refusal("NEVER_HEARD_OF").next_step == ""
+
+
+async def test_of_a_pruned_block_the_header_stays(public: Public) -> None:
+    for _ in range(4):
+        await public.node.ledger.extend()
+    await public.node.ledger.store.prune(3, header_of_block)
+    answer = await public.ask("headers?from_height=1")
+    assert answer["earliest_height"] == 3
+    counts = [header["transaction_count"] for header in answer["headers"]]
+    assert counts == [None, None, 0, 0]
+    assert all(header["certificate"]["voters"] == [0, 1, 2] for header in answer["headers"])
+
+
+async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_explorer(
+    public: Public, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 1.0)
+    monkeypatch.setattr(rate_limit, "LOOPBACK_REQUESTS_PER_SECOND", 0.0)
+    for path in ("/explorer/", "/explorer/api.js", "/explorer/shared/dom.js", "/v1/explorer/status"):
+        application = create_api(public.node.services)
+        async with TestClient(TestServer(application)) as client:
+            codes = [(await client.get(path)).status for _ in range(3)]
+        assert codes == [200, 429, 429], path
+
+
+async def test_who_waits_for_blocks_without_a_session_takes_half_of_the_places_at_most(
+    public: Public, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "_connections_max_count", lambda: 4)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        url = f"http://127.0.0.1:{listener.getsockname()[1]}/v1/explorer/status?wait_ms=20000"
+        async with server.serve_api(create_api(public.node.services), listener, 10), ClientSession() as client:
+
+            async def ask() -> int:
+                async with client.get(url) as answer:
+                    return int((await answer.json())["head"])
+
+            asking = {asyncio.create_task(ask()) for _ in range(3)}
+            done, waiting = await asyncio.wait(asking, return_when=asyncio.FIRST_COMPLETED)
+            assert [task.result() for task in done] == [0]
+            await public.node.ledger.extend()
+            assert await asyncio.gather(*waiting) == [1, 1]
