@@ -77,12 +77,13 @@ async def _shown(session: PageSession, request: web.Request) -> web.Response:
 async def _give(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
-    period = round_period(asked.number("from_ms", 0), asked.number("until_ms", 0))
+    from_ms, until_ms = asked.number("from_ms", 0), asked.number("until_ms", 0)
+    period = round_period(from_ms, until_ms)
     version = asked.number("notice_version")
     asked.end()
     if not purposes or not sensors:
         raise BlockRobotError("REQUEST_INVALID", "Say which purposes and which sensors you consent to.")
-    if period[1] and period[1] <= max(period[0], session.now_ms()):
+    if until_ms and period[1] <= max(period[0], session.now_ms()):
         raise BlockRobotError("REQUEST_INVALID", "The time until which you consent is over already.")
 
     async def work(job: Job) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class Jobs:
             job.state, job.error = "failed", BlockRobotError("FILE_UNUSABLE", f"{reason}.")
         except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
             _log.error("unexpected fault in a job of kind %s: %s", job.kind, type(error).__name__)
-            job.state, job.error = "failed", BlockRobotError("INTERNAL")
+            job.state, job.error = "failed", BlockRobotError("INTERNAL", "The wallet met a fault of its own.")
         job.ended_ms = self._now_ms()
         job.note()
 

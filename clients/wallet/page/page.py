@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 from clients.wallet.page import (
@@ -30,10 +32,15 @@ _PARTS = (
 )
 
 
-def make_page(session: PageSession) -> LocalPage:
-    """Return the page of an open wallet, not yet listening."""
+def monotonic_ms() -> int:
+    """Return a time that never goes back."""
+    return time.monotonic_ns() // 1_000_000
+
+
+def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms) -> LocalPage:
+    """Return the page of an open wallet, not yet listening. `now_ms` is the clock by which a link expires."""
     routes = [each for part in _PARTS for each in part.routes(session)]
-    return LocalPage(Assets(ASSETS), routes, redirect_folder=session.folder, title=TITLE)
+    return LocalPage(Assets(ASSETS), routes, redirect_folder=session.folder, title=TITLE, now_ms=now_ms)
 
 
 def page_folder(wallet_file: Path) -> Path:

@@ -164,7 +164,7 @@ class PageSession:
             self.state, self.problem = unread.get(error.code, "failed"), error
         except Exception as error:  # noqa: BLE001 - the page stays, and says that something is wrong
             _log.error("unexpected fault while the chain was read: %s", type(error).__name__)
-            self.state, self.problem = "failed", BlockRobotError("INTERNAL")
+            self.state, self.problem = "failed", BlockRobotError("INTERNAL", "The wallet met a fault of its own.")
         else:
             self.snapshot, self.state, self.problem = snapshot, "ready", None
             self._note_new(before, snapshot)

@@ -1,0 +1,198 @@
+"""What is done in the page: opened, judged, said, shared, ended, erased. Each by the same code as the commands."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import Any
+
+import pytest
+
+from clients.wallet.page import erasing_routes
+from clients.wallet.page import session as sessions
+from clients.wallet.page.jobs import Job
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
+from tests.unit.clients.wallet.shared_ward import WEEK_MS
+
+
+async def recorded(desk: Desk, count: int = 2) -> list[str]:
+    _, ids = desk.ward.record_visit(count)
+    await desk.read()
+    return [record_id.hex() for record_id in ids]
+
+
+async def test_a_clip_is_opened_checked_and_shown_frame_by_frame(desk: Desk) -> None:
+    ids = await recorded(desk)
+    opened = await desk.page.do("/api/clips", {"records": ids})
+    assert [(seal["state"], seal["frames_ok"]) for seal in opened["seals"]] == [("good", 2), ("good", 2)]
+    head = desk.ward.chain.head
+    assert opened["seals"][0]["proved_height"] <= head.height
+    clip = await desk.page.get(f"/api/clips/{opened['clip']}")
+    assert [frame["number"] for frame in clip["frames"]] == [0, 1, 2, 3]
+    assert {frame["kind"] for frame in clip["frames"]} == {"depth"}
+    path = f"/api/clips/{opened['clip']}/frames/2"
+    whole, own = await desk.page.get(f"{path}/depth"), await desk.page.get(f"{path}/depth", own=1)
+    frame = clip["frames"][2]
+    assert len(whole) == len(own) == 2 * frame["width"] * frame["height"]
+    assert whole[:2] == (5_000).to_bytes(2, "little"), "the empty room"
+    assert own[:2] == bytes(2)
+    assert (await desk.page.get(f"{path}/depth.png")).startswith(b"\x89PNG")
+    assert (await desk.page.get(f"/api/records/{ids[0]}"))["clip"] == opened["clip"]
+    for number in ("4", "-1", "x"):
+        assert await desk.page.refused("GET", f"/api/clips/{opened['clip']}/frames/{number}/file") == "NOT_FOUND"
+
+
+async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -> None:
+    ids = await recorded(desk)
+    desk.ward.spoil(bytes.fromhex(ids[0]), 1)
+    opened = await desk.page.do("/api/clips", {"records": [ids[0]], "verify": True})
+    (seal,) = opened["seals"]
+    assert (seal["state"], seal["corrupted"]) == ("bad", [1])
+    assert {check["code"] for check in seal["checks"] if not check["ok"]} == {"ciphertext", "decrypted", "commitment"}
+    assert seal["verdict_height"] is not None
+    assert await desk.page.refused("GET", f"/api/clips/{opened['clip']}/frames/1/file") == "NOT_FOUND"
+    row = (await desk.page.get("/api/records"))["records"][0]
+    assert row["verdict"] == "corrupted"
+    (alarm,) = (await desk.page.get("/api/inbox"))["alarms"]
+    assert alarm["corrupted_records"] == [ids[0]]
+
+
+async def test_records_of_two_visits_are_not_opened_together(desk: Desk) -> None:
+    ids = [*(await recorded(desk)), *(await recorded(desk))]
+    assert await desk.page.refused("POST", "/api/clips", {"records": ids}) == "REQUEST_INVALID"
+    assert await desk.page.refused("POST", "/api/clips", {"records": []}) == "REQUEST_INVALID"
+
+
+async def test_consent_is_given_only_under_the_notice_in_force(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def nobody_signs(*_: object, **__: object) -> bytes:
+        raise BlockRobotError("CONSENT_RECEIPT_ELSEWHERE")
+
+    monkeypatch.setattr(desk.ward.wire, "ask_node", nobody_signs)
+    consents = await desk.page.get("/api/consents")
+    assert "own-access" not in consents["purposes"]
+    wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 7}
+    job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
+    assert job["error"]["code"] == "NOTICE_NOT_SHOWN"
+    said = await desk.page.do("/api/consents/give", wish | {"notice_version": consents["notice"]["version"]})
+    assert (said["status"], said["count"], said["receipt"]) == ("given", 1, None)
+    assert "not here yet" in said["receipt_sentence"]
+    taken = await desk.page.do("/api/consents/withdraw", {"purposes": [], "sensors": []})
+    assert (taken["status"], taken["count"]) == ("withdrawn", 2)
+    assert await desk.page.refused("POST", "/api/consents/give", wish | {"until_ms": 1}) == "REQUEST_INVALID"
+    assert await desk.page.refused("POST", "/api/consents/refuse", {"purposes": []}) == "REQUEST_INVALID"
+
+
+async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
+    doctor = desk.ward.come_in("doctor", "staff")
+    return {
+        "records": ids,
+        "with": doctor.store.content.handle.hex(),
+        "name": "Dr Weber",
+        "purpose": "care",
+        "until_ms": desk.ward.chain.time_ms + WEEK_MS,
+    }
+
+
+async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk: Desk) -> None:
+    wish = await share(desk, await recorded(desk))
+    plan = await desk.page.post("/api/shares/plan", wish)
+    assert (plan["grantee"]["name"], plan["records"], plan["pictures"]) == ("Dr Weber", 2, 4)
+    assert await desk.page.refused("POST", "/api/shares", wish) == "REQUEST_INVALID"
+    done = await desk.page.do("/api/shares", wish | {"passphrase": PASSPHRASE})
+    (made,) = done["shared"]
+    (shown,) = (await desk.page.get("/api/shares"))["shares"]
+    assert (shown["grant_id"], shown["status"], shown["name"]) == (made["grant_id"], "open", "Dr Weber")
+    assert [row["shared"] for row in (await desk.page.get("/api/records"))["records"]] == [1, 1]
+    await desk.page.do(f"/api/shares/{made['grant_id']}/revoke")
+    (shown,) = (await desk.page.get("/api/shares"))["shares"]
+    assert shown["status"] == "revoked"
+    assert await desk.page.refused("POST", f"/api/shares/{'0' * 64}/revoke") == "NOT_FOUND"
+
+
+async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(desk: Desk) -> None:
+    wish = await share(desk, await recorded(desk))
+    codes = [await desk.page.refused("POST", "/api/shares", wish | {"passphrase": f"guess {n}"}) for n in range(6)]
+    assert codes == ["WALLET_PASSPHRASE_WRONG"] * 4 + ["PASSPHRASE_LOCKED"] * 2
+    assert await desk.page.refused("POST", "/api/shares", wish | {"passphrase": PASSPHRASE}) == "PASSPHRASE_LOCKED"
+    assert desk.ward.wallet.store.content.given_grants == []
+    for _ in range(5):
+        desk.ward.chain.time_ms += 3_600_000
+        assert not desk.session.ended.is_set()
+        await desk.page.refused("POST", "/api/shares", wish | {"passphrase": "guess"})
+    assert desk.session.ended.is_set()
+
+
+async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
+    ids = await recorded(desk)
+    plan = await desk.page.post("/api/erasures/plan", {"all": True})
+    assert (plan["records"], plan["pictures"], plan["visits"], plan["warnings"]) == (ids, 4, 1, [])
+    assert plan["gone"]
+    assert plan["remains"]
+    one = {"records": ids[:1], "frames": [1]}
+    assert (await desk.page.post("/api/erasures/plan", one))["pictures"] == 1
+    assert await desk.page.refused("POST", "/api/erasures/plan", one | {"frames": [2]}) == "REQUEST_INVALID"
+    assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids, "frames": [0]}) == "REQUEST_INVALID"
+    assert await desk.page.refused("POST", "/api/erasures", {"records": ids}) == "REQUEST_INVALID"
+    job = await desk.page.follow(await desk.page.post("/api/erasures", {"records": ids, "passphrase": PASSPHRASE}))
+    assert (job["state"], job["result"]["complete"]) == ("done", False)
+    assert [row["confirmed_at_ms"] for row in job["receipts"]] == [None, None]
+    (erasure,) = (await desk.page.get("/api/erasures"))["erasures"]
+    assert (erasure["status"], erasure["records"]) == ("requested", 2)
+    assert await desk.page.refused("POST", "/api/erasures/plan", {"all": True}) == "NOT_FOUND"
+    desk.ward.chain.time_ms += 200_000
+    (late,) = (await desk.page.get("/api/inbox"))["overdue"]
+    assert all(row["overdue"] for row in late["custodians"])
+
+
+async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_nothing(desk: Desk) -> None:
+    gate = asyncio.Event()
+
+    async def work(job: Job) -> dict[str, Any]:
+        job.tell("counting", 1, 3)
+        await gate.wait()
+        return {}
+
+    first = desk.session.jobs.start("erase", work)
+    second = desk.session.jobs.start("export", work, stoppable=True)
+    seen = await desk.page.get(f"/api/jobs/{first.name}", after=1, wait_ms=5_000)
+    assert (seen["step"], seen["done"], seen["of"], seen["stoppable"]) == ("counting", 1, 3, False)
+    assert (await desk.page.get(f"/api/jobs/{second.name}"))["state"] == "waiting"
+    assert await desk.page.refused("POST", f"/api/jobs/{first.name}/cancel") == "JOB_NOT_STOPPABLE"
+    await desk.page.post(f"/api/jobs/{second.name}/cancel")
+    assert (await desk.page.get(f"/api/jobs/{second.name}", wait_ms=5_000, after=99))["state"] == "cancelled"
+    gate.set()
+    assert (await desk.page.get(f"/api/jobs/{first.name}", wait_ms=5_000, after=99))["state"] == "done"
+    assert await desk.page.refused("GET", "/api/jobs/nobody") == "NOT_FOUND"
+
+
+async def test_a_question_says_so_if_the_wallet_is_busy_for_long(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sessions, "HOLD_MAX_S", 0.01)
+    async with desk.session.lock:
+        assert await desk.page.refused("GET", "/api/consents") == "WALLET_BUSY"
+
+
+async def test_a_task_that_fails_says_why_and_what_to_do(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    ids = await recorded(desk)
+
+    async def fail(*_: object) -> None:
+        raise BlockRobotError("NODE_UNREACHABLE", "None of the nodes answers.")
+
+    monkeypatch.setattr(desk.session.wallet, "visit_mark", fail)
+    job = await desk.page.follow(await desk.page.post("/api/clips", {"records": ids}))
+    assert (job["state"], job["error"]["code"]) == ("failed", "NODE_UNREACHABLE")
+    assert job["error"]["next_step"]
+    assert (await desk.page.get("/api/overview"))["state"] == "unreachable"
+
+
+async def test_an_idle_page_is_told_by_what_people_do_not_by_what_it_asks_by_itself(desk: Desk) -> None:
+    await desk.page.get("/api/overview")
+    desk.ward.chain.time_ms += 29 * 60_000
+    assert not desk.session.is_idle(30)
+    await desk.page.get("/api/changes")
+    desk.ward.chain.time_ms += 2 * 60_000
+    assert desk.session.is_idle(30)
+    await desk.page.get("/api/days")
+    assert not desk.session.is_idle(30)

@@ -1,0 +1,120 @@
+"""What the page shows: days, records, what happened; all of it from what the wallet has proven."""
+
+from __future__ import annotations
+
+import time
+
+import pytest
+
+from clients.wallet.page import snapshot as snapshots
+from consensus.errors import BlockRobotError
+from tests.unit.clients.wallet.page.conftest import Desk
+
+
+async def test_a_recording_that_comes_in_is_news_and_shows(desk: Desk) -> None:
+    before = await desk.page.get("/api/overview")
+    assert (before["state"], before["counts"]["records"]) == ("ready", 0)
+    assert (await desk.page.get("/api/days"))["days"] == []
+    _, ids = desk.ward.record_visit()
+    await desk.read()
+    changes = await desk.page.get("/api/changes", after=before["news"], wait_ms=1_000)
+    assert changes["news"] == before["news"] + 1
+    assert set(changes["new_records"]) == {record_id.hex() for record_id in ids}
+    (day,) = (await desk.page.get("/api/days", zone="Europe/Lisbon"))["days"]
+    assert (day["records"], day["pictures"], day["unsure"]) == (2, 4, 2)
+    found = await desk.page.get("/api/records", day=day["day"], zone="Europe/Lisbon")
+    assert [row["record_id"] for row in found["records"]] == [record_id.hex() for record_id in ids]
+    assert found["records"][0]["kind"] == "depth"
+
+
+async def test_who_asks_for_news_waits_until_there_are_some(desk: Desk) -> None:
+    started = time.monotonic()
+    answer = await desk.page.get("/api/changes", after=desk.session.news, wait_ms=50)
+    assert (answer["news"], answer["new_records"]) == (desk.session.news, [])
+    assert time.monotonic() - started >= 0.05
+
+
+async def test_nothing_is_read_again_of_a_visit_in_which_nothing_happened(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.ward.record_visit()
+    await desk.read()
+
+    async def never(*_: object) -> None:
+        raise AssertionError("the visit was read again")
+
+    monkeypatch.setattr(desk.session.wallet, "visit_report", never)
+    monkeypatch.setattr(snapshots, "audit_visit", never)
+    await desk.read()
+    assert desk.session.state == "ready"
+
+
+async def test_records_are_filtered_and_paged(desk: Desk) -> None:
+    desk.ward.record_visit(5)
+    await desk.read()
+    first = await desk.page.get("/api/records", limit=2)
+    assert (first["total"], first["next"], len(first["records"])) == (5, "2", 2)
+    last = await desk.page.get("/api/records", limit=2, cursor=4)
+    assert (last["next"], len(last["records"])) == (None, 1)
+    robot = first["records"][0]["robot"]
+    assert (await desk.page.get("/api/records", robot=robot, sensor="depth"))["total"] == 5
+    assert (await desk.page.get("/api/records", sensor="rgb"))["total"] == 0
+    assert (await desk.page.get("/api/records", day="1999-12-31"))["total"] == 0
+    assert (await desk.page.get("/api/records", from_minute=0, until_minute=1440))["total"] == 5
+    assert await desk.page.refused("GET", "/api/records?zone=Nowhere/../etc") == "REQUEST_INVALID"
+    assert await desk.page.refused("GET", "/api/records?limit=2001") == "REQUEST_INVALID"
+    assert await desk.page.refused("GET", "/api/records?colour=red") == "REQUEST_INVALID"
+
+
+async def test_one_record_is_told_with_its_neighbours_and_its_story(desk: Desk) -> None:
+    _, ids = desk.ward.record_visit(3)
+    await desk.read()
+    record = await desk.page.get(f"/api/records/{ids[1].hex()}")
+    assert (record["previous"], record["next"]) == (ids[0].hex(), ids[2].hex())
+    assert [event["kind"] for event in record["events"]] == ["recorded"]
+    assert record["events"][0]["who"] == "robot"
+    assert await desk.page.refused("GET", f"/api/records/{bytes(16).hex()}") == "NOT_FOUND"
+    assert await desk.page.refused("GET", "/api/records/zz") == "REQUEST_INVALID"
+    story = await desk.page.get("/api/story", limit=2)
+    assert (story["total"], story["next"], len(story["events"])) == (5, "2", 2)
+    assert story["events"][0]["kind"] == "visit_closed"
+    assert "3" in story["events"][0]["sentence"]
+
+
+async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    desk.ward.record_visit()
+    await desk.read()
+    error = BlockRobotError("PROOF_INVALID", "The answer is for other keys than were asked for.")
+    desk.ward.wire.troubles["node-1"] = error  # type: ignore[attr-defined]
+
+    async def fail() -> None:
+        raise error
+
+    monkeypatch.setattr(desk.session.wallet, "scan", fail)
+    await desk.read()
+    told = await desk.page.get("/api/overview")
+    assert (told["state"], told["problem"]["code"], told["counts"]["records"]) == ("failed", "PROOF_INVALID", 2)
+    assert [(node["name"], node["state"]) for node in told["network"]["nodes"]] == [("node-1", "lied")]
+
+
+async def test_it_speaks_the_language_that_the_page_asks_for(desk: Desk) -> None:
+    english, portuguese = [(await desk.page.get("/api/texts", language=each))["texts"] for each in ("en", "pt")]
+    assert english.keys() == portuguese.keys()
+    assert english["nav.story"] != portuguese["nav.story"]
+    desk.page.headers["Accept-Language"] = "pt"
+    status, problem = await desk.page.ask("GET", f"/api/records/{bytes(16).hex()}")
+    assert (status, problem["code"]) == (404, "NOT_FOUND")
+    assert await desk.page.refused("GET", "/api/texts?language=tlh") == "REQUEST_INVALID"
+
+
+async def test_a_day_of_two_thousand_records_is_listed_within_a_second(desk: Desk) -> None:
+    desk.ward.record_visit(3)
+    await desk.read()
+    many = desk.session.snapshot.visits[0]
+    entries = many.report.records * 700
+    object.__setattr__(many.report, "records", entries)
+    started = time.process_time()
+    await desk.page.get("/api/days", zone="Europe/Lisbon")
+    found = await desk.page.get("/api/records", limit=2_000, zone="Europe/Lisbon")
+    assert (found["total"], len(found["records"])) == (2_100, 2_000)
+    assert time.process_time() - started < 1.0
