@@ -50,6 +50,17 @@ WORDS: dict[str, str] = {
 }
 
 
+_NEVER_HAD: dict[str, str] = {
+    KIND_ERASED: "was erased, or is over its time",
+    KIND_FRAMES_ERASED: "had single pictures erased, and is no longer shared",
+    KIND_DENIED: "may show somebody else, its owner said",
+    KIND_REVOKED: "is shared no more, its owner ended it",
+    KIND_ENDED: "is shared no more, the time is over",
+    KIND_RESTRICTED: "is restricted, and not shown",
+}
+"""The same for who never looked: she has no copy."""
+
+
 @dataclass(frozen=True, slots=True)
 class Inbox:
     """What one's inbox holds: what was shared, and one's own visits with something wrong."""
@@ -94,6 +105,8 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
         "shared_at_ms": grant.time_ms,
         "until_ms": grant.until_ms,
         "open": receipt.is_open,
+        "looked": receipt.looked,
+        "to_look": [record_id.hex() for record_id in receipt.to_look],
         "notices": [
             {"record_id": notice.record_id.hex(), "kind": notice.kind, "confirmed": notice.confirmed}
             for notice in receipt.notices
@@ -110,17 +123,20 @@ def receipt_lines(receipt: Receipt) -> list[str]:
     end = f"until {show_moment(grant.until_ms)}" if receipt.is_open else "over"
     lines = [f"{name}  {counted(len(grant.records), 'record')} of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
     news = [notice for notice in receipt.notices if not notice.confirmed]
+    words = WORDS if receipt.looked else _NEVER_HAD
     for kind in dict.fromkeys(notice.kind for notice in news):
         told = [notice for notice in news if notice.kind == kind]
-        lines.append(f"  {len(told)} of {counted(len(grant.records), 'record')}: {WORDS[kind]}")
+        lines.append(f"  {len(told)} of {counted(len(grant.records), 'record')}: {words.get(kind, WORDS[kind])}")
         if len(told) < len(grant.records):
             lines += [f"    {notice.record_id.hex()}" for notice in told]
     lines += [f"  a copy is in {place}" for place in copies_left(receipt, receipt.to_confirm)]
-    if receipt.to_confirm:
+    if receipt.to_confirm and not receipt.looked:
+        lines.append("  You never looked at it: there is nothing to delete, and nothing to confirm.")
+    elif receipt.to_confirm:
         lines.append(f"  When nothing is left: blockrobot wallet confirm-deleted {name}")
     elif len(news) < len(receipt.notices):
         lines.append("  You have confirmed that your copies of what is gone are deleted.")
-    if receipt.is_open:
+    if receipt.to_look:
         lines.append(f"  To look: blockrobot wallet look {name}")
     return lines
 
@@ -290,6 +306,8 @@ def confirm_deleted(
     async def action(opened: Wallet) -> tuple[list[bytes], list[Path], list[Path]]:
         receiving, receipt = await _find(opened, grant)
         chosen = _choose(receipt, record_ids, receipt.to_confirm)
+        if not receipt.looked:
+            raise BlockRobotError("NOTHING_TO_CONFIRM", "You never looked at it, so you have no copy.")
         if not chosen:
             text = "Nothing of this share is to be deleted now, or you have confirmed it all."
             raise BlockRobotError("NOTHING_TO_CONFIRM", text)

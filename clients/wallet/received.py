@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
-from clients.wallet.auditing import audit_visit
+from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
@@ -50,6 +50,7 @@ KIND_REVOKED = "revoked"
 KIND_ENDED = "ended"
 TO_DELETE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED, KIND_DENIED, KIND_REVOKED, KIND_ENDED})
 """After these a copy has to go."""
+_NOT_TO_SEE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED, KIND_DENIED, KIND_RESTRICTED})
 Sleep = Callable[[float], Awaitable[None]]
 
 
@@ -64,12 +65,22 @@ class Notice:
 
 @dataclass(frozen=True, slots=True)
 class Receipt:
-    """A grant for this wallet, proven, with what its records became. `is_open`: it can be looked at by its terms."""
+    """A grant for this wallet, proven, with what its records became. `is_open`: it can be looked at by its terms.
+
+    `looked` tells whether the grantee ever asked for pictures, by the visit's trail: with whatever wallet of hers.
+    """
 
     grant: Grant
     received: ReceivedGrant
     is_open: bool
     notices: tuple[Notice, ...]
+    looked: bool = True
+
+    @property
+    def to_look(self) -> list[bytes]:
+        """The records that can still be looked at: not erased in part or whole, denied or restricted."""
+        barred = {notice.record_id for notice in self.notices if notice.kind in _NOT_TO_SEE}
+        return [record_id for record_id in self.grant.records if record_id not in barred] if self.is_open else []
 
     @property
     def to_confirm(self) -> list[bytes]:
@@ -133,14 +144,18 @@ class Receiving:
         now_ms = (await self._wallet.network.newest_header(key)).timestamp_ms
         is_open = grant.is_open(now_ms)
         had = {copy.record_id for copy in received.copies}
+        trail = await audit_visit(_TrailReader(self._wallet, key), KnownVisit(grant.owner, b"", b"", 0, 0))
         notices = [
             Notice(record_id, kind, record_id in grant.noticed or _mark(record_id, kind) in received.confirmed)
-            for record_id, kind in await self._find_notices(grant, key, is_open=is_open)
+            for record_id, kind in await self._find_notices(grant, key, trail, is_open=is_open)
             if kind != KIND_ENDED or record_id in had
         ]
-        return Receipt(grant, received, is_open, tuple(notices))
+        looked = any(entry.data.get("grant") == grant.grant_id for entry in trail if entry.kind == "access_requested")
+        return Receipt(grant, received, is_open, tuple(notices), looked)
 
-    async def _find_notices(self, grant: Grant, key: PrivateKey, *, is_open: bool) -> list[tuple[bytes, str]]:
+    async def _find_notices(
+        self, grant: Grant, key: PrivateKey, trail: Sequence[AuditEntry], *, is_open: bool
+    ) -> list[tuple[bytes, str]]:
         """Tell of each record what happened to it since it was shared, from the proven state."""
         owner = grant.owner
         places = [_RESTRICTION + owner, _QUARANTINE + owner, _CORRECTION_COUNT + owner]
@@ -148,7 +163,7 @@ class Receiving:
         values = await self._wallet.values([*places, *states], key)
         corrected = await self._corrected(grant, values[places[2]] or 0, key)
         row, denied = values[places[0]], values[places[1]] is not None
-        cut = await self._cut_since(grant, key)
+        cut = _cut_since(grant, trail)
         end = [] if is_open else [KIND_REVOKED if grant.status == "revoked" else KIND_ENDED]
         notices = []
         for record_id, place in zip(grant.records, states, strict=True):
@@ -167,19 +182,6 @@ class Receiving:
                 kinds.append(KIND_RESTRICTED)
             notices += [(record_id, kind) for kind in kinds]
         return notices
-
-    async def _cut_since(self, grant: Grant, key: PrivateKey) -> set[bytes]:
-        """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
-
-        The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
-        """
-        reader = _TrailReader(self._wallet, key)
-        trail = await audit_visit(reader, KnownVisit(grant.owner, b"", b"", 0, 0))
-        return {
-            entry.record_id
-            for entry in trail
-            if entry.kind == "erasure_requested" and entry.data.get("frames") and entry.time_ms >= grant.time_ms
-        }
 
     async def _corrected(self, grant: Grant, count: int, key: PrivateKey) -> set[bytes]:
         """Return the records of a grant that were corrected after it was made; a correction may be of the whole visit."""
@@ -395,6 +397,18 @@ class _Gathered:
             if found.status != STATUS_CORRUPTED:
                 break
         return found
+
+
+def _cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
+    """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
+
+    The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
+    """
+    return {
+        entry.record_id
+        for entry in trail
+        if entry.kind == "erasure_requested" and entry.data.get("frames") and entry.time_ms >= grant.time_ms
+    }
 
 
 def _mark(record_id: bytes, kind: str) -> str:

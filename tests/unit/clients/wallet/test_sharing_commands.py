@@ -134,6 +134,23 @@ def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and
     assert "mynote.txt" in done.output
 
 
+def test_who_never_looked_is_told_and_has_nothing_to_delete(people: People) -> None:
+    ward, doctor = people.ward, people.doctor
+    visit, records = ward.record_visit()
+    asyncio.run(ward.share(doctor))
+    assert "To look: " in people.run(doctor, "inbox").output
+    asyncio.run(ward.erase(visit, records))
+    said = people.run(doctor, "inbox").output
+    assert "2 of 2 records: was erased, or is over its time" in said
+    assert "You never looked at it: there is nothing to delete" in said
+    for part in ("delete every copy", "confirm-deleted", "To look: "):
+        assert part not in said
+    (row,) = people.told(doctor, "inbox")["received"]
+    assert (row["open"], row["looked"], row["to_look"]) == (True, False, [])
+    refused = people.run(doctor, "confirm-deleted", row["grant_id"][:12], "--yes")
+    assert (refused.exit_code, "You never looked at it" in refused.output) == (3, True)
+
+
 def test_what_was_ended_is_told_on_both_sides(people: People, tmp_path: Path) -> None:
     _, (record_id,) = people.ward.record_visit(1)
     people.share(record_id, "--yes")
