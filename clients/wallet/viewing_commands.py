@@ -30,18 +30,12 @@ async def _view_all(
 ) -> list[RecordView]:
     viewing = Viewing(opened)
     views: list[RecordView] = []
-    for start in range(0, len(entries), 64):
-        for owner in {entry.visit.owner for entry in entries[start : start + 64]}:
-            part = [entry for entry in entries[start : start + 64] if entry.visit.owner == owner]
-            access_id = await viewing.request_access(part, purpose)
-            for entry in part:
-                tell(text("view.doing", number=len(views) + 1, count=len(entries)))
-                view = await viewing.view(entry, access_id)
-                if verdict:
-                    await viewing.put_verdict(view)
-                if album is not None:
-                    await write_pictures(viewing, view, album.out, album.seen_by(entry))
-                views.append(view)
+    tell(text("view.doing", number=1, count=len(entries)))
+    async for view in viewing.view_each(entries, purpose, verdict=verdict):
+        if album is not None:
+            await write_pictures(viewing, view, album.out, album.seen_by(view.entry))
+        views.append(view)
+        tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
     return views
 
 
