@@ -118,11 +118,15 @@ def _say(error: BlockRobotError) -> str:
     return saying(error) if saying else f"{error.detail}\n  {error.code}. Next step: {error.next_step}"
 
 
+def problem_json(error: BlockRobotError) -> dict[str, str]:
+    """Return an error as it stands in a command's JSON."""
+    return {"code": error.code, "detail": error.detail, "next_step": error.next_step}
+
+
 def fail(error: BlockRobotError, *, as_json: bool = False) -> int:
     """Print what went wrong, its code and the next step, on standard error; return the exit code."""
     if as_json:
-        problem = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
-        click.echo(json.dumps({"ok": False, "error": problem}, ensure_ascii=not is_utf8(sys.stdout)))
+        click.echo(json.dumps({"ok": False, "error": problem_json(error)}, ensure_ascii=not is_utf8(sys.stdout)))
     else:
         click.echo(_say(error), err=True)
     return exit_codes.exit_code_of(error.entry)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import console, json_option, plain_errors, print_json, problem_json
 from clients.wallet.auditing import audit_all
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.consent_commands import consent
@@ -33,6 +33,7 @@ from clients.wallet.sharing_commands import share_json, tell_recipients
 from clients.wallet.viewing_commands import COMMANDS as VIEWING_COMMANDS
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.exit_codes import exit_code_of
 from consensus.primitives.keys import PrivateKey
 
 ERASE_WAIT_S = 60.0
@@ -130,19 +131,23 @@ def erase(
             "The pictures will be gone for everyone, for ever. The trail of what happened stays. Erase?", abort=True
         )
 
+    late: list[BlockRobotError] = []
+
     async def action(opened: Wallet) -> tuple[list[ErasureReport], list[Share]]:
         chosen = await choose_records(opened, () if everything else record_ids)
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = tell_visits_linked(active, as_json=as_json)
         erasing, recipients = Erasing(opened), await Sharing(opened).recipients(active)
         reports: list[ErasureReport] = []
-        for owner in dict.fromkeys(entry.visit.owner for entry in entries):
-            part = [entry for entry in entries if entry.visit.owner == owner]
-            ids = await erasing.request(part[0].visit, [entry.record_id for entry in part], frame_indexes)
-            if wait:
-                reports.extend(await erasing.wait_complete(part[0].visit, ids, ERASE_WAIT_S))
-            else:
-                reports.extend([await erasing.report(part[0].visit, erasure_id) for erasure_id in ids])
+        for visit, ids in await erasing.request_each(entries, frame_indexes):
+            try:
+                if wait and not late:
+                    await erasing.wait_complete(visit, ids, ERASE_WAIT_S)
+            except BlockRobotError as error:
+                if error.code != "ERASURE_NOT_CONFIRMED":
+                    raise
+                late.append(error)  # who had received it is told all the same
+            reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
         return reports, recipients
 
     reports, recipients = run_opened(ctx, action)
@@ -157,7 +162,11 @@ def erase(
             for report in reports
         ]
         now_ms = time.time_ns() // 1_000_000
-        print_json({"ok": True, "erasures": rows, "recipients": [share_json(each, now_ms) for each in recipients]})
+        told = {"erasures": rows, "recipients": [share_json(each, now_ms) for each in recipients]}
+        if late:
+            print_json({"ok": False, "error": problem_json(late[0]), **told})
+            ctx.exit(exit_code_of(late[0].entry))
+        print_json({"ok": True, **told})
         return
     if not reports:
         console.print("There is nothing left to erase.")
@@ -167,6 +176,8 @@ def erase(
             f"confirmed by {len(report.receipts)} of {len(report.custodians)} custodians."
         )
     tell_recipients(recipients)
+    if late:
+        raise late[0]
 
 
 @wallet.command(hidden=True)

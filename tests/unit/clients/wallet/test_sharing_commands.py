@@ -13,14 +13,14 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import inbox_commands, sharing_commands
+from clients.wallet import cli, inbox_commands, sharing_commands
 from clients.wallet.rights import Chosen, Rights
 from clients.wallet.sharing_commands import read_end
 from clients.wallet.wallet import Wallet
 from consensus.records.sharing import GRANT_STEP_MS
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
 
-NAMES = {command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS)}
+NAMES = {command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS, cli.erase)}
 
 
 class People:
@@ -30,7 +30,7 @@ class People:
         self.ward = SharedWard(folder)
         self.doctor = self.ward.come_in("doctor", "staff")
         self.opened = self.ward.wallet
-        for module in (sharing_commands, inbox_commands):
+        for module in (sharing_commands, inbox_commands, cli):
             monkeypatch.setattr(module, "run_opened", self._run_opened)
         monkeypatch.setattr(sharing_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
 
@@ -132,6 +132,26 @@ def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and
     assert not (out / second.hex()).exists()
     assert f"{note.parent} stays" in done.output.replace("\n", "")
     assert "mynote.txt" in done.output
+
+
+def test_an_erasure_that_is_late_names_who_had_received_it_all_the_same(
+    people: People, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No custodian confirms in time: she hears that, and with whom she had shared it."""
+    monkeypatch.setattr(cli, "ERASE_WAIT_S", -1.0)
+    _, (first,) = people.ward.record_visit(1)
+    people.share(first, "--yes")
+    late = people.run(people.ward.wallet, "erase", first.hex(), "--wait", "--yes")
+    assert "were shared with Dr Weber" in late.stdout
+    assert "confirmed by 0 of 2 custodians" in late.stdout
+    assert "ERASURE_NOT_CONFIRMED" in late.stderr
+    _, (second,) = people.ward.record_visit(1)
+    people.share(second, "--yes")
+    told = people.run(people.ward.wallet, "erase", second.hex(), "--wait", "--yes", "--json")
+    answer = json.loads(told.stdout)
+    assert (answer["ok"], answer["error"]["code"]) == (False, "ERASURE_NOT_CONFIRMED")
+    assert (answer["recipients"][0]["name"], len(answer["erasures"])) == ("Dr Weber", 1)
+    assert told.exit_code == late.exit_code != 0
 
 
 def test_who_never_looked_is_told_and_has_nothing_to_delete(people: People) -> None:
