@@ -161,8 +161,12 @@ def _receipt_json(receipt: CheckedReceipt) -> dict[str, Any]:
         "time_ms": word.time_ms,
         "organisation": receipt.organisation,
         "node": receipt.node,
+        "is_registrars": receipt.is_registrars,
         "notice_version": None if receipt.published is None else receipt.published.row.version,
     }
+
+
+_NOT_BY_REGISTRAR = " of some receipts, which an older wallet fetched, that who signed them had registered her;"
 
 
 def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
@@ -183,8 +187,8 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
         notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
         line = f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
         console.print(_plain(line))
+    by_other = "" if all(row["is_registrars"] for row in rows) else _NOT_BY_REGISTRAR
     console.print(
-        "Not proved: who the person is, for the file names her by a random handle; that she read the notice; that the "
-        "organisation that signed is the one that registered her; and whether she said anything more that is not in this "
-        "file."
+        "Not proved: who the person is, for the file names her by a random handle; that she read the notice;"
+        f"{by_other} and whether she said anything more that is not in this file."
     )

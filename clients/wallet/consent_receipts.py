@@ -107,7 +107,7 @@ class ConsentReceipts:
             raise BlockRobotError("PROOF_INVALID", "The node proved nothing of the word.")
         organisation, version = read_reference(answer.document.encode())
         collector = StateCollector(wallet, member)
-        await collector.read(state_keys(read_hex(answer.key), organisation, version))
+        await collector.read(state_keys(read_hex(answer.key), member.public_key, organisation, version))
         return ReceiptEntry(
             document=answer.document,
             controller_key=answer.key,

@@ -17,6 +17,7 @@ from click.testing import CliRunner
 
 from clients.bundle import consent_receipts as file
 from clients.bundle.chain_proofs import ProvedChain
+from clients.bundle.cli import verify
 from clients.wallet import consent_commands
 from clients.wallet import consent_receipts as wallet_receipts
 from clients.wallet.consent_receipts import ConsentReceipts
@@ -302,6 +303,32 @@ async def test_a_stranger_checks_the_file_offline(ward: NoticeWard, tmp_path: Pa
             file.check_file(tmp_path / "forged.json")
         assert caught.value.code == code, old
         assert ("wallet consent receipts --out" in caught.value.next_step) == (code == damaged)
+
+
+async def test_a_receipt_proves_that_who_signed_it_had_registered_her(ward: NoticeWard, tmp_path: Path) -> None:
+    """With her own signature beside it a node of any organisation of the network could sign."""
+    kept = ConsentReceipts(ward.wallet)
+    word = (await kept.obtain(await say(ward))).word
+    (entry,) = (await kept.all()).entries
+    place = b"identity\x00member/" + word.member
+    (snapshot,) = entry.state.snapshots
+    less = [part for part in snapshot.keys if bytes.fromhex(part.key) != place]
+    assert len(less) == len(snapshot.keys) - 1
+    state = msgspec.structs.replace(entry.state, snapshots=[msgspec.structs.replace(snapshot, keys=less)])
+    path = tmp_path / "receipts.json"
+    for each, is_proved in ((entry, True), (msgspec.structs.replace(entry, state=state), False)):
+        path.write_bytes(file.encode_file(ward.genesis, kept.epochs(), [each]))
+        (found,) = file.check_file(path, ward.genesis).receipts
+        assert found.is_registrars == is_proved, "a receipt of before lacks the proof, and counts without it"
+        told = CliRunner().invoke(verify, [str(path)])
+        assert ("had registered her" in told.output.replace("\n", " ")) != is_proved
+    proved = ProvedChain(ward.genesis, kept.epochs()).state("it", entry.state)
+    assert file._is_registrars(proved, found.organisation, word)
+    for organisation, handle in (("other", word.handle), (found.organisation, bytes(32))):
+        with pytest.raises(BlockRobotError, match="did not register her"):
+            file._is_registrars(proved, organisation, replace(word, handle=handle))
+    with pytest.raises(BlockRobotError, match="did not register her"):
+        file._is_registrars({place: replace(proved[place], value=None)}, found.organisation, word)
 
 
 async def test_a_file_without_receipts_or_with_one_twice_is_refused(ward: NoticeWard, tmp_path: Path) -> None:
