@@ -9,7 +9,7 @@ import asyncio
 import datetime
 import os
 import sys
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,12 +21,14 @@ from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import LANGUAGES, choose_language, say_error, text
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
 
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
+_LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
@@ -114,8 +116,16 @@ def _run(store: Keystore, genesis: Genesis, action: Callable[[Wallet], Awaitable
                 return await action(opened)
             finally:
                 tell_member_gone(opened)
+                tell_liars(opened.network.troubles)
 
     return asyncio.run(main())
+
+
+def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
+    """Name the nodes whose answers were not what their proofs say, on standard error: others were asked instead."""
+    for name, error in sorted(troubles.items()):
+        if error.code in _LIES:
+            click.echo(text("ask.lied", name=name, code=error.code), err=True)
 
 
 def tell_member_gone(opened: Wallet) -> None:

@@ -93,6 +93,7 @@ class Chain:
         self.hospital, self.power = hospital, power
         self.calls: list[tuple[bytes, str]] = []
         self.finals: dict[bytes, Final] = {}
+        self.troubles: dict[str, BlockRobotError] = {}
 
     async def close(self) -> None:
         """Nothing is open."""

@@ -18,6 +18,7 @@ from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
 from clients.wallet.rotating import Rotating
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.stolen import Holder, Story
 
 OLD_WORDS = " ".join(["abandon"] * 23 + ["art"])
@@ -214,3 +215,13 @@ def test_receipts_that_are_due_are_fetched_before_the_words_change_and_no_longer
     assert "1 receipt of consent, still due, cannot be had any more" in done.stderr
     assert asked == [(b"1", OLD_WORDS), (b"2", OLD_WORDS)]
     assert desk.story.open().store.content.receipts_due == []
+
+
+def test_a_node_that_lied_is_named_and_what_another_proved_is_shown(desk: Desk) -> None:
+    desk.story.chain.troubles["node-2"] = BlockRobotError("PROOF_INVALID")
+    desk.story.chain.troubles["node-3"] = BlockRobotError("NODE_UNREACHABLE")
+    done = desk.run("records")
+    assert done.exit_code == 0
+    assert "Visit 1" in done.stdout
+    assert "node-2 gave an answer that its proof does not bear out (PROOF_INVALID)" in done.stderr
+    assert "node-3" not in done.stderr
