@@ -52,9 +52,9 @@ function buildPage(first, choices) {
   const stage = createStage({ network, onNode, onLink: (from, to) => faults.selectLink(from, to), beside: faults.element });
   const events = createEvents({ network });
   const recording = h("p", { class: "quiet" });
-  parts = { stage, faults, events, recording, said };
+  parts = { stage, faults, events, recording, said, folder: choices.folder };
   const exporting = h("button", { type: "button", onclick: (event) => exportRun(event, said) }, "Export the run");
-  replace(root, bar(`${network.name}, in ${choices.folder}`, exporting),
+  replace(root, bar(network.name, exporting),
     h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, "Cluster console"), said, h("div", { class: "lost", role: "alert" }), stage.element,
       h("section", { class: "card", "aria-labelledby": "events-title" }, h("h2", { id: "events-title" }, "What happened"), events.element, recording)));
   return parts;
@@ -66,7 +66,7 @@ function show(parts, answer) {
   parts.faults.showPlan(answer.plan);
   for (const event of answer.events) if (event.tone === "bad" || event.kind === "finality") announce(event.text);
   const kept = answer.recording;
-  const words = `Recorded since ${formatTime(kept.since_ms)}: ${plural(kept.moments, "moment", "moments")}, ${formatBytes(kept.size_bytes)}. ${kept.dropped.words}`;
+  const words = `The network in ${parts.folder}, recorded since ${formatTime(kept.since_ms)}: ${plural(kept.moments, "moment", "moments")}, ${formatBytes(kept.size_bytes)}. ${kept.dropped.words}`;
   if (parts.recording.textContent !== words) parts.recording.textContent = words;
 }
 

@@ -48,11 +48,19 @@ function fill(row, node, facts, isLeader) {
   const roles = [facts?.producer && "producer", facts?.custodian && "custodian"].filter(Boolean).join(", ") || "follows";
   showState(row.children[1], node);
   const cells = [figure(node.final), figure(node.lag), figure(node.height), figure(node.round), node.leader === undefined ? "-" : isLeader ? "yes" : "no",
-    figure(node.peers), figure(node.waiting), clockWords(node), disksWords(node), node.faults?.join("; ") ?? "-", `${facts?.organisation ?? "-"} (${roles})`];
+    figure(node.peers), figure(node.waiting), clockWords(node), disksWords(node), null, `${facts?.organisation ?? "-"} (${roles})`];
   cells.forEach((text, index) => {
     const cell = row.children[index + 2];
-    if (cell.textContent !== text) cell.textContent = text;
+    if (text === null) showFaults(cell, node.faults ?? []);
+    else if (cell.textContent !== text) cell.textContent = text;
   });
+}
+
+function showFaults(cell, faults) {
+  const said = faults.map((fault) => fault.replace(/^-> /, "to "));
+  if (cell.dataset.said === said.join("; ")) return;
+  cell.dataset.said = said.join("; ");
+  replace(cell, said.length ? said.map((fault) => h("span", { class: "fault" }, fault)) : "-");
 }
 
 function showState(cell, node) {

@@ -7,6 +7,7 @@ export const KINDS = {
   asked: "asked here", fault: "faults", node: "nodes", timeout: "timeouts", suspension: "suspensions",
   finality: "finality", epoch: "epochs", leader: "leaders", link: "connections",
 };
+const IDLE_AFTER_MS = 5000;
 export const ROUTINE_KINDS = ["leader", "link"];
 
 export const LINK_WORDS = {
@@ -52,14 +53,16 @@ export function verdict(moment, network) {
   const producers = new Set(network.nodes.filter((node) => node.producer).map((node) => node.name));
   const taking = moment.nodes.filter((node) => producers.has(node.name) && ["signing", "suspended"].includes(node.state)).length;
   const share = `${taking} of ${producers.size} producers take part; a quorum is ${network.quorum}.`;
+  const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => link.from));
   if (moment.stuck_since_ms !== null) {
-    return { tone: "bad", title: "Nothing becomes final", text: `Work has waited for ${formatDuration(moment.at_ms - moment.stuck_since_ms)}. ${share}` };
+    const why = cut.size && taking >= network.quorum ? "Links are cut: perhaps no quorum hears of each other." : share;
+    return { tone: "bad", title: "Nothing becomes final", text: `Work has waited for ${formatDuration(moment.at_ms - moment.stuck_since_ms)}. ${why}` };
   }
   if (taking < network.quorum) return { tone: "bad", title: "No quorum", text: `${share} Nothing can become final; nothing that was final is lost.` };
-  const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => link.from));
   if (taking < producers.size) return { tone: "warn", title: "It goes on", text: share };
   if (cut.size) return { tone: "warn", title: "Links are cut", text: share };
-  return { tone: "good", title: "All is well", text: share };
+  const isIdle = moment.at_ms - moment.final_since_ms > IDLE_AFTER_MS && !moment.nodes.some((node) => node.waiting);
+  return { tone: "good", title: "All is well", text: isIdle ? `${share} Nothing waits: give it work, such as a robot.` : share };
 }
 
 /** One direction of a link, in a sentence. */
