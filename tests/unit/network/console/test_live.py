@@ -1,0 +1,113 @@
+"""The console at work, on a network that does not run: plans one at a time, and a folder that changes under it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from consensus.errors import BlockRobotError
+from network.byzantine import BEHAVIOURS
+from network.cluster import Cluster
+from network.console.live import LiveConsole
+from network.layout import create_network
+from tests.unit.network.console.sights import sights
+
+LONG_PLAN = 'seed = 4\n[[step]]\nat = "1h"\ndo = "pause"\nnode = "node-1"\n'
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("console") / "network"
+    create_network(folder, nodes=4, organisations=2, base_port=20_000, store="sqlite", faults=True)
+    return folder
+
+
+@pytest.fixture
+async def console(made: Path, tmp_path: Path) -> LiveConsole:
+    folder = tmp_path / "network"
+    shutil.copytree(made, folder)
+    return LiveConsole(Cluster(folder))
+
+
+async def test_the_page_is_told_who_is_who_and_what_there_is_to_choose(console: LiveConsole) -> None:
+    facts, choices = console.facts(), console.choices()
+    assert facts["quorum"] == 3
+    assert facts["nodes"][0] == {
+        "name": "node-1",
+        "organisation": "hospital",
+        "producer": True,
+        "custodian": True,
+        "breakable": True,
+    }
+    assert [behaviour["name"] for behaviour in choices["behaviours"]] == list(BEHAVIOURS)
+    assert all(behaviour["meaning"].endswith(".") for behaviour in choices["behaviours"])
+    assert choices["disks"] == ["journal", "ledger", "custody"]
+
+
+async def test_who_waits_for_news_hears_of_a_moment_at_once(console: LiveConsole) -> None:
+    await console.wait_beyond(0, 0.0)
+    assert console.now(0)["moment"] is None
+    console._take(sights())
+    await console.wait_beyond(0, 60.0)
+    answer = console.now(0)
+    assert (answer["sequence"], answer["moment"]["final"]) == (1, 10)
+    assert [event["number"] for event in answer["events"]] == [1]
+    assert console.now(1)["events"] == []
+    assert answer["recording"]["moments"] == 1
+
+
+async def test_an_export_holds_what_was_recorded(console: LiveConsole) -> None:
+    console._take(sights())
+    text = console.export()
+    assert '"final":10' in text
+    assert "The recording begins" in text
+
+
+async def test_one_plan_is_carried_out_at_a_time_and_can_be_stopped(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        console.start_plan(LONG_PLAN)
+    assert caught.value.code == "CLUSTER_NOT_RUNNING"
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, _name: True)
+    assert console.start_plan(LONG_PLAN)["state"] == "running"
+    with pytest.raises(BlockRobotError) as caught:
+        console.start_plan(LONG_PLAN)
+    assert caught.value.code == "FAULT_PLAN_RUNNING"
+    await console.close()
+    plan = console.now(0)["plan"]
+    assert (plan["state"], plan["seed"], plan["steps"][0]["do"]) == ("stopped", 4, "pause node-1")
+    assert "done_at_ms" not in plan["steps"][0]
+    assert console.start_plan(LONG_PLAN)["state"] == "running"
+    await console.close()
+
+
+async def test_what_is_refused_is_told_on_the_time_line(console: LiveConsole, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name != "node-2")
+    with pytest.raises(BlockRobotError) as caught:
+        await console.do({"do": "kill", "node": "node-2"})
+    assert caught.value.code == "FAULT_TARGET_ABSENT"
+    told = [(event["kind"], event["text"]) for event in console.recorder.events_after(0)]
+    assert told == [
+        ("asked", "Asked: kill node-2."),
+        ("asked", "Refused: kill node-2. FAULT_TARGET_ABSENT: node-2 is not running."),
+    ]
+
+
+async def test_nodes_that_come_or_go_in_the_folder_are_noticed(console: LiveConsole) -> None:
+    assert not console._is_another()
+    shutil.rmtree(console.cluster.folder / "nodes" / "node-4")
+    assert console._is_another()
+    console._begin_anew()
+    assert not console._is_another()
+    assert [node["name"] for node in console.facts()["nodes"]] == ["node-1", "node-2", "node-3"]
+    assert console.recorder.events_after(0)[-1]["text"] == "The nodes are others now: node-1, node-2, node-3."
+
+
+async def test_a_folder_that_is_being_removed_is_left_as_it_was_known(console: LiveConsole) -> None:
+    shutil.rmtree(console.cluster.folder)
+    assert not console._is_another()
+    console._begin_anew()
+    assert len(console.facts()["nodes"]) == 4
