@@ -6,6 +6,8 @@ import { shortHex } from "./shared/format.js";
 import { clock, moment } from "./pieces.js";
 import { said, t } from "./texts.js";
 
+const isWritten = (seal) => Boolean(seal.verdict_height);
+
 /** A seal for a clip's recordings. `seals` in their order; `onVerdict` writes the finding down, if given. */
 export function makeSeal(seals, onVerdict) {
   const bad = seals.filter((seal) => seal.state === "bad");
@@ -23,8 +25,8 @@ export function makeSeal(seals, onVerdict) {
       newest && h("p", {}, t("seal.against", { height: newest.proved_height, time: moment(newest.proved_time_ms), id: shortHex(newest.proved_block_id) })),
       bad.length > 0 && seals.length > 1 && h("ul", { class: "sentences" }, bad.map((seal) => h("li", {}, h("a", { href: `#/record/${seal.record_id}` }, shortHex(seal.record_id)), ": ", seal.sentence))),
       h("details", { open: !isGood && seals.length === 1 }, h("summary", {}, t("seal.details")), seals.slice(0, 80).map((seal) => tellOne(seal, seals.length > 1))),
-      onVerdict && seals.some((seal) => !seal.verdict_txid) && h("p", {}, h("button", { type: "button", onclick: onVerdict }, t("seal.write")), h("span", { class: "quiet" }, " ", t("seal.writeWhy"))),
-      seals.some((seal) => seal.verdict_txid) && h("p", { class: "quiet" }, t("seal.written", { height: Math.max(...seals.map((seal) => seal.verdict_height ?? 0)) }))));
+      onVerdict && seals.some((seal) => !isWritten(seal)) && h("p", {}, h("button", { type: "button", onclick: onVerdict }, t("seal.write")), h("span", { class: "quiet" }, " ", t("seal.writeWhy"))),
+      seals.some(isWritten) && h("p", { class: "quiet" }, t("seal.written", { height: Math.max(...seals.map((seal) => seal.verdict_height ?? 0)) }))));
 }
 
 function tellOne(seal, isNamed) {
