@@ -113,6 +113,16 @@ async def test_without_a_session_the_page_says_how_to_get_in_and_shows_nothing(
     assert await find_accessibility_faults(page) == []
 
 
+async def test_an_address_that_was_passed_on_opens_once_there_is_a_session_in_the_browser(
+    page: Page, watch: Watch, recorded_network: RecordedNetwork
+) -> None:
+    watch.expect("status of 401")
+    await page.goto(recorded_network.api_url("node-1") + "/explorer/#/block/1")
+    await expect(page.locator("h1")).to_have_text("Look at the chain")
+    await enter(await page.context.new_page(), recorded_network)
+    await expect(page.locator("h1")).to_have_text("Block 1")
+
+
 async def test_blocks_appear_live_and_can_be_held_still(page: Page, recorded_network: RecordedNetwork) -> None:
     await enter(page, recorded_network)
     place = await refuse_something(recorded_network)

@@ -2,7 +2,7 @@
 
 import { announce, h, replace } from "./shared/dom.js";
 import { formatClock } from "./shared/format.js";
-import { entry, enter, followNeighbours } from "./api.js";
+import { api, entry, enter, followNeighbours } from "./api.js";
 import { feed } from "./feed.js";
 import { go, problemView } from "./pieces.js";
 import { blockPage } from "./page-block.js";
@@ -31,6 +31,7 @@ const PAGES = {
   search: { render: searchPage },
 };
 
+const LAST_MINUTE_MS = 60_000;
 const main = document.getElementById("main");
 const nav = document.getElementById("nav");
 const state = document.getElementById("state");
@@ -97,6 +98,7 @@ function showState() {
   const { problem, status } = feed;
   let words = entry.kind === "member" ? `session until ${formatClock(entry.endsMs)}` : "public explorer";
   let tone = "good";
+  if (entry.kind === "member" && status && entry.endsMs - status.now_ms < LAST_MINUTE_MS) [words, tone] = ["the session ends within a minute", "warn"];
   if (feed.isOver) [words, tone] = ["session ended", "bad"];
   else if (problem?.code === "RATE_LIMITED") [words, tone] = ["the node is busy, trying again", "warn"];
   else if (problem) [words, tone] = ["not connected, trying again", "warn"];
@@ -119,11 +121,8 @@ document.getElementById("search").addEventListener("submit", (event) => {
   if (text) location.hash = `#/search/${encodeURIComponent(text)}`;
 });
 
-const status = await enter();
-if (status === null) {
-  replace(main, welcomePage({ reason: entry.reason }));
-  main.removeAttribute("aria-busy");
-} else {
+/** Show the chain from here on; `status` is the node's first word. */
+async function begin(status) {
   document.body.classList.add("in");
   document.getElementById("tools").hidden = false;
   document.getElementById("word").hidden = false;
@@ -139,4 +138,13 @@ if (status === null) {
     show();
   });
   feed.run();
+}
+
+const status = await enter();
+if (status === null) {
+  replace(main, welcomePage({ reason: entry.reason }));
+  main.removeAttribute("aria-busy");
+  followNeighbours(() => feed.status === null, async () => begin(await api.status()));
+} else {
+  await begin(status);
 }
