@@ -72,7 +72,7 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
     } },
       h("h2", { id }, title), body,
       inputs.map(([field, input]) => field.type === "checkbox"
-        ? h("div", { class: "field" }, h("label", { class: "switch" }, input, field.label), field.hint && h("div", { class: "quiet" }, field.hint))
+        ? h("div", { class: "field" }, h("label", { class: "switch" }, input, field.label), field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))
         : h("div", { class: "field" }, h("label", { for: input.id }, field.label), input, field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))),
       h("div", { class: "row" },
         cancel && h("button", { type: "button", onclick: () => dialog.close() }, cancel),
