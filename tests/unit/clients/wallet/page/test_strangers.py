@@ -1,0 +1,54 @@
+"""A wallet that is no member's: new, or of somebody who left. The page says so, and shows what there is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from clients.wallet.keys import draw_words
+from clients.wallet.keystore import Keystore
+from clients.wallet.page.page import make_page
+from clients.wallet.page.session import PageSession
+from clients.wallet.wallet import Wallet
+from tests.unit.clients.wallet.conftest import CHEAP
+from tests.unit.clients.wallet.page.conftest import Desk, dress
+from tests.unit.clients.wallet.shared_ward import SharedWard, SharingWire
+from tests.wallet_page_client import WalletPage
+
+
+async def test_a_new_wallet_is_told_that_it_is_not_registered(tmp_path: Path) -> None:
+    ward = SharedWard(tmp_path)
+    wallet = Wallet(Keystore.create(tmp_path / "new.wallet", draw_words(), "tea", CHEAP), ward.genesis)
+    ward.wire = SharingWire(ward.chain, ward.custody)
+    wallet.network = ward.wire  # type: ignore[assignment]
+    dress(ward)
+    async with PageSession(wallet, "new", tmp_path / ".new.page", read_every_s=3_600.0) as session:
+        served = make_page(session)
+        async with WalletPage((await served.start()).redirect_file) as page:
+            overview = await page.settle(lambda told: told["state"] != "reading")
+            assert (overview["state"], overview["person"]["registered"]) == ("not_registered", False)
+            assert overview["problem"]["code"] == "NOT_REGISTERED"
+            assert overview["verified"]["height"] >= 0
+            assert (await page.get("/api/days"))["days"] == []
+            assert await page.refused("GET", "/api/consents") == "NOT_REGISTERED"
+            assert await page.refused("GET", "/api/inbox") == "NOT_REGISTERED"
+        await served.stop()
+
+
+async def test_what_a_page_left_behind_when_it_was_killed_is_deleted_at_the_next_start(
+    ward: SharedWard, tmp_path: Path
+) -> None:
+    folder = tmp_path / ".ann.page"
+    folder.mkdir()
+    (folder / "export-0.zip").write_bytes(b"pictures")
+    async with PageSession(ward.wallet, "ann", folder, read_every_s=3_600.0):
+        assert list(folder.iterdir()) == []
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
+async def test_what_is_nobodys_business_is_refused_whatever_it_is_called(desk: Desk) -> None:
+    assert await desk.page.refused("GET", "/api/nothing") == "ROUTE_UNKNOWN"
+    assert await desk.page.refused("DELETE", "/api/overview") == "METHOD_NOT_ALLOWED"
+    for body in ([], {"records": "all"}, {"records": [1]}, {"records": ["zz"]}, {"records": [], "more": 1}):
+        assert await desk.page.refused("POST", "/api/clips", body) == "REQUEST_INVALID"
+    for name in ("../ann.wallet", "export-0.zip", "%2e%2e%2fann.wallet"):
+        assert await desk.page.refused("GET", f"/api/exports/{name}/file") in {"NOT_FOUND", "ROUTE_UNKNOWN"}
