@@ -7,22 +7,25 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json, problem_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, problem_json
 from clients.wallet.auditing import audit_all
 from clients.wallet.choosing import choose_records, tell_visits_linked
+from clients.wallet.completing import complete_records
 from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
+from clients.wallet.language import text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
-from clients.wallet.records_command import records
+from clients.wallet.records_command import picture_count, records
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
 from clients.wallet.rotating_commands import COMMANDS as ROTATING_COMMANDS
@@ -31,7 +34,7 @@ from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
 from clients.wallet.sharing_commands import share_json, tell_recipients
 from clients.wallet.viewing_commands import COMMANDS as VIEWING_COMMANDS
-from clients.wallet.wallet import Wallet
+from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
 from consensus.primitives.keys import PrivateKey
@@ -94,16 +97,50 @@ def audit(ctx: click.Context, as_json: bool) -> None:
         print_json({"ok": True, "entries": rows})
         return
     if not entries:
-        console.print("Nothing has happened yet.")
+        console.print(text("audit.nothing"))
     for entry in entries:
-        subject = f"record {entry.record_id.hex()}" if entry.record_id else f"visit {entry.owner.hex()[:12]}"
+        if entry.record_id:
+            subject = text("audit.record", name=entry.record_id.hex())
+        else:
+            subject = text("audit.visit", name=entry.owner.hex()[:12])
+        block = text("audit.block", height=f"{entry.height:>5}")
         detail = describe_event(entry.kind, entry.data)
-        line = f"{show_moment(entry.time_ms)}  block {entry.height:>5}  {entry.kind:<20} {subject}"
+        line = f"{show_moment(entry.time_ms)}  {block}  {entry.kind:<20} {subject}"
         console.print(line + (f"  {detail}" if detail else ""))
 
 
+def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
+    """Say what will be gone and what remains, and ask. Raises Abort for no."""
+    visits = len({entry.visit.owner for entry in entries})
+    if frames:
+        console.print(text("erase.frames", count=len(frames), name=entries[0].record_id.hex()[:12]))
+    else:
+        pictures = sum(picture_count(entry) for entry in entries)
+        console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
+    console.print(text("erase.remains"))
+    ask(text("erase.ask"))
+
+
+def _ignore(_: Sequence[ErasureReport]) -> None:
+    """Tell nobody."""
+
+
+def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
+    """Return what says on standard error how many receipts have come in, whenever that has changed."""
+    told: list[int] = []
+
+    def tell(reports: Sequence[ErasureReport]) -> None:
+        here = sum(len(report.receipts) for report in reports)
+        if here and told[-1:] != [here]:
+            told.append(here)
+            of_all = sum(len(report.custodians) for report in reports)
+            click.echo(text("erase.receipts", here=here, count=of_all), err=True)
+
+    return tell
+
+
 @wallet.command()
-@click.argument("record_ids", nargs=-1)
+@click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
 @click.option("--frames", default="", help="Only these pictures of one record, as 0,3,4.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
@@ -124,25 +161,22 @@ def erase(
         frame_indexes = sorted({int(part) for part in frames.split(",") if part})
     except ValueError:
         raise click.UsageError("--frames takes numbers, as 0,3,4.") from None
-    if not yes:
-        if not sys.stdin.isatty():
-            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm(
-            "The pictures will be gone for everyone, for ever. The trail of what happened stays. Erase?", abort=True
-        )
-
+    if not yes and not sys.stdin.isatty():
+        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
     late: list[BlockRobotError] = []
 
     async def action(opened: Wallet) -> tuple[list[ErasureReport], list[Share]]:
         chosen = await choose_records(opened, () if everything else record_ids)
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = tell_visits_linked(active, as_json=as_json)
+        if entries and not yes:
+            _ask_to_erase(entries, frame_indexes)
         erasing, recipients = Erasing(opened), await Sharing(opened).recipients(active)
         reports: list[ErasureReport] = []
         for visit, ids in await erasing.request_each(entries, frame_indexes):
             try:
                 if wait and not late:
-                    await erasing.wait_complete(visit, ids, ERASE_WAIT_S)
+                    await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if as_json else _tell_receipts())
             except BlockRobotError as error:
                 if error.code != "ERASURE_NOT_CONFIRMED":
                     raise
@@ -169,12 +203,11 @@ def erase(
         print_json({"ok": True, **told})
         return
     if not reports:
-        console.print("There is nothing left to erase.")
+        console.print(text("erase.nothing"))
     for report in reports:
-        console.print(
-            f"Erasure {report.erasure_id.hex()[:16]}: {report.status}, "
-            f"confirmed by {len(report.receipts)} of {len(report.custodians)} custodians."
-        )
+        name, status = report.erasure_id.hex()[:16], text("erase.complete" if report.complete else "erase.requested")
+        confirmed, count = len(report.receipts), len(report.custodians)
+        console.print(text("erase.report", name=name, status=status, confirmed=confirmed, count=count))
     tell_recipients(recipients)
     if late:
         raise late[0]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,12 +77,22 @@ class Erasing:
             receipts={custodian.hex(): receipt for custodian, receipt in state["receipts"].items()},
         )
 
-    async def wait_complete(self, visit: KnownVisit, erasure_ids: list[bytes], timeout_s: float) -> list[ErasureReport]:
-        """Wait until all requests are complete. Raises ERASURE_NOT_CONFIRMED, saying how many receipts are missing."""
+    async def wait_complete(
+        self,
+        visit: KnownVisit,
+        erasure_ids: list[bytes],
+        timeout_s: float,
+        tell: Callable[[Sequence[ErasureReport]], None] = lambda _: None,
+    ) -> list[ErasureReport]:
+        """Wait until all requests are complete; `tell` hears how far they are at each look.
+
+        Raises ERASURE_NOT_CONFIRMED, saying how many receipts are missing.
+        """
         loop = asyncio.get_running_loop()
         deadline = loop.time() + timeout_s
         while True:
             reports = [await self.report(visit, erasure_id) for erasure_id in erasure_ids]
+            tell(reports)
             if all(report.complete for report in reports):
                 return reports
             if loop.time() > deadline:

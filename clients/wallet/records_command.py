@@ -25,7 +25,7 @@ NARROW_COLUMNS = 60
 _THINGS = {"emotion": "records.estimates", "audio": "records.sounds"}
 
 
-def _picture_count(entry: RecordEntry) -> int:
+def picture_count(entry: RecordEntry) -> int:
     """Return how many pictures a record has: a notice of withheld frames alone has none."""
     return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
 
@@ -39,7 +39,7 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
         "sensor": meta.sensor,
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
-        "frames": _picture_count(entry),
+        "frames": picture_count(entry),
         "erased_frames": list(entry.state["erased_frames"]),
         "index_in_visit": meta.index_in_visit,
         "expires_at_ms": entry.state["expires_at_ms"],
@@ -76,7 +76,7 @@ def _page_json(page: Page) -> dict[str, int]:
 def _line(entry: RecordEntry) -> str:
     meta = entry.metadata
     name = entry.record_id.hex()[: 12 if console.is_terminal and console.width < NARROW_COLUMNS else None]
-    things = text(_THINGS.get(meta.sensor, "records.pictures"), count=_picture_count(entry))
+    things = text(_THINGS.get(meta.sensor, "records.pictures"), count=picture_count(entry))
     parts = [show_moment(meta.started_at_ms), f"{things} ({meta.sensor})"]
     withheld = sum(count for _, count in meta.withheld)
     if withheld:
@@ -95,7 +95,7 @@ def _print_visit(shown: Shown) -> None:
             name=report.visit.owner.hex()[:12],
             robot=report.visit.robot.hex()[:10],
             state=text("records.ended" if report.closed else "records.open"),
-            count=sum(_picture_count(entry) for entry in report.records),
+            count=sum(picture_count(entry) for entry in report.records),
         )
     )
     print_standing(report.standing)
