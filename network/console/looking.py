@@ -30,7 +30,7 @@ Counts = Mapping[tuple[str, str, str], tuple[int, int]]
 
 @dataclass(frozen=True, slots=True)
 class NodeSight:
-    """What one look at a node gave. What it did not say is None; `clock_off_ms`: its clock less this machine's."""
+    """What one look at a node gave. What it did not say is None; `clock_off_ms`: how far its clock is off at least."""
 
     name: str
     running: bool
@@ -76,10 +76,9 @@ class Looking:
             self._control.state(),
             asyncio.gather(*(self._counts(cluster.config(name)) for name in cluster.names)),
         )
-        middle_ms = (started_ms + time.time_ns() // 1_000_000) // 2
+        asked = _Span(started_ms, time.time_ns() // 1_000_000)
         return [
-            _sight(report, fault, count, middle_ms)
-            for report, fault, count in zip(reports, faults, counts, strict=True)
+            _sight(report, fault, count, asked) for report, fault, count in zip(reports, faults, counts, strict=True)
         ]
 
     async def _counts(self, config: NodeConfig) -> Counts | None:
@@ -93,7 +92,19 @@ class Looking:
         return parse_counts(text.decode("utf-8", "replace"))
 
 
-def _sight(report: NodeStatusReport, faults: NodeFaults, counts: Counts | None, now_ms: int) -> NodeSight:
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """When a look began and ended: each answer was given somewhere between."""
+
+    from_ms: int
+    to_ms: int
+
+    def off_ms(self, clock_ms: int) -> int:
+        """How far a clock that said this is off at least; 0 if it may be right."""
+        return min(0, clock_ms - self.from_ms) or max(0, clock_ms - self.to_ms)
+
+
+def _sight(report: NodeStatusReport, faults: NodeFaults, counts: Counts | None, asked: _Span) -> NodeSight:
     status = report.status
     clock_ms = None if status is None else status.get("now_ms")
     return NodeSight(
@@ -105,5 +116,5 @@ def _sight(report: NodeStatusReport, faults: NodeFaults, counts: Counts | None, 
         switched=faults.switched,
         faults=tuple(word for word in faults.describe() if word not in {"down", "paused"}),
         counts=None if status is None else counts,
-        clock_off_ms=None if clock_ms is None else int(clock_ms) - now_ms,
+        clock_off_ms=None if clock_ms is None else asked.off_ms(int(clock_ms)),
     )

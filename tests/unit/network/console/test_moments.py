@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from network.console.looking import parse_counts
+from network.console.looking import _Span, parse_counts
 from network.console.moments import Moment, MomentMaker, link_state
 from node.p2p.shaping import SOUND, LinkFault
 from tests.unit.network.console.sights import sight, sights, stopped
@@ -139,3 +139,8 @@ def test_counts_are_read_from_a_nodes_metrics_and_nothing_else_is() -> None:
     )
     assert parse_counts(text) == {("node-2", "sent", "vote"): (12, 1_400)}
     assert parse_counts("") == {}
+
+
+@pytest.mark.parametrize(("said_ms", "off_ms"), [(1_000, 0), (1_400, 0), (2_000, 0), (900, -100), (2_250, 250)])
+def test_a_clock_is_off_only_by_what_the_time_of_asking_does_not_explain(said_ms: int, off_ms: int) -> None:
+    assert _Span(1_000, 2_000).off_ms(said_ms) == off_ms
