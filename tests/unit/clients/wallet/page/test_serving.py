@@ -1,0 +1,103 @@
+"""`blockrobot wallet serve`: what it prints, which browser it opens, and what ends it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import webbrowser
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from clients.wallet import serve_command
+from clients.wallet.cli import wallet as wallet_command
+from clients.wallet.page.session import PageSession
+from clients.wallet.serve_command import ENDINGS
+from clients.wallet.wallet import Wallet
+from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk, dress
+from tests.unit.clients.wallet.shared_ward import SharedWard
+
+Run = Any
+
+
+@pytest.fixture
+def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Which addresses a browser was given; there is one."""
+    seen: list[str] = []
+
+    def open_browser(address: str) -> bool:
+        seen.append(address)
+        return True
+
+    monkeypatch.setattr(webbrowser, "open", open_browser)
+    return seen
+
+
+@pytest.fixture
+def run(ward: SharedWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Run the command on Ann's wallet; the page ends by itself as soon as it has begun, as by Ctrl-C."""
+    dress(ward)
+    ward.wallet.store.save()
+    monkeypatch.setattr(serve_command, "load_genesis", lambda _: ward.genesis)
+    secret = tmp_path / "passphrase"
+    monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(secret))
+
+    def make(store: object, _genesis: object) -> Wallet:
+        ward.wallet.store = store  # type: ignore[assignment]
+        return ward.wallet
+
+    async def stop_at_once(_session: PageSession, _minutes: int) -> str:
+        return "The page is closed."
+
+    monkeypatch.setattr(serve_command, "Wallet", make)
+    monkeypatch.setattr(serve_command, "_wait_until_over", stop_at_once)
+
+    def start(*options: str, passphrase: str = PASSPHRASE) -> Any:
+        secret.write_text(passphrase, encoding="utf-8")
+        return CliRunner().invoke(
+            wallet_command, ["--wallet-dir", str(tmp_path), "--profile", "ann", "serve", *options]
+        )
+
+    return start
+
+
+def test_it_opens_the_browser_with_a_file_and_no_secret(run: Run, opened: list[str]) -> None:
+    done = run()
+    assert done.exit_code == 0, done.output
+    (address,) = opened
+    assert address.startswith("file:///")
+    assert address.endswith(".html")
+    assert "#" not in address
+    assert "Ctrl-C: end" in done.output
+    assert "closed" in done.output
+
+
+def test_a_program_is_told_the_file_and_a_person_without_a_browser_too(run: Run, opened: list[str]) -> None:
+    told = json.loads(run("--no-browser", "--json").stdout)
+    assert (told["ok"], told["browser_opened"], opened) == (True, False, [])
+    assert Path(told["redirect_file"]).parent.name == ".ann.page"
+    assert not Path(told["redirect_file"]).exists(), "it goes with the page"
+    assert told["url"].startswith("http://127.0.0.1:")
+    assert "#" not in told["url"]
+    assert ".ann.page" in run("--no-browser").output
+
+
+def test_a_wrong_passphrase_opens_no_page(run: Run, opened: list[str]) -> None:
+    done = run("--json", passphrase="coffee")
+    assert (done.exit_code, json.loads(done.output)["error"]["code"]) == (4, "WALLET_PASSPHRASE_WRONG")
+    assert opened == []
+
+
+async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serve_command, "_LOOK_S", 0.001)
+    desk.ward.chain.time_ms += 31 * 60_000
+    assert "30 minutes" in await serve_command._wait_until_over(desk.session, 30)
+    desk.session.note_use()
+    undo = serve_command._end_in_order(desk.session)
+    os.kill(os.getpid(), signal.SIGTERM)
+    assert "closed" in await serve_command._wait_until_over(desk.session, 30)
+    undo()
+    assert signal.getsignal(ENDINGS[0]) is signal.default_int_handler
