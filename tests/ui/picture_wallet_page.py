@@ -1,0 +1,154 @@
+"""Makes docs/pictures/page/wallet-*.png: every view of the wallet's page over a real network; and measures the page.
+
+Must never retouch a picture. Run it from the root of the repository, where the tests run:
+.venv/bin/python -m tests.ui.picture_wallet_page
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+import tempfile
+from pathlib import Path
+
+from PIL import Image
+from playwright.async_api import Browser, Page, async_playwright, expect
+
+from network.demo.tampering import flip_stored_byte
+from tests.ui.conftest import FLAGS, find_chromium
+from tests.ui.full_day import measure_full_day, serve_full_day, weigh
+from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting
+from tests.ui.watched_page import NARROW, WIDE, Pages, Watch
+
+FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "page"
+COLOURS_COUNT = 256
+HEIGHT_MAX_PX = 1240
+STAFF_UID = "D0C"
+
+
+async def shoot(page: Page, name: str) -> None:
+    """Take a view light and dark, wide and narrow, as small files."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    for scheme in ("dark", "light"):
+        await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+        for width_name, (width, height) in (("narrow", NARROW), ("wide", WIDE)):
+            await page.set_viewport_size({"width": width, "height": height})
+            path = FOLDER / f"wallet-{name}-{scheme}-{width_name}.png"
+            tall = min(HEIGHT_MAX_PX, await page.evaluate("() => document.documentElement.scrollHeight"))
+            clip = {"x": 0, "y": 0, "width": width, "height": max(height, tall)}
+            await page.screenshot(path=path, full_page=True, clip=clip, animations="disabled", scale="css")
+            with Image.open(path) as taken:
+                taken.convert("RGB").quantize(COLOURS_COUNT, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+                    path, optimize=True
+                )
+
+
+async def _views(network: RecordedNetwork, page: Page) -> None:
+    async with serve_wallet(network) as served:
+        await open_page(page, served)
+        await shoot(page, "calendar")
+        await page.locator(".latest a").first.click()
+        await page.locator(".visit-row").first.wait_for()
+        await shoot(page, "day")
+        await watch_first_meeting(page)
+        middle = int(await page.get_by_role("slider").get_attribute("max") or 0) // 2
+        await page.get_by_role("slider").fill(str(middle))
+        await shoot(page, "meeting")
+        await _change_one(network)
+        await go(page, f"record/{network.records[-2].record_id.hex()}")
+        await page.get_by_role("button", name="Watch").click()
+        await expect(page.locator(".seal[data-seal=bad]")).to_be_visible(timeout=SETTLED_MS)
+        await shoot(page, "changed")
+        await page.get_by_role("button", name="Write this finding").click()
+        await expect(page.locator(".seal")).to_contain_text("stands in block", timeout=SETTLED_MS)
+        await _share(network, page)
+        for view in ("consent", "export", "story", "inbox"):
+            await go(page, view)
+            await shoot(page, view)
+        await _erase(network, page)
+
+
+async def _change_one(network: RecordedNetwork) -> None:
+    for node in network.genesis.custodians:
+        config = network.network.cluster.config(node.name)
+        await asyncio.to_thread(flip_stored_byte, config, network.records[-2].record_id, 0)
+
+
+async def _choose_first(page: Page) -> None:
+    await go(page, "")
+    await page.locator(".latest a").first.click()
+    await page.locator("input[data-visit]").first.check()
+
+
+async def _share(network: RecordedNetwork, page: Page) -> None:
+    async with network.wallet("doctor") as doctor:
+        await doctor.register(network.issue_card(STAFF_UID, "staff"), [])
+        handle = doctor.store.content.handle.hex()
+    await _choose_first(page)
+    await page.get_by_role("button", name="Share…").click()
+    await page.get_by_label("With whom?").fill(handle)
+    await page.get_by_label("What you call them").fill("Dr Weber")
+    await page.get_by_label("What for?").select_option("demo")
+    await page.get_by_role("button", name="See what that means").click()
+    await page.get_by_role("heading", name="What that means").wait_for()
+    await shoot(page, "share")
+    await page.get_by_role("button", name="Share", exact=True).click()
+    await confirm_with(page, network.passphrase)
+    await expect(page.locator(".notice.good")).to_be_visible(timeout=SETTLED_MS)
+    await go(page, "sharing")
+    await expect(page.locator("section.card", has_text="Dr Weber")).to_be_visible(timeout=SETTLED_MS)
+    await shoot(page, "sharing")
+
+
+async def _erase(network: RecordedNetwork, page: Page) -> None:
+    await _choose_first(page)
+    await page.get_by_role("button", name="Erase…").click()
+    await page.get_by_role("heading", name="What remains").wait_for()
+    await shoot(page, "erase")
+    await page.get_by_role("button", name="Erase for good").click()
+    await confirm_with(page, network.passphrase)
+    await page.get_by_role("heading", name="Erased everywhere").wait_for(timeout=SETTLED_MS)
+    await shoot(page, "receipts")
+
+
+async def make(browser: Browser, folder: Path) -> dict[str, float]:
+    """Make all pictures; return what was measured."""
+    pages = Pages(browser, Watch())
+    network = RecordedNetwork(folder)
+    try:
+        await network.start()
+        await network.record()
+        await _views(network, await pages.open())
+        page = await pages.open()
+        async with serve_full_day(network, folder / "page") as file:
+            await page.goto(file.as_uri())
+            await expect(page.locator("table.calendar .day.has").first).to_be_visible(timeout=SETTLED_MS)
+            await expect(page.locator(".lead")).to_contain_text("recordings of you")
+            figures = await weigh(page) | await measure_full_day(page)
+            await page.goto("about:blank")
+        return figures
+    finally:
+        await pages.close()
+        await network.close()
+
+
+async def main() -> int:
+    """Make the pictures and print the figures as JSON."""
+    with tempfile.TemporaryDirectory() as folder:
+        async with async_playwright() as playwright:
+            browser = await playwright.chromium.launch(
+                executable_path=find_chromium(), headless=True, chromium_sandbox=False, args=FLAGS
+            )
+            figures = await make(browser, Path(folder))
+            await browser.close()
+    conditions = {"nodes": 4, "cores": os.cpu_count(), "load": os.getloadavg()[0], "python": sys.version.split()[0]}
+    text = json.dumps({"name": "wallet_page", "ok": True, "figures": figures, "conditions": conditions}, indent=2)
+    sys.stdout.write(f"{text}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(asyncio.run(main()))
