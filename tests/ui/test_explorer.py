@@ -72,14 +72,17 @@ async def refuse_something(network: RecordedNetwork) -> dict[str, Any]:
 
 
 async def test_the_command_opens_the_explorer_once_by_a_file_that_only_its_owner_can_read(
-    pages: Pages, watch: Watch, recorded_network: RecordedNetwork, tmp_path: Path
+    pages: Pages, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:
-    folder = str(recorded_network.network.folder)
-    command = [sys.executable, "-m", "network.cli.main", "explore", "--node", "node-1", "--dir", folder, "--json"]
-    process = await asyncio.create_subprocess_exec(
-        *command, stdout=asyncio.subprocess.PIPE, env={"BLOCKROBOT_HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
-    )
+    command = [sys.executable, "-m", "network.cli.main", "explore", "--node", "node-1", "--profile", "ann", "--json"]
+    home = {
+        "BLOCKROBOT_HOME": str(recorded_network.folder),
+        "BLOCKROBOT_PASSPHRASE_FILE": str(recorded_network.passphrase_file),
+        "PATH": "/usr/bin:/bin",
+    }
+    process = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE, env=home)
     told = json.loads((await process.communicate())[0])
+    assert (told["node"], told["as"]) == ("node-1", "ann")
     file = Path(told["redirect_file"])
     modes, text = await asyncio.to_thread(
         lambda: ([oct(one.stat().st_mode) for one in (file, file.parent)], file.read_text())
