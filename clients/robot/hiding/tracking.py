@@ -107,8 +107,9 @@ class _Together:
             self.x_m, self.z_m, self.seen_ms = track.x_m, track.z_m, max(self.seen_ms, track.seen_ms)
 
     def is_open(self, at_ms: int) -> bool:
-        """Tell whether it still matters that they went together."""
-        return self.hidden_count > 0 and at_ms - self.seen_ms <= (HIDDEN_MS if self.apart else GONE_MS)
+        """Tell whether it still matters that they went together: until as many are seen at once, not one after another."""
+        all_seen = self.hidden_count == 0 and len({track.seen_ms for track in self.apart}) <= 1
+        return not all_seen and at_ms - self.seen_ms <= (HIDDEN_MS if self.apart else GONE_MS)
 
     def is_near(self, x_m: float, z_m: float, at_ms: int) -> bool:
         """Tell whether one of them can come to be seen there: beside those who are, or where all of them were."""

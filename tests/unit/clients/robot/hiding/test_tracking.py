@@ -240,3 +240,13 @@ def test_who_is_followed_anew_beside_somebody_hidden_is_not_taken_for_the_hidden
     assert hidden(tracker, (seen(0.0, 2.5), seen(2.0, 2.5)), 99)
     assert hidden(tracker, (seen(0.0, 2.5), seen(1.6, 2.5)), 132)
     assert hidden(tracker, (seen(0.2, 2.5), seen(0.6, 2.5)), 700)
+
+
+def test_who_are_seen_one_after_the_other_are_not_taken_for_seen_both() -> None:
+    tracker = Tracker()
+    one, other = seen(0.0, 2.75), seen(0.5, 3.0)
+    for silhouettes, at_ms in (((one, other), 0), ((one,), 33), ((other,), 66)):
+        tracker.step(silhouettes, at_ms)
+    for at_ms in range(99, 1_500, 33):
+        tracker.step((one,), at_ms)
+    assert hidden(tracker, (one,), 1_500)
