@@ -204,6 +204,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("SPOOL_FULL", 507, "The robot's spool is full.", "Reconnect the robot to the network.", retryable=True),
     ErrorEntry("SPOOL_DAMAGED", 500, "The robot's spool is damaged.", "Keep the directory for inspection and start with a new one."),
     ErrorEntry("WALLET_EXISTS", 409, "There is already a wallet at this place.", "Choose another profile or restore elsewhere."),
+    ErrorEntry("KEYRING_EMPTY", 404, "The system's keyring holds no passphrase of this wallet.", "Put it there with `blockrobot wallet keyring store`, or leave out --keyring."),
+    ErrorEntry("KEYRING_UNUSABLE", 503, "The system's keyring cannot be used here.", "Unlock it, or leave out --keyring and type the passphrase."),
     ErrorEntry("WALLET_NOT_FOUND", 404, "There is no wallet at this place.", "Make one with `blockrobot wallet new`."),
     ErrorEntry("WALLET_PASSPHRASE_WRONG", 403, "The passphrase does not open this wallet.", "Try again, or restore the wallet from its 24 words."),
     ErrorEntry("WALLET_BUSY", 409, "Another program has this wallet open.", "Close its page (`blockrobot wallet serve`), or wait until the other command has ended; then try again.", retryable=True),

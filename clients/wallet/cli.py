@@ -21,6 +21,7 @@ from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
+from clients.wallet.keyring_command import keyring
 from clients.wallet.language import text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
@@ -66,6 +67,7 @@ for command in (
     *ROTATING_COMMANDS,
     export,
     erasures,
+    keyring,
     serve,
 ):
     wallet.add_command(command)

@@ -20,6 +20,7 @@ from clients.wallet.claiming import claim_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import LANGUAGES, choose_language, say_error, text
+from clients.wallet.passphrase_sources import read_from_keyring
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -28,6 +29,7 @@ T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
+_KEYRING_KEY = "blockrobot.keyring"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
@@ -37,12 +39,24 @@ def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None
     say_errors(ctx, say_error)
 
 
+def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    ctx.meta[_KEYRING_KEY] = wanted
+
+
 def wallet_options(command: F) -> F:
     """Add the options that name a wallet and its network, to a group."""
     place = click.Path(path_type=Path, file_okay=False)
     file = click.Path(path_type=Path, dir_okay=False)
     for option in (
         click.option("--genesis", type=file, help="The network's genesis file: all that is trusted."),
+        click.option(
+            "--keyring",
+            is_flag=True,
+            envvar="BLOCKROBOT_KEYRING",
+            expose_value=False,
+            callback=_use_keyring,
+            help="Take the passphrase from the system's keyring (see `wallet keyring store`).",
+        ),
         click.option("--wallet-dir", type=place, help="The folder of wallets (default: your own)."),
         click.option(
             "--language",
@@ -82,7 +96,13 @@ def called(ctx: click.Context) -> str:
 
 
 def read_passphrase(*, confirm: bool = False) -> str:
-    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`)."""
+    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`).
+
+    From the system's keyring, if the group was told so by `--keyring`.
+    """
+    context = click.get_current_context(silent=True)
+    if context is not None and context.meta.get(_KEYRING_KEY) and not confirm:
+        return read_from_keyring(context.obj[0])
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")

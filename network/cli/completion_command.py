@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 from click.shell_completion import get_completion_class
 
-from clients.sdk.terminal import plain_errors
+from clients.sdk.terminal import json_option, plain_errors, print_json
 
 _PROGRAM, _VARIABLE = "blockrobot", "_BLOCKROBOT_COMPLETE"
 _SHELLS = ("bash", "fish", "zsh")
@@ -13,8 +13,9 @@ _SHELLS = ("bash", "fish", "zsh")
 
 @click.command()
 @click.argument("shell", type=click.Choice(_SHELLS))
+@json_option
 @plain_errors
-def completion(shell: str) -> None:
+def completion(shell: str, as_json: bool) -> None:
     """Print the completion script of a shell: commands, options, profiles, records that were viewed here.
 
     To have it for good: bash into ~/.local/share/bash-completion/completions/blockrobot, zsh into ~/.zfunc/_blockrobot,
@@ -25,4 +26,8 @@ def completion(shell: str) -> None:
     found = get_completion_class(shell)
     assert found is not None
     script = found(click.Group(_PROGRAM), {}, _PROGRAM, _VARIABLE)
-    click.echo(script.source_template % script.source_vars())
+    text = script.source_template % script.source_vars()
+    if as_json:
+        print_json({"ok": True, "shell": shell, "script": text})
+    else:
+        click.echo(text)
