@@ -35,7 +35,7 @@ function certificateCard(header, epoch) {
   const { certificate } = header;
   if (!certificate || !epoch) return card("Certificate", h("p", {}, "This node does not tell who certified the block."));
   return card("Who certified it",
-    h("p", {}, `${certificate.voters.length} of ${epoch.seats.length} producers signed this very block in round ${certificate.round}: a quorum (${epoch.quorum}). The next block carries their signatures. Any two quorums share an honest producer, so no other block of this height can ever have one too.`),
+    h("p", {}, `${certificate.voters.length} of ${epoch.seats.length} producers signed this very block in round ${certificate.round}: a quorum (${epoch.quorum}). The next block carries their signatures. Any two quorums share an honest producer, and each votes once a round: so no other block of this round has one. Once its child of the next round was certified as well, the block was final.`),
     certificateDrawing(epoch, certificate.voters, { leader: header.producer, label: `Certificate of block ${header.height}` }));
 }
 
