@@ -12,6 +12,7 @@ from rich.markup import escape
 from clients.bundle.consent_receipts import CheckedReceipt
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.language import describe_error, text
 from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
@@ -69,13 +70,12 @@ class Receipted:
     def line(self) -> str:
         """Return it in a sentence."""
         if self.receipt is None:
-            why = self.refusal.detail if self.refusal is not None else ""
-            return f"Your receipt is not here yet: {why} Ask for it later: blockrobot wallet consent receipts."
-        published = self.receipt.published
-        notice = (
-            "no notice was published" if published is None else f"under version {published.row.version} of the notice"
-        )
-        return f"The receipt is in your wallet, signed by {self.receipt.organisation} and by you, {notice}."
+            why = describe_error(self.refusal)[0] if self.refusal is not None else ""
+            return text("register.receipt_late", why=why)
+        published, organisation = self.receipt.published, self.receipt.organisation
+        if published is None:
+            return text("register.receipt_unpublished", organisation=organisation)
+        return text("register.receipt", organisation=organisation, version=published.row.version)
 
 
 async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
@@ -115,23 +115,17 @@ def _show_with_changes(told: Told) -> None:
     show_told(told)
     if told.before is None or told.published is None:
         return
-    came_ms = told.published.row.time_ms
-    console.print(
-        f"\nIt changed since you consented: that was under version {told.before.version}, and version {told.version} came"
-        f" {show_moment(came_ms)}. What went (-) and what came (+):"
-    )
+    came = show_moment(told.published.row.time_ms)
+    console.print("\n" + text("notice.changed", before=told.before.version, version=told.version, moment=came))
     for line in told.changes:
         console.print(escape(line))
-    console.print(
-        "Your consent holds as you gave it. If you do not want that any more: blockrobot wallet consent withdraw.\n"
-        "If you do, say so under the new words: blockrobot wallet consent give --purpose CODE."
-    )
+    console.print(text("notice.holds"))
 
 
 def _ask_of(purposes: tuple[str, ...]) -> str:
     if not purposes:
-        return "Register (you consent to nothing by it)?"
-    return f"Register, and consent to be recorded by a depth camera for {', '.join(purposes)}?"
+        return text("register.ask_nothing")
+    return text("register.ask", purposes=", ".join(purposes))
 
 
 @click.command()
@@ -180,14 +174,8 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
 
 def _registered_line(purposes: tuple[str, ...]) -> str:
     if purposes:
-        return (
-            f"You are registered, and consent to be recorded by a depth camera for: {', '.join(purposes)}.\n"
-            "  To see or change that: blockrobot wallet consent list, blockrobot wallet consent withdraw."
-        )
-    return (
-        "You are registered, and have consented to nothing: no robot records you.\n"
-        "  If you want to be recorded: blockrobot wallet consent give --purpose demo --sensor depth."
-    )
+        return text("register.done", purposes=", ".join(purposes))
+    return text("register.done_nothing")
 
 
 def _unseen(receipted: Receipted, told: Told) -> str:
@@ -195,4 +183,4 @@ def _unseen(receipted: Receipted, told: Told) -> str:
     published = None if receipted.receipt is None else receipted.receipt.published
     if published is None or published.row.version <= told.version:
         return ""
-    return " That version came while you registered, and you have not seen it: blockrobot wallet notice."
+    return " " + text("register.unseen")
