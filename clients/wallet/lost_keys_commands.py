@@ -152,6 +152,15 @@ def _print_proposal(ctx: click.Context, proposal: Proposal) -> None:
         console.print(f"  Next: {steps[proposal.status]}")
 
 
+def _tell_decided(ctx: click.Context, found: Preview, proposal: Proposal, line: str, *, as_json: bool) -> None:
+    """Tell what stands now of a proposal, and what it would touch."""
+    if as_json:
+        print_json({"ok": True, **_proposal_json(proposal), "preview": _preview_json(found)})
+        return
+    console.print(line)
+    _print_proposal(ctx, proposal)
+
+
 def _confirm(text: str, *, yes: bool) -> None:
     if yes:
         return
@@ -252,11 +261,8 @@ def propose(
         return found, await handling.find(proposal_id.hex())
 
     found, proposal = run_opened(ctx, lambda opened: main(LostKeys(opened)))
-    if as_json:
-        print_json({"ok": True, **_proposal_json(proposal), "preview": _preview_json(found)})
-        return
-    console.print(f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree.")
-    _print_proposal(ctx, proposal)
+    line = f"Proposed. Nothing is erased yet: a second officer has {APPROVE_MS // _DAY_MS} days to agree."
+    _tell_decided(ctx, found, proposal, line, as_json=as_json)
 
 
 @lost_keys.command()
@@ -282,11 +288,8 @@ def approve(ctx: click.Context, proposal: str, yes: bool, as_json: bool) -> None
         return found, await handling.find(before.proposal_id.hex())
 
     found, after = run_opened(ctx, lambda opened: main(LostKeys(opened)))
-    if as_json:
-        print_json({"ok": True, **_proposal_json(after), "preview": _preview_json(found)})
-        return
-    console.print(f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out.")
-    _print_proposal(ctx, after)
+    line = f"Approved. Either of you has {CARRY_OUT_MS // _DAY_MS} days to have it carried out."
+    _tell_decided(ctx, found, after, line, as_json=as_json)
 
 
 @lost_keys.command()

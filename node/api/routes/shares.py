@@ -48,10 +48,25 @@ async def _download(call: Call) -> web.StreamResponse:
     return bytes_answer(encode(await custody.download_shared(request, grant_id, call.caller)), MSGPACK)
 
 
+_PATH = "/v1/grants/{grant_id}/{record_id}"
+_ERRORS = (
+    "ENCODING_INVALID",
+    "ENCODING_NOT_CANONICAL",
+    "UPLOAD_INVALID",
+    "NOT_FOUND",
+    "GRANT_ENDED",
+    "CLIP_NOT_CONFIRMED",
+    "CLIP_ERASED",
+    "CLIP_QUARANTINED",
+    "CUSTODY_ELSEWHERE",
+    "STORE_UNAVAILABLE",
+)
+"""What both say of a grant and its clip."""
+
 ROUTES = (
     Route(
         "PUT",
-        "/v1/grants/{grant_id}/{record_id}",
+        _PATH,
         "uploadKeyPart",
         "Bring this custodian its part of a shared record's key, before the grant is final or while it stands. "
         "Repeating the same upload is harmless.",
@@ -60,25 +75,11 @@ ROUTES = (
         Answer(JSON, UploadAnswer, "The part is kept: `staged` until the grant is final, else `confirmed`."),
         Body(MSGPACK, None, "A canonical GrantUpload.", _UPLOAD_MAX_BYTES),
         _PARAMETERS,
-        (
-            "ENCODING_INVALID",
-            "ENCODING_NOT_CANONICAL",
-            "UPLOAD_INVALID",
-            "UPLOAD_CONFLICT",
-            "NOT_FOUND",
-            "CLIP_NOT_CONFIRMED",
-            "CLIP_ERASED",
-            "CLIP_QUARANTINED",
-            "GRANT_ENDED",
-            "TRANSACTION_EXPIRED",
-            "RATE_LIMITED",
-            "CUSTODY_ELSEWHERE",
-            "STORE_UNAVAILABLE",
-        ),
+        (*_ERRORS, "UPLOAD_CONFLICT", "TRANSACTION_EXPIRED", "RATE_LIMITED"),
     ),
     Route(
         "POST",
-        "/v1/grants/{grant_id}/{record_id}",
+        _PATH,
         "downloadSharedClip",
         "Fetch a shared clip, its package and this custodian's parts of the key, under a final request by the grantee. "
         "The body shows who she is; without frames it fetches package and parts only.",
@@ -88,21 +89,12 @@ ROUTES = (
         Body(MSGPACK, None, "A canonical SharedRequest.", _REQUEST_MAX_BYTES),
         _PARAMETERS,
         (
-            "ENCODING_INVALID",
-            "ENCODING_NOT_CANONICAL",
-            "UPLOAD_INVALID",
-            "NOT_FOUND",
+            *_ERRORS,
             "ACCESS_NOT_GRANTED",
             "ACCESS_ENDED",
-            "GRANT_ENDED",
             "GRANT_PARTS_MISSING",
             "GRANTEE_NOT_A_MEMBER",
-            "CLIP_NOT_CONFIRMED",
-            "CLIP_ERASED",
-            "CLIP_QUARANTINED",
             "CUSTODY_CATCHING_UP",
-            "CUSTODY_ELSEWHERE",
-            "STORE_UNAVAILABLE",
         ),
     ),
 )
