@@ -13,7 +13,8 @@ from aiohttp import web
 from clients.wallet.erasing import Erasing
 from clients.wallet.erasure_status import AskedErasure, find_erasures_of
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.language import text
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.days import Wanted, picture_count, read_zone, select
 from clients.wallet.page.jobs import Job
@@ -68,27 +69,18 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
     pictures = len(frames) if frames else sum(map(picture_count, entries))
     visits = len({entry.visit.owner for entry in entries})
-    now_ms = session.now_ms()
+    now_ms, language = session.now_ms(), language_of(request)
     return answer_json(
         {
             "records": [entry.record_id.hex() for entry in entries],
             "pictures": pictures,
             "visits": visits,
             "gone": [
-                f"{pictures} pictures, sounds or estimates: their keys are destroyed at every custodian first, then the"
-                " data. Nobody can bring them back, not even you.",
-                "What custodians hand out of them to those with whom you shared: nothing, from then on.",
+                text("page.erase.gone1", language=language, count=pictures),
+                text("page.erase.gone2", language=language),
             ],
-            "remains": [
-                "The trail of what happened: that something was recorded, when, by which robot, who looked, and that you"
-                " erased it. It names nobody.",
-                "Copies that somebody made who had looked before, or that you took along yourself.",
-                "Backups of custodians, locked, until the time that each receipt names.",
-            ],
-            "warnings": [
-                f"This speaks for {visits} of your visits, one right after the other: whoever reads the ledger can tell,"
-                " for ever, that they are one person's. If you mind, erase them hours apart."
-            ][: visits - 1],
+            "remains": [text(f"page.erase.remains{number}", language=language) for number in (1, 2, 3)],
+            "warnings": [text("page.erase.joined", language=language, count=visits)] if visits > 1 else [],
             "recipients": [told_share(share, now_ms) for share in recipients],
         }
     )
