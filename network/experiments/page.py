@@ -203,5 +203,6 @@ def _statistics(outcome: Outcome) -> str:
 
 
 def _rows(caption: str, heading: str, rows: Sequence[Row]) -> str:
-    cells = [[text(row.name), *map(show_value, row.values)] for row in rows]
+    # Activities have long names; on paper they may break behind an underscore.
+    cells = [[text(row.name).replace("_", "_<wbr>"), *map(show_value, row.values)] for row in rows]
     return table(caption, [heading, *HEADINGS], cells)
