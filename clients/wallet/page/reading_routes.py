@@ -26,7 +26,7 @@ from clients.wallet.page.days import (
 )
 from clients.wallet.page.jobs import WAIT_MAX_MS
 from clients.wallet.page.seals import verified_block
-from clients.wallet.page.session import PageSession
+from clients.wallet.page.session import LIES, PageSession
 from clients.wallet.page.snapshot import VisitPart
 from clients.wallet.page.story import event_json
 from clients.wallet.rotating_commands import words_lines
@@ -41,7 +41,6 @@ from pages.local_page import LocalRoute
 PAGE_RECORDS_COUNT, RECORDS_MAX_COUNT = 200, 2_000
 PAGE_EVENTS_COUNT, EVENTS_MAX_COUNT = 100, 1_000
 NEW_RECORDS_MAX_COUNT = 100
-_LYING = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 _DAY_MINUTES = 24 * 60
 
 
@@ -111,13 +110,12 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
-    network = session.wallet.network
-    rows = []
-    for node in network.nodes:
-        error = network.troubles.get(node.name)
+    troubles, rows = session.node_troubles(), []
+    for node in session.wallet.network.nodes:
+        error = troubles.get(node.name)
         state = "fine"
         if error is not None:
-            state = "lied" if error.code in _LYING else "unreachable" if error.code == "NODE_UNREACHABLE" else "refused"
+            state = "lied" if error.code in LIES else "unreachable" if error.code == "NODE_UNREACHABLE" else "refused"
         sentence = None if error is None else problem_json(error, language)["detail"]
         rows.append(
             {"name": node.name, "state": state, "code": None if error is None else error.code, "sentence": sentence}

@@ -28,6 +28,9 @@ READ_SHARE = 8
 LISTENING_MS = 60_000
 HOLD_MAX_S = 20.0
 NEWS_KEPT_COUNT = 1_000
+AWAY_TOLD_MS = 5 * 60_000
+LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+"""What only a node says that is damaged, or lies."""
 _PRIVATE_FOLDER = 0o700
 _log = logging.getLogger("wallet.page")
 
@@ -65,6 +68,7 @@ class PageSession:
         self.news = 0
         self.used_at_ms = now_ms()
         self._heard_at_ms = now_ms()
+        self._troubles: dict[str, tuple[BlockRobotError, int]] = {}
         self._new_records: list[tuple[int, bytes]] = []
         self._changed = asyncio.Event()
         self._wake = asyncio.Event()
@@ -100,6 +104,18 @@ class PageSession:
     def is_idle(self, minutes: int) -> bool:
         """Tell whether nobody has used the page for so long, and nothing that was asked for is under way."""
         return not self.jobs.are_open and self.now_ms() - self.used_at_ms > minutes * 60_000
+
+    def node_troubles(self) -> dict[str, BlockRobotError]:
+        """Return by name why nodes were passed over. That one was away is forgotten after a while: it may be back."""
+        now, troubles = self.now_ms(), self.wallet.network.troubles
+        for name, error in troubles.items():
+            if name not in self._troubles or self._troubles[name][0] is not error:
+                self._troubles[name] = (error, now)
+        return {
+            name: error
+            for name, error in troubles.items()
+            if error.code in LIES or now - self._troubles[name][1] < AWAY_TOLD_MS
+        }
 
     def forget_export(self, name: str) -> None:
         """Delete an export's file, if it is there."""

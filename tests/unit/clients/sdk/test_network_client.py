@@ -331,6 +331,7 @@ async def test_a_lie_of_one_node_is_found_and_another_is_asked(nodes: Any, monke
     monkeypatch.setattr(proofs, "prove_keys", lie_once)
     assert await client.state_value("records", b"announcement-count", SUBJECT) == 3
     assert len(calls) == 2
+    assert [error.code for error in client.troubles.values()] == ["PROOF_INVALID"], "it is named"
 
 
 async def test_no_node_can_take_a_client_back_in_time() -> None:

@@ -97,6 +97,15 @@ async def test_a_node_that_lies_is_named_and_what_was_known_stays(desk: Desk, mo
     assert [(node["name"], node["state"]) for node in told["network"]["nodes"]] == [("node-1", "lied")]
 
 
+async def test_that_a_node_was_away_is_forgotten_after_a_while_that_it_lied_is_not(desk: Desk) -> None:
+    for code, states in (("NODE_UNREACHABLE", ["unreachable", "fine"]), ("CERTIFICATE_INVALID", ["lied", "lied"])):
+        desk.ward.wire.troubles["node-1"] = BlockRobotError(code)  # type: ignore[attr-defined]
+        for state in states:
+            (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+            assert node["state"] == state
+            desk.ward.chain.time_ms += 6 * 60_000
+
+
 async def test_it_speaks_the_language_that_the_page_asks_for(desk: Desk) -> None:
     english, portuguese = [(await desk.page.get("/api/texts", language=each))["texts"] for each in ("en", "pt")]
     assert english.keys() == portuguese.keys()
