@@ -44,7 +44,7 @@ function timeoutCard(header, epoch) {
   const leaders = [...new Set(missed)].map((index) => seatName(epoch, index)).join(", ");
   return card("A round was given up before it",
     h("p", {}, `${plural(count, "round", "rounds")} before this block brought none: ${leaders} should have led. The producers below signed that they waited long enough in round ${timeout.round}; with these signatures the next leader could go on.`),
-    epoch && certificateDrawing(epoch, timeout.voters, { leader: missed.at(-1), label: `Timeout certificate of round ${timeout.round}`, tone: "gave-up" }));
+    epoch && certificateDrawing(epoch, timeout.voters, { leader: missed.at(-1), led: "awaited", label: `Timeout certificate of round ${timeout.round}`, tone: "gave-up" }));
 }
 
 function headerFacts(header, epoch) {

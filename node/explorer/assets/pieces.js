@@ -122,7 +122,7 @@ export function seatMarks(epoch, voters) {
 }
 
 /** A certificate as a ring of seats around the block; lines lead from who signed. */
-export function certificateDrawing(epoch, voters, { leader, label, tone = "voted" }) {
+export function certificateDrawing(epoch, voters, { leader, led = "led", label, tone = "voted" }) {
   const count = epoch.seats.length;
   const [width, height] = [360, 240];
   const [cx, cy, radius] = [width / 2, height / 2, 78];
@@ -145,7 +145,7 @@ export function certificateDrawing(epoch, voters, { leader, label, tone = "voted
     const has = voters.includes(index);
     ring.append(s("circle", { class: `seat ${has ? tone : "absent"} ${index === leader ? "leader" : ""}`, cx: x, cy: y, r: count > 12 ? 8 : 12 }));
     const far = count > 12 ? 14 : 20;
-    ring.append(s("text", { x: x + dx * far, y: y + dy * far + (dy > 0.5 ? 10 : dy < -0.5 ? -2 : 4), "text-anchor": dx > 0.3 ? "start" : dx < -0.3 ? "end" : "middle" }, seatName(epoch, index) + (index === leader ? " (led)" : "")));
+    ring.append(s("text", { x: x + dx * far, y: y + dy * far + (dy > 0.5 ? 10 : dy < -0.5 ? -2 : 4), "text-anchor": dx > 0.3 ? "start" : dx < -0.3 ? "end" : "middle" }, seatName(epoch, index) + (index === leader ? ` (${led})` : "")));
   });
   return ring;
 }
