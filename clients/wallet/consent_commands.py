@@ -6,7 +6,7 @@ import datetime
 import json
 import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.language import text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
@@ -31,17 +32,17 @@ _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
 
 
-def read_time(text: str | None, now_ms: int) -> int:
+def read_time(written: str | None, now_ms: int) -> int:
     """Return a time in ms: `+30d`, `+12h`, `+45m`, a date or a date with a time of this machine's zone; 0 for none."""
-    if text is None:
+    if written is None:
         return _NO_BOUND
-    span = _SPAN.fullmatch(text.strip())
+    span = _SPAN.fullmatch(written.strip())
     if span:
         return now_ms + int(span[1]) * _SPAN_MS[span[2]]
     try:
-        return round(datetime.datetime.fromisoformat(text.strip()).astimezone().timestamp() * 1000)
+        return round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000)
     except (ValueError, OverflowError, OSError):
-        raise click.UsageError(f"{text!r} is no time: write +30d, +12h, 2027-01-31 or 2027-01-31T18:00.") from None
+        raise click.UsageError(f"{written!r} is no time: write +30d, +12h, 2027-01-31 or 2027-01-31T18:00.") from None
 
 
 def _codes(command: Any) -> Any:
@@ -64,7 +65,7 @@ def consent() -> None:
 async def _tell(opened: Wallet, word: Word, line: str, next_step: str, *, as_json: bool, more: dict[str, Any]) -> None:
     """Print what counts, and only then fetch the receipt and print what became of it. A program has both in one."""
     if not as_json:
-        console.print(f"{line}\n  It holds from block {word.from_height} on. {next_step}")
+        console.print(f"{line}\n  {text('consent.holds_from', height=word.from_height)} {next_step}")
     receipted = await take_receipt(opened, word.txid)
     if as_json:
         place = {"txid": word.txid.hex(), "height": word.height, "from_height": word.from_height, "count": word.count}
@@ -73,9 +74,9 @@ async def _tell(opened: Wallet, word: Word, line: str, next_step: str, *, as_jso
         console.print(f"  {escape(receipted.line())}")
 
 
-def _named(codes: tuple[str, ...], sentences: dict[str, str], none: str) -> str:
+def _named(codes: tuple[str, ...], kind: str, known: Mapping[str, str], none: str) -> str:
     """Return codes with what they mean: `care (Care and treatment of the person herself.)`."""
-    return ", ".join(f"{code} ({sentences[code]})" if code in sentences else code for code in codes) or none
+    return ", ".join(f"{code} ({text(f'{kind}.{code}')})" if code in known else code for code in codes) or none
 
 
 @consent.command()
@@ -112,9 +113,13 @@ def give(
     if ends is not None and until_ms <= max(from_ms, now_ms):
         raise click.UsageError("The time that --until names is over already, or before --from.")
 
-    period = f" from {show_moment(from_ms)}" if from_ms else ""
-    period += f" until {show_moment(until_ms)}" if until_ms else ", until you take it back"
-    line = f"You consent to: {_named(purposes, PURPOSES, '')} By: {_named(chosen, SENSORS, '')}{period}"
+    period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
+    period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
+    named = {
+        "purposes": _named(purposes, "purpose", PURPOSES, ""),
+        "sensors": _named(chosen, "sensor", SENSORS, ""),
+    }
+    line = text("consent.given", **named) + period
     more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
     more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
 
@@ -125,7 +130,7 @@ def give(
         told.require_named(purposes)
         if notice is not None:
             require_said(yes=yes)
-            question = f"Consent to {', '.join(purposes)} by {', '.join(chosen)}?"
+            question = text("consent.ask", purposes=", ".join(purposes), sensors=", ".join(chosen))
             tell_first(notices, told, question, yes=yes, as_json=as_json)
         word = await Consenting(opened).give(
             list(purposes),
@@ -135,8 +140,7 @@ def give(
             height=height,
             seen_height=told.height,
         )
-        next_step = "To take it back: blockrobot wallet consent withdraw."
-        await _tell(opened, word, line, next_step, as_json=as_json, more=more | {"notice": notice})
+        await _tell(opened, word, line, text("consent.take_back"), as_json=as_json, more=more | {"notice": notice})
         notices.note_consented(told)
 
     run_opened(ctx, action)
@@ -146,7 +150,7 @@ def _say_no(
     ctx: click.Context,
     act: Callable[[Consenting], Callable[[list[str], list[str]], Any]],
     status: str,
-    line: str,
+    key: str,
     purposes: tuple[str, ...],
     sensors: tuple[str, ...],
     *,
@@ -154,17 +158,13 @@ def _say_no(
 ) -> None:
 
     more = {"status": status, "purposes": list(purposes), "sensors": list(sensors)}
-    codes = _named(purposes, PURPOSES, "everything that you had given.")
-    what = f"{line}: {codes} By: {_named(sensors, SENSORS, 'every sensor.')}"
-    next_step = (
-        "Robots see it within seconds and record nothing more of you for that; what waits in them is destroyed. "
-        "What was recorded before stays until you erase it: blockrobot wallet records, then blockrobot wallet erase."
-    )
+    named = _named(purposes, "purpose", PURPOSES, text("consent.everything"))
+    what = text(key, purposes=named, sensors=_named(sensors, "sensor", SENSORS, text("consent.every_sensor")))
 
     async def action(opened: Wallet) -> None:
         word: Word = await act(Consenting(opened))(list(purposes), list(sensors))
-        nothing = "Nothing of this was given. What you said before, and is still under way, counts no more."
-        await _tell(opened, word, what if word.count else nothing, next_step, as_json=as_json, more=more)
+        line = what if word.count else text("consent.nothing_given")
+        await _tell(opened, word, line, text("consent.after_no"), as_json=as_json, more=more)
 
     run_opened(ctx, action)
 
@@ -181,7 +181,7 @@ def refuse(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ..
     """
     if not purposes:
         raise click.UsageError(f"Say what you refuse: --purpose CODE, one of {', '.join(PURPOSES)}.")
-    _say_no(ctx, lambda say: say.refuse, "refused", "You refuse", purposes, sensors, as_json=as_json)
+    _say_no(ctx, lambda say: say.refuse, "refused", "consent.refused", purposes, sensors, as_json=as_json)
 
 
 @consent.command()
@@ -194,7 +194,7 @@ def withdraw(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, 
 
     Example: blockrobot wallet consent withdraw
     """
-    _say_no(ctx, lambda say: say.withdraw, "withdrawn", "You took back", purposes, sensors, as_json=as_json)
+    _say_no(ctx, lambda say: say.withdraw, "withdrawn", "consent.withdrawn", purposes, sensors, as_json=as_json)
 
 
 @consent.command("list")
@@ -217,20 +217,23 @@ def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[s
         print_json({"ok": True, "height": found.height, "choices": [choice_json(row) for row in rows]})
         return
     if not rows:
-        console.print("You consented to nothing of this. Next: blockrobot wallet consent give --purpose CODE.")
+        console.print(text("consent.none"))
     for row in rows:
         console.print(_line(row, found.height))
 
 
 def _line(row: Choice, height: int) -> str:
     last = row.last
-    mark = "[green]yes[/green]" if row.holds else "no"
-    text = f"{mark:<4} {row.purpose} by {row.sensor}: {last.status} ({show_moment(last.since_ms)})"
+    mark = f"[green]{text('consent.yes')}[/green]" if row.holds else text("consent.no")
+    since = show_moment(last.since_ms)
+    line = text("consent.row", purpose=row.purpose, sensor=row.sensor, status=last.status, moment=since)
     if last.height > height:
-        text += f", from block {last.height} on"
+        line += ", " + text("consent.from_block", height=last.height)
     if last.from_ms:
-        text += f", from {show_moment(last.from_ms)}"
-    return text + (f", until {show_moment(last.until_ms)}" if last.until_ms else "")
+        line += ", " + text("consent.from", moment=show_moment(last.from_ms))
+    if last.until_ms:
+        line += ", " + text("consent.until", moment=show_moment(last.until_ms))
+    return f"{mark:<4} {line}"
 
 
 @consent.command()

@@ -12,6 +12,8 @@ import pytest
 from clients.wallet import language
 from clients.wallet.language import ONE, OTHER, Form, describe_error, find_language, load, section, text
 from consensus.errors import CATALOGUE, BlockRobotError
+from consensus.records.purposes import PURPOSES
+from consensus.records.sensors import SENSORS
 
 WALLET = Path(language.__file__).parent
 
@@ -69,6 +71,11 @@ def test_a_code_that_has_a_translation_is_in_the_catalogue_of_errors() -> None:
             _, code, what = key.split(".")
             assert code in CATALOGUE
             assert what in {"meaning", "next_step"}
+
+
+def test_purposes_and_sensors_are_those_that_are_published() -> None:
+    assert section("purpose", "en") == PURPOSES
+    assert section("sensor", "en") == SENSORS
 
 
 MET_BY_PATIENTS = {code for code in CATALOGUE if code.startswith(("WALLET_", "WORDS_", "VOUCHER_"))} | {
