@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from playwright.async_api import Page, expect
+from playwright.async_api import Page, Route, expect
 
 from clients.wallet.language import LANGUAGES, section
 from clients.wallet.page.page import ASSETS
@@ -22,6 +22,7 @@ ZOOMED = (320, 640)
 """1280 pixels at 400 % (WCAG 2.2, 1.4.10)."""
 PAGE_MAX_BYTES = 150 * 1024
 TABS_MAX_COUNT = 60
+FRAMES_COUNT = 5_000
 FRAMES_HELD_MAX_COUNT = 48
 
 
@@ -138,6 +139,44 @@ async def test_a_day_of_2000_records_is_there_whole_and_the_page_is_light(
     with capsys.disabled():
         sys.stdout.write(json.dumps({"name": "wallet_page", "ok": True, "figures": figures}) + "\n")
     assert figures["page_bytes"] <= PAGE_MAX_BYTES
+
+
+async def test_a_clip_of_5000_frames_is_played_by_windows(recorded_network: RecordedNetwork, page: Page) -> None:
+    async def lengthen(route: Route) -> None:
+        answer = await route.fetch()
+        clip = await answer.json()
+        if "frames" in clip:
+            shown = clip["frames"]
+            clip["frames"] = [
+                shown[place % len(shown)] | {"captured_at_ms": shown[0]["captured_at_ms"] + 33 * place}
+                for place in range(FRAMES_COUNT)
+            ]
+        await route.fulfill(response=answer, json=clip)
+
+    async with serve_wallet(recorded_network) as served:
+        await open_page(page, served)
+        await page.route("**/api/clips/*", lengthen)
+        await watch_first_meeting(page)
+        await expect(page.locator(".where")).to_contain_text("of 5,000")
+        for place in range(0, FRAMES_COUNT, FRAMES_COUNT // 8):
+            await page.get_by_role("slider").fill(str(place))
+            await expect(page.locator(".player")).to_have_attribute("data-place", str(place), timeout=SETTLED_MS)
+            assert int(await page.locator(".player").get_attribute("data-held") or 0) <= FRAMES_HELD_MAX_COUNT
+        await page.unroute_all(behavior="wait")
+
+
+async def test_an_empty_history_says_so_and_what_will_happen(recorded_network: RecordedNetwork, page: Page) -> None:
+    async def empty(route: Route) -> None:
+        answer = await route.fetch()
+        await route.fulfill(response=answer, json=await answer.json() | {"days": [], "visits": []})
+
+    async with serve_wallet(recorded_network) as served:
+        await page.route("**/api/days*", empty)
+        served.pages.append(page)
+        await page.goto(served.file.as_uri())
+        await expect(page.locator("#main")).to_contain_text("Nothing was recorded of you.", timeout=SETTLED_MS)
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
+        await page.unroute_all(behavior="wait")
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

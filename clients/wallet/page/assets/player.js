@@ -32,7 +32,7 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
   const rate = h("select", { onchange: () => { speed = Number(rate.value); } }, SPEEDS.map((value) => h("option", { value }, t("player.times", { speed: new Intl.NumberFormat(locale()).format(value) }))));
   rate.value = "1";
   const alone = h("input", { type: "checkbox", onchange: () => { source.setOnlyOwner(alone.checked); show(place); } });
-  const erase = onErase && h("button", { type: "button", class: "danger", onclick: () => { pause(); onErase(frames[place]); } }, t("player.erase"));
+  const erase = onErase && h("button", { type: "button", class: "danger", onclick: () => { pause(); onErase(frames[place]); } }, t(stages.length > 0 ? "player.erase" : "player.eraseOther"));
 
   const step = (by) => { pause(); show(Math.min(frames.length - 1, Math.max(0, place + by))); };
   const node = h("section", { class: "card player", "aria-label": t("player.label"), onkeydown: keys },
@@ -40,8 +40,8 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
       h("div", { class: "stages" }, stages.map((stage) => stage.node)), stages.length === 0 && h("p", { class: "quiet" }, t("player.noPictures")), label, sound,
       h("div", { class: "scrub" }, range, strip), where,
       h("div", { class: "row controls" }, play, h("button", { type: "button", "aria-label": t("player.back"), onclick: () => step(-1) }, "‹"), h("button", { type: "button", "aria-label": t("player.on"), onclick: () => step(1) }, "›"),
-        h("label", { class: "inline" }, t("player.speed"), " ", rate), stages.some((stage) => stage.kind === "depth") && h("label", { class: "switch" }, alone, t("player.alone")),
-        stages.length > 0 && h("button", { type: "button", class: "push", onclick: () => stages[0].save(frames[place]) }, t("player.save")), erase),
+        h("label", { class: "inline" }, t("player.speed"), " ", rate), frames.some((frame) => frame.kind === "depth" && frame.status === "ok") && h("label", { class: "switch" }, alone, t("player.alone")),
+        frames.some((frame) => SHOWN_KINDS.includes(frame.kind) && frame.status === "ok") && h("button", { type: "button", class: "push", onclick: () => stages[0].save(frames[place]) }, t("player.save")), erase),
       h("p", { class: "quiet small" }, t("player.keys"))]);
 
   function keys(event) {
@@ -84,7 +84,7 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
     const mine = (turn += 1);
     const frame = frames[to];
     if (!frame) return;
-    const words = t("player.where", { number: to + 1, count: frames.length, time: frame.captured_at_ms ? clock(frame.captured_at_ms) : "–" });
+    const words = t(stages.length > 0 ? "player.where" : "player.whereOther", { number: to + 1, count: frames.length, time: frame.captured_at_ms ? clock(frame.captured_at_ms) : "–" });
     range.value = to;
     range.setAttribute("aria-valuetext", words);
     replace(where, words);

@@ -20,7 +20,7 @@ export function makeSeal(seals, onVerdict) {
   return h("section", { class: `seal ${isGood ? "good" : "bad"}`, "aria-label": t("seal.label"), role: isGood ? "region" : "alert", "data-seal": isGood ? "good" : "bad" },
     h("div", { class: "seal-words" },
       h("h2", {}, title),
-      isGood ? h("p", {}, t("seal.goodText", { count: shown })) : [changed > 0 && h("p", {}, t("seal.badText", { count: changed })), shown > 0 && h("p", {}, t("seal.badRest", { count: shown })), h("p", {}, t("seal.badNext"))],
+      isGood ? h("p", {}, shown === 0 ? t("seal.noteText") : t("seal.goodText", { count: shown })) : [changed > 0 && h("p", {}, t("seal.badText", { count: changed })), shown > 0 && h("p", {}, t("seal.badRest", { count: shown })), h("p", {}, t("seal.badNext"))],
       erased > 0 && h("p", {}, t("seal.erased", { count: erased })),
       newest && h("p", {}, t("seal.against", { height: newest.proved_height, time: moment(newest.proved_time_ms), id: shortHex(newest.proved_block_id) })),
       bad.length > 0 && seals.length > 1 && h("ul", { class: "sentences" }, bad.map((seal) => h("li", {}, h("a", { href: `#/record/${seal.record_id}` }, shortHex(seal.record_id)), ": ", seal.sentence))),
