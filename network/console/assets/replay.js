@@ -30,7 +30,7 @@ function build(facts, moments) {
   const state = { at: to, playing: null, speed: 1 };
   const stage = createStage({ network, beside: null });
   const time = h("output", { for: "slider", class: "mono" });
-  const slider = h("input", { type: "range", id: "slider", min: 0, max: to - from, step: 100, value: to - from, oninput: () => { stop(); go(from + Number(slider.value)); } });
+  const slider = h("input", { type: "range", id: "slider", min: 0, max: Math.ceil((to - from) / 100) * 100, step: 100, value: to - from, oninput: () => { stop(); go(from + Number(slider.value)); } });
   const play = h("button", { type: "button", class: "primary", onclick: () => (state.playing ? stop() : start()) }, "Play");
   const speed = h("select", { id: "speed", onchange: () => { state.speed = Number(speed.value); } }, SPEEDS.map((times) => h("option", { value: times }, `${times} times`)));
   const events = createEvents({ network, onPick: (event) => { stop(); go(event.at_ms); slider.focus(); } });
@@ -44,7 +44,7 @@ function build(facts, moments) {
   function go(ms) {
     state.at = Math.min(to, Math.max(from, ms));
     const moment = moments[indexAt(moments, state.at)];
-    slider.value = state.at - from;
+    slider.value = state.at >= to ? slider.max : state.at - from;
     const words = `${formatClock(state.at)}, ${formatDuration(state.at - from)} of ${formatDuration(to - from)}`;
     time.textContent = words;
     slider.setAttribute("aria-valuetext", words);

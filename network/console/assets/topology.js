@@ -129,7 +129,7 @@ function drawNode(node, { x, y }, shape, onNode) {
   const body = node.producer ? s("circle", { class: "body", r: radius })
     : s("rect", { class: "body", x: -radius, y: -radius, width: 2 * radius, height: 2 * radius, rx: 8 });
   const figure = s("text", { class: "figure-text", y: 5, "text-anchor": "middle" });
-  const below = s("text", { class: "state-text", y: radius + 29, "text-anchor": "middle" });
+  const below = s("text", { class: "state-text", y: radius + 33, "text-anchor": "middle" });
   const crown = s("g", { class: "crown", transform: `translate(0 ${-radius - 12})` },
     s("rect", { x: -22, y: -10, width: 44, height: 17, rx: 8 }), s("text", { y: 3, "text-anchor": "middle" }, "leads"));
   const group_mark = s("text", { class: "group-text", x: -radius - 4, y: -radius + 6, "text-anchor": "middle" });
@@ -142,7 +142,7 @@ function drawNode(node, { x, y }, shape, onNode) {
   const reacts = onNode ? { role: "button", tabindex: 0, onclick: press, onkeydown: press } : { role: "img" };
   const group = s("g", { class: "node", transform: place, ...reacts }, title,
     s("circle", { class: "halo", r: radius + 7 }), body, figure,
-    s("text", { class: "name-text", y: radius + 16, "text-anchor": "middle" }, node.name), below,
+    s("text", { class: "name-text", y: radius + 20, "text-anchor": "middle" }, node.name), below,
     node.custodian && s("g", { class: "safe", transform: `translate(${radius - 3} ${radius - 8})` },
       s("rect", { x: -9, y: -8, width: 18, height: 16, rx: 3 }), s("circle", { r: 3.5 })),
     crown, group_mark);
