@@ -14,8 +14,10 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
+from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
+from clients.wallet.language import text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
@@ -38,6 +40,8 @@ from clients.wallet.visits import find_record
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
+
+LOOKS_SHOWN = 20
 
 WORDS: dict[str, str] = {
     KIND_ERASED: "was erased, or is over its time: delete every copy",
@@ -63,12 +67,18 @@ _NEVER_HAD: dict[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Inbox:
-    """What one's inbox holds: what was shared, and one's own visits with something wrong."""
+    """What one's inbox holds: what was shared, and one's own visits with something wrong.
+
+    `looks` are those of others at one's own records, `changed` the records that one found not to be as the robot took
+    them; both oldest first.
+    """
 
     receipts: tuple[Receipt, ...]
     alarms: tuple[VisitReport, ...]
     reads_new: bool
     faded: tuple[ReceivedGrant, ...] = ()
+    looks: tuple[AuditEntry, ...] = ()
+    changed: tuple[AuditEntry, ...] = ()
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
@@ -85,7 +95,16 @@ async def read_inbox(opened: Wallet) -> Inbox:
             raise
         reports = []
     alarms = tuple(each for each in reports if each.missing_count or each.unreadable_ids)
-    return Inbox(tuple(receipts), alarms, receiving.reads_new, tuple(receiving.faded))
+    events = [entry for report in reports for entry in await audit_visit(opened, report.visit)]
+    events.sort(key=lambda entry: (entry.height, entry.index))
+    return Inbox(
+        tuple(receipts),
+        alarms,
+        receiving.reads_new,
+        tuple(receiving.faded),
+        tuple(entry for entry in events if entry.kind == "access_requested" and "grant" in entry.data),
+        tuple(entry for entry in events if entry.kind == "verdict" and entry.data["verdict"] == "corrupted"),
+    )
 
 
 def copies_left(receipt: Receipt, records: Sequence[bytes]) -> list[Path]:
@@ -176,6 +195,8 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
                 "received": [receipt_json(each) for each in found.receipts],
                 "alarms": alarms,
                 "reads_new": found.reads_new,
+                "looks": [_look_json(entry) for entry in found.looks],
+                "changed_records": [entry.record_id.hex() for entry in found.changed],
             }
         )
         return
@@ -184,8 +205,8 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
             "You are no member any more, as the network says: this is what your wallet knew. What was shared since, and"
             " own visits that it did not know, it cannot read."
         )
-    elif not found.receipts and not found.alarms:
-        console.print("Nothing was shared with you, and nothing is missing of what was recorded of you.")
+    elif not found.receipts and not found.alarms and not found.changed:
+        console.print(text("inbox.nothing"))
     for receipt in found.receipts:
         for line in receipt_lines(receipt):
             console.print(line)
@@ -196,6 +217,31 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
     for path in [Path(copy.folder) / copy.record_id.hex() for each in found.faded for copy in each.copies]:
         console.print(f"  a copy was in {path}")
     _print_alarms(found.alarms)
+    for entry in found.changed:
+        frames = ", ".join(map(str, entry.data["frames"]))
+        said = text("inbox.changed", name=entry.record_id.hex(), frames=frames, moment=show_moment(entry.time_ms))
+        console.print(f"[red]{said}[/red]")
+    _print_looks(found.looks)
+
+
+def _look_json(entry: AuditEntry) -> dict[str, Any]:
+    return {
+        "visit": entry.owner.hex(),
+        "grant_id": entry.data["grant"].hex(),
+        "records": entry.data["records"],
+        "purpose": entry.data["purpose"],
+        "time_ms": entry.time_ms,
+        "height": entry.height,
+    }
+
+
+def _print_looks(looks: Sequence[AuditEntry]) -> None:
+    if len(looks) > LOOKS_SHOWN:
+        console.print(text("inbox.more_looks", count=len(looks) - LOOKS_SHOWN))
+    for entry in looks[-LOOKS_SHOWN:]:
+        told = {"moment": show_moment(entry.time_ms), "count": entry.data["records"], "purpose": entry.data["purpose"]}
+        names = {"name": entry.owner.hex()[:12], "grant": entry.data["grant"].hex()[:12]}
+        console.print(text("inbox.look", **told, **names))
 
 
 async def _find(opened: Wallet, start: str) -> tuple[Receiving, Receipt]:

@@ -209,6 +209,23 @@ def test_the_inbox_tells_what_is_missing_of_ones_own_visits(people: People) -> N
     assert "Nothing was shared with you" in people.run(people.doctor, "inbox").output
 
 
+def test_the_inbox_of_her_who_shared_says_who_looked_and_what_was_found_changed(people: People, tmp_path: Path) -> None:
+    ward = people.ward
+    visit, (first, _) = ward.record_visit()
+    asyncio.run(ward.share(people.doctor))
+    (row,) = people.told(ward.wallet, "shares")["shares"]
+    assert people.told(ward.wallet, "inbox")["looks"] == []
+    people.told(people.doctor, "look", row["grant_id"][:8], "--out", tmp_path / "shared")
+    (look,) = people.told(ward.wallet, "inbox")["looks"]
+    assert (look["visit"], look["grant_id"], look["records"]) == (visit.owner.hex(), row["grant_id"], 2)
+    assert "whom you shared with looked at 2 records" in people.run(ward.wallet, "inbox").output
+    (entry,) = [entry for entry in asyncio.run(ward.entries()) if entry.record_id == first]
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", [0]]))
+    told = people.told(ward.wallet, "inbox")
+    assert told["changed_records"] == [first.hex()]
+    assert "pictures 0 are not as the robot took them" in people.run(ward.wallet, "inbox").output
+
+
 def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_readers_eyes_alone(
     people: People, tmp_path: Path
 ) -> None:
