@@ -31,10 +31,11 @@ FLAGS = [
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Everything in this folder needs the system's Chromium, and runs on the browser's event loop."""
+    """What opens a page needs the system's Chromium; all of this folder runs on the browser's event loop."""
     for item in items:
         if item.path.is_relative_to(HERE):
-            item.add_marker(pytest.mark.system_packages)
+            if "browser" in getattr(item, "fixturenames", ()):
+                item.add_marker(pytest.mark.system_packages)
             if item.get_closest_marker("asyncio") is not None:
                 item.add_marker(pytest.mark.asyncio(loop_scope="session"), append=False)
 

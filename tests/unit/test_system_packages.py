@@ -26,7 +26,7 @@ def programs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder = tmp_path / "programs"
     folder.mkdir()
     for name in ("env", "sh", "cp", "rm"):
-        (folder / name).symlink_to(shutil.which(name) or "")
+        (folder / name).symlink_to(shutil.which(name, path=f"{os.defpath}:/usr/bin:/bin") or "")
     monkeypatch.setenv("PATH", str(folder))
     monkeypatch.setattr(system_packages, "PACKAGES", system_packages.PACKAGES[:2])  # those that are programs
     monkeypatch.setattr(os, "geteuid", lambda: 0)
