@@ -17,7 +17,8 @@ from clients.wallet.completing import complete_profiles, complete_records
 from clients.wallet.contact_sheet import FRAMES_MAX_COUNT, TILES_MAX_COUNT, Collection, draw_animation, evenly
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.pictures import write_frames
-from clients.wallet.viewing import FrameView
+from clients.wallet.viewing import FrameView, RecordView
+from clients.wallet.viewing_commands import _print_views
 from clients.wallet.wallet import RecordEntry
 from consensus.records.metadata import RecordMetadata
 from consensus.records.renditions import ENCODING_JPEG, Rendition
@@ -159,3 +160,18 @@ def test_a_shell_completes_what_is_on_this_machine_and_nothing_where_nothing_is(
     context.params = {"wallet_dir": tmp_path / "none", "out": tmp_path / "none"}
     assert complete_profiles(context, parameter, "") == []
     assert complete_records(context, parameter, "") == []
+
+
+def test_a_record_without_pictures_is_said_to_have_none_and_a_changed_one_which(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    notice = RecordView(entry(1), (FrameView(0, "notice", None),), ("node-1",))
+    erased = RecordView(entry(2), (FrameView(0, "ok", None), FrameView(1, "erased", None)), ("node-1",))
+    changed = RecordView(entry(3), (FrameView(0, "ok", None), FrameView(1, "corrupted", None)), ("node-1",))
+    _print_views([notice, erased, changed])
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"{entry(1).record_id.hex()}: it holds no pictures" in said
+    assert "1 of 2 pictures are as the robot took them; 1 erased." in said
+    assert "1 of 2 pictures are as the robot took them; changed since: 1." in said
+    _print_views([])
+    assert "There is nothing to show." in capsys.readouterr().out
