@@ -93,6 +93,7 @@ async def _give(session: PageSession, request: web.Request) -> web.Response:
         told = await notices.current()
         if told.version != version:
             raise BlockRobotError("NOTICE_NOT_SHOWN")
+        told.require_named(purposes)
         notices.note_shown(told)
         job.tell("writing it into the ledger")
         word = await Consenting(wallet).give(

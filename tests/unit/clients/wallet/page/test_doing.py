@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 from typing import Any
 
+import msgspec
 import pytest
 
 from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.jobs import Job
 from consensus.errors import BlockRobotError
+from consensus.records.notices import encode_notice
+from network.demo_notice import demo_notice
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
 
@@ -80,6 +83,15 @@ async def test_consent_is_given_only_under_the_notice_in_force(desk: Desk, monke
     assert (taken["status"], taken["count"]) == ("withdrawn", 2)
     assert await desk.page.refused("POST", "/api/consents/give", wish | {"until_ms": 1}) == "REQUEST_INVALID"
     assert await desk.page.refused("POST", "/api/consents/refuse", {"purposes": []}) == "REQUEST_INVALID"
+
+
+async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk: Desk) -> None:
+    kept = [purpose for purpose in demo_notice().purposes if purpose.code != "care"]
+    notice = encode_notice(msgspec.structs.replace(demo_notice(), purposes=kept))
+    desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", notice)
+    wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 1}
+    job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
+    assert job["error"]["code"] == "PURPOSE_NOT_TOLD"
 
 
 async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
