@@ -230,7 +230,9 @@ async def test_a_visit_is_named_by_a_beginning_that_is_its_own(world: World) -> 
         assert refusal.value.code == code
     record_id = reports[1].records[0].record_id.hex()
     (chosen,) = choose(reports, (record_id[:12].upper(), record_id), ())
-    assert [entry.record_id.hex() for entry in chosen.records] == [record_id], "a beginning is enough, and twice is once"
+    assert [entry.record_id.hex() for entry in chosen.records] == [record_id], (
+        "a beginning is enough, and twice is once"
+    )
     with pytest.raises(BlockRobotError):
         choose(reports, ("00" * 16,), ())
     record = reports[0].records[0].record_id.hex()
