@@ -14,7 +14,6 @@ import math
 import os
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -25,6 +24,7 @@ import numpy.typing as npt
 from clients.robot.hiding.companion import CUES, trees_of
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.companions import ALONE_SHARE, SECOND_PERSON_SHARE, SEED_STRIDE, observe
+from network.bench.workers import worker_pool
 
 TRAINING_SEED, THRESHOLD_SEED = 100_000, 500_000
 SCENES_DEFAULT_COUNT = 1_000
@@ -82,7 +82,7 @@ def sample(seed: int) -> list[tuple[int, bool, Floats]]:
 
 def collect(first: int, scenes: int, workers: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.bool_], Floats]:
     """Return (stratum, label, cues) of many scenes, in order of their seeds."""
-    with ProcessPoolExecutor(workers) as pool:
+    with worker_pool(workers) as pool:
         rows = [row for made in pool.map(sample, range(first, first + scenes), chunksize=8) for row in made]
     return (
         np.array([row[0] for row in rows], dtype=np.int64),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +23,7 @@ from clients.robot.scenario import Manner, Scenario
 from clients.robot.synthetic.render import Renderer
 from clients.robot.synthetic.scenes import Stratum, draw_scene
 from network.bench.conditions import build_result, measure_conditions
+from network.bench.workers import worker_pool
 
 BACKGROUND_FRAMES_COUNT = 7
 SECOND_PERSON_SHARE = 0.06  # of a silhouette's pixels: from here on it is a companion to learn from
@@ -118,7 +118,7 @@ def judge_companions(
         for number, kind in enumerate((*COMPANIONS, *SINGLES))
         for scene in range(scenes * (SINGLE_FACTOR if kind[0] == "single" else 1))
     ]
-    with ProcessPoolExecutor(workers or os.cpu_count() or 1) as pool:
+    with worker_pool(workers or os.cpu_count() or 1) as pool:
         seen = list(pool.map(_look, jobs, chunksize=4))
     companions = {kind[0]: rates(kind[0], seen, pairs=True) for kind in COMPANIONS}
     singles = {kind[0]: rates(kind[0], seen, pairs=False) for kind in SINGLES}

@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import product
-from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -22,6 +20,7 @@ from clients.robot.hiding.matcher import Matcher
 from network.bench.conditions import build_result, measure_conditions, percentile
 from network.bench.matcher_cost import measure_cost
 from network.bench.matcher_draws import FRAME_EVERY_MS, TRACK_MS, Bearer, Drawn, Setting, draw
+from network.bench.workers import worker_pool
 
 WRONG_MAX_RATE = 0.001
 WITHHELD_MAX_RATE = 0.05
@@ -126,7 +125,7 @@ def _outcomes(jobs: Sequence[tuple[str, int, int, int]], workers: int) -> Iterat
     if workers == 1:
         yield from map(_judge_chunk, jobs)
         return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    with worker_pool(workers) as pool:
         yield from pool.map(_judge_chunk, jobs)
 
 

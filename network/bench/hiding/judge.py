@@ -5,11 +5,9 @@ Deterministic for a seed, whatever the number of processes. Must never leave out
 
 from __future__ import annotations
 
-import multiprocessing
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +21,7 @@ from network.bench.hiding.gait import GaitReport, judge_gait
 from network.bench.hiding.learned import LearnedAttacker, require_learning, train
 from network.bench.hiding.scenes import JUDGING, LEARNING, draw_scenes
 from network.bench.matcher import judge_matcher
+from network.bench.workers import worker_pool
 
 Progress = Callable[[str], None]
 PARTS = ("matcher", "companions")
@@ -53,7 +52,7 @@ def run_hiding_benchmark(options: HidingOptions, progress: Progress = lambda _: 
     seeds = range(options.seed, options.seed + options.seeds)
     reports: list[SceneReport] = []
     gaits: list[GaitReport] = []
-    with _pool(processes) as pool:
+    with worker_pool(processes, _one_thread_each) as pool:
         attackers = _train_all(pool, seeds, options.learning_scenes, progress)
         waiting: list[Future[SceneReport | GaitReport]] = []
         waiting += [pool.submit(judge_gait, seed, options.people, attackers[seed]) for seed in seeds]
@@ -127,15 +126,6 @@ def _train_all(
         attackers[seed][name] = job.result()
         progress(f"trained {done} of {len(jobs)} attackers")
     return attackers
-
-
-@contextmanager
-def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
-    pool = ProcessPoolExecutor(processes, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread_each)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
 
 
 def _one_thread_each() -> None:
