@@ -22,7 +22,7 @@ from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
-from clients.wallet.language import text
+from clients.wallet.language import DEFAULT_LANGUAGE, code_text, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
@@ -92,7 +92,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
                 "kind": entry.kind,
                 "time_ms": entry.time_ms,
                 "height": entry.height,
-                "detail": describe_event(entry.kind, entry.data),
+                "detail": describe_event(entry.kind, entry.data, DEFAULT_LANGUAGE),
             }
             for entry in entries
         ]
@@ -107,7 +107,7 @@ def audit(ctx: click.Context, as_json: bool) -> None:
             subject = text("audit.visit", name=entry.owner.hex()[:12])
         block = text("audit.block", height=f"{entry.height:>5}")
         detail = describe_event(entry.kind, entry.data)
-        line = f"{show_moment(entry.time_ms)}  {block}  {entry.kind:<20} {subject}"
+        line = f"{show_moment(entry.time_ms)}  {block}  {code_text('kind', entry.kind):<20} {subject}"
         console.print(line + (f"  {detail}" if detail else ""))
 
 

@@ -91,6 +91,12 @@ def text(key: str, /, *, language: str | None = None, **values: object) -> str:
     return form.format(**values) if values else form
 
 
+def code_text(table: str, code: str, *, language: str | None = None) -> str:
+    """Return how a code of the chain is shown (`code.TABLE.CODE`); one that no text is for is shown as it is."""
+    key = f"code.{table}.{code}"
+    return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
+
+
 def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
     """Return all texts below a prefix (`page`), keys without it; plural forms stay {"one", "other"}.
 

@@ -14,8 +14,8 @@ from typing import Any
 
 import msgspec
 
-from clients.wallet.counting import counted
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, text
 from clients.wallet.naming import VISIT, find_named
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -213,29 +213,31 @@ def read_correction(data: bytes) -> Correction:
         raise BlockRobotError("FILE_UNUSABLE", "This is no correction.") from None
 
 
-_WORDS: dict[str, Callable[[dict[str, Any]], str]] = {
-    "restricted": lambda data: f"ground: {data['ground']}" + (", kept beyond its time" if data["until_ms"] else ""),
-    "objected": lambda data: f"to: {', '.join(data['purposes'])}",
-    "corrected": lambda data: f"number {data['number'] + 1}, {data['kind']}",
-    "denied": lambda data: f"breach {data['breach_id'].hex()[:12]}",
-    "breach_assessed": lambda data: f"risk: {data['risk']}, {data['reason']}",
-    "breach_notified": lambda data: f"told: {data['recipient']}" + (", late" if data["late"] else ""),
-    "breach_closed": lambda data: f"outcome: {data['outcome']}, {data['reason']}",
-    "erased_by_officers": lambda data: (
-        f"{counted(data['records'], 'record')}, by two officers together: {data['reason']}"
-    ),
-    "granted": lambda data: (
-        f"{counted(data['records'], 'record')} for {data['purpose']}, grant {data['grant_id'].hex()[:12]}"
-    ),
-    "grant_revoked": lambda data: f"grant {data['grant_id'].hex()[:12]}",
-    "grant_noticed": lambda data: f"copies of {counted(len(data['records']), 'record')} are deleted, says who had them",
-    "access_requested": lambda data: (
-        f"by whom you shared with, grant {data['grant'].hex()[:12]}" if "grant" in data else ""
-    ),
-}
+def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:
+    """Return what an entry of the audit says beyond its kind, in a few words; empty if that is all.
+
+    `language`: the one in use, if none is named. What a program gets is the English one.
+    """
+    key = f"audit.said.{kind}"
+    if key not in load(DEFAULT_LANGUAGE) or (kind == "access_requested" and "grant" not in data):
+        return ""
+    words = text(key, language=language, **_values_of(kind, data, language))
+    more = {"restricted": ("until_ms", "kept"), "breach_notified": ("late", "late")}.get(kind)
+    return words + text(f"audit.said.{more[1]}", language=language) if more and data[more[0]] else words
 
 
-def describe_event(kind: str, data: dict[str, Any]) -> str:
-    """Return what an entry of the audit says beyond its kind, in a few words; empty if that is all."""
-    words = _WORDS.get(kind)
-    return words(data) if words is not None else ""
+def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
+    """Return what is put into the words for an entry."""
+    values: dict[str, object] = dict(data)
+    for name in ("ground", "reason", "risk", "recipient", "outcome"):
+        if name in data:
+            values[name] = code_text(name, data[name], language=language)
+    for name in ("breach_id", "grant_id", "grant"):
+        if name in data:
+            values["name"] = data[name].hex()[:12]
+    if kind == "objected":
+        values["purposes"] = ", ".join(data["purposes"])
+    if kind == "corrected":
+        values |= {"number": data["number"] + 1, "kind": code_text("correction", data["kind"], language=language)}
+    records = data.get("records")
+    return values | {"count": len(records) if isinstance(records, list) else records}

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.counting import counted
+from clients.wallet.language import text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.wallet import Wallet
@@ -20,7 +20,6 @@ from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
 from consensus.records.rights import CORRECTIONS, GROUNDS, KEEPING_GROUNDS, Correction
 
-_NO_OFFICER = "Where the robot's organisation has no officer, that is until it has enrolled one."
 Spoken = tuple[list[Said], BlockRobotError | None]
 
 
@@ -58,8 +57,8 @@ def said_json(said: Said) -> dict[str, Any]:
 
 
 def _name(said: Said) -> str:
-    visit = f"visit {said.visit.owner.hex()[:12]}"
-    return f"{counted(len(said.record_ids), 'record')} of {visit}" if said.record_ids else f"all of {visit}"
+    name = said.visit.owner.hex()[:12]
+    return text("rights.some" if said.record_ids else "rights.whole", count=len(said.record_ids), name=name)
 
 
 def _all_of(spoken: Spoken) -> list[Said]:
@@ -68,7 +67,7 @@ def _all_of(spoken: Spoken) -> list[Said]:
     if refusal is None:
         return words
     for said in words:
-        click.echo(f"Done before the refusal, and final: {_name(said)}.", err=True)
+        click.echo(text("rights.before_refusal", what=_name(said)), err=True)
     raise refusal
 
 
@@ -102,9 +101,11 @@ def restrict(
         print_json({"ok": True, "ground": ground, "restricted": rows})
         return
     for said in words:
-        kept = f" It is kept until {show_moment(said.data['until_ms'])}." if ground in KEEPING_GROUNDS else ""
-        console.print(f"Restricted: {_name(said)}. Only you can look at it now.{kept}")
-    console.print("  To lift it: blockrobot wallet lift, with the same records or visit.")
+        line = text("rights.restricted", what=_name(said))
+        if ground in KEEPING_GROUNDS:
+            line += " " + text("rights.kept", moment=show_moment(said.data["until_ms"]))
+        console.print(line)
+    console.print("  " + text("rights.to_lift"))
 
 
 @click.command()
@@ -128,11 +129,11 @@ def lift(ctx: click.Context, record_ids: tuple[str, ...], visits: tuple[str, ...
     if as_json:
         print_json({"ok": True, "lifted": [said_json(said) for said in words]})
     for said in () if as_json else words:
-        console.print(f"Lifted: {_name(said)}.")
+        console.print(text("rights.lifted", what=_name(said)))
 
 
 def _tell_progress(number: int, count: int) -> None:
-    click.echo(f"visit {number + 1} of {count}, after a pause that chance decides (--now: without)", err=True)
+    click.echo(text("rights.progress", number=number + 1, count=count), err=True)
 
 
 @click.command("object")
@@ -152,7 +153,7 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
     if not purposes:
         raise click.UsageError(f"Say what you object to: --purpose CODE, one of {', '.join(PURPOSES)}.")
     if now and not as_json:
-        click.echo("Without pauses, whoever watches the network can tell that these visits are one person's.", err=True)
+        click.echo(text("rights.linked"), err=True)
 
     async def action(opened: Wallet) -> tuple[int, list[Said]]:
         rights = Rights(opened)
@@ -166,11 +167,8 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
         rows = [said_json(said) for said in words]
         print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows})
         return
-    console.print(
-        f"You object to: {', '.join(purposes)}. From block {height} on nothing is recorded of you for that; "
-        f"{counted(len(words), 'visit is', 'visits are')} released for it no more.\n"
-        "  What was recorded stays until you erase it: blockrobot wallet erase. To see it: blockrobot wallet consent list."
-    )
+    console.print(text("rights.objected", purposes=", ".join(purposes), height=height, count=len(words)))
+    console.print("  " + text("rights.objected_next"))
 
 
 def _read_text(text_file: Path | None) -> str:
@@ -178,8 +176,7 @@ def _read_text(text_file: Path | None) -> str:
         return text_file.read_text(encoding="utf-8").strip()
     if not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask what is right: give --text-file.")
-    text: str = click.prompt("What is right")
-    return text.strip()
+    return str(click.prompt(text("rights.ask_correction"))).strip()
 
 
 @contextmanager
@@ -229,13 +226,13 @@ def correct(
     Example: blockrobot wallet correct --visit 02ab34cd --text-file what-is-right.txt --out correction.json
     """
     _require_named(record_ids, visits)
-    text = _read_text(text_file)
+    right = _read_text(text_file)
 
     async def action(opened: Wallet) -> tuple[Said, Correction]:
         chosen = await _choose(opened, record_ids, visits)
         if len(chosen) != 1:
             raise click.UsageError("A correction is of one visit, or of records of one.")
-        return await Rights(opened).correct(chosen[0], kind, text)
+        return await Rights(opened).correct(chosen[0], kind, right)
 
     with _new_file(out) as file:
         said, correction = run_opened(ctx, action)
@@ -245,12 +242,8 @@ def correct(
         number = {"number": said.data["number"], "out": None if out is None else str(out)}
         print_json({"ok": True, "kind": kind, **said_json(said), **number})
         return
-    console.print(f"Correction {said.data['number'] + 1} of {_name(said)} stands on the chain. Nothing was changed.")
-    console.print(
-        f"  To have it acted on, hand over {out}."
-        if out
-        else "  It is in your wallet alone: only --out FILE, said with it, writes one to hand on."
-    )
+    console.print(text("rights.corrected", number=said.data["number"] + 1, what=_name(said)))
+    console.print("  " + (text("rights.hand_over", path=out) if out else text("rights.not_handed")))
 
 
 @click.command("wrong-person")
@@ -270,10 +263,7 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     if not yes:
         if not sys.stdin.isatty():
             raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm(
-            f"Nobody will see this visit any more, you neither, until an officer decides. {_NO_OFFICER} Go on?",
-            abort=True,
-        )
+        click.confirm(text("rights.ask_wrong_person", no_officer=text("rights.no_officer")), abort=True)
 
     async def action(opened: Wallet) -> Said:
         (chosen,) = choose(await opened.records(), (), (visit,))
@@ -285,11 +275,9 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
         told = {"breach_id": breach_id, "organisation": said.data["org"], "due_ms": due_ms}
         print_json({"ok": True, **said_json(said), **told})
         return
-    console.print(
-        f"The visit is in quarantine: nobody sees it any more. The officers of {said.data['org']} "
-        f"find it among their breaches, and have until {show_moment(due_ms)} to tell the authority.\n"
-        f"  {_NO_OFFICER}\n  It is breach {breach_id[:12]}. To follow it: blockrobot wallet audit."
-    )
+    console.print(text("rights.wrong_person", organisation=said.data["org"], moment=show_moment(due_ms)))
+    console.print("  " + text("rights.no_officer"))
+    console.print("  " + text("rights.breach", name=breach_id[:12]))
 
 
 COMMANDS = (restrict, lift, object_to, correct, wrong_person)

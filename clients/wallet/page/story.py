@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from clients.wallet.auditing import AuditEntry
-from clients.wallet.language import text
+from clients.wallet.language import code_text, text
 from clients.wallet.rights import describe_event
 
 _BY_ROBOT = frozenset({"visit_opened", "recorded", "visit_closed"})
@@ -93,5 +93,6 @@ def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
     try:
         return text(f"page.story.{_variant(entry)}", language=language, **values)
     except (KeyError, TypeError, IndexError):
-        words = describe_event(entry.kind, entry.data)
-        return f"{entry.kind.replace('_', ' ')}: {words}" if words else entry.kind.replace("_", " ")
+        words = describe_event(entry.kind, entry.data, language)
+        kind = code_text("kind", entry.kind, language=language).replace("_", " ")
+        return f"{kind}: {words}" if words else kind
