@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 from clients.sdk.terminal import console
-from clients.wallet.counting import counted
+from clients.wallet.language import code_text, text
 from clients.wallet.opening import show_moment
 from clients.wallet.standing import VisitRights
 from consensus.records.lost_keys import LOST_KEY_REASONS
@@ -47,40 +48,34 @@ def print_standing(standing: VisitRights) -> None:
         console.print(f"  {line}")
 
 
-def standing_lines(standing: VisitRights) -> list[str]:
-    """Say what stands of a visit in plain sentences."""
-    lines = _breach_lines(standing)
-    lines += [
-        (
-            f"Two officers together had {counted(one.records, 'record')} of this visit erased on"
-            f" {show_moment(one.time_ms)}: {one.reason}. {LOST_KEY_REASONS.get(one.reason, '')} "
-            "They name a robot and minutes, and the chain cannot say whose visits those are. If it was not you who "
-            f"asked, ask the hospital about {one.proposal_id.hex()[:12]}."
-        )
-        for one in standing.officers
-    ]
+def standing_lines(standing: VisitRights, language: str | None = None) -> list[str]:
+    """Say what stands of a visit in plain sentences, in a language (None: the one in use)."""
+    say = partial(text, language=language)
+    lines = _breach_lines(standing, language)
+    for one in standing.officers:
+        why = say(f"lost_key_reason.{one.reason}") if one.reason in LOST_KEY_REASONS else ""
+        reason, moment = code_text("reason", one.reason, language=language), show_moment(one.time_ms)
+        name = one.proposal_id.hex()[:12]
+        lines.append(say("standing.officers", count=one.records, moment=moment, reason=reason, why=why, name=name))
     row = standing.restriction
     if row is not None:
-        some = counted(len(row["records"]), "record of this visit is", "records of this visit are")
-        what = "All of this visit is" if row["whole"] else some
-        kept = f", and kept until {show_moment(row['until_ms'])}" if row["until_ms"] else ""
-        lines.append(f"{what} restricted ({row['ground']}): only you see it{kept}.")
+        key, count = "standing.restricted_whole" if row["whole"] else "standing.restricted_some", len(row["records"])
+        kept = say("standing.kept", moment=show_moment(row["until_ms"])) if row["until_ms"] else ""
+        lines.append(say(key, count=count, ground=code_text("ground", row["ground"], language=language), kept=kept))
     if standing.objections:
-        lines.append(f"You objected to its release for: {', '.join(standing.objections)}.")
+        lines.append(say("standing.objected", purposes=", ".join(standing.objections)))
     if standing.corrections_count:
-        lines.append(f"It has {standing.corrections_count} corrections of yours.")
+        lines.append(say("standing.corrections", number=standing.corrections_count))
     return lines
 
 
-def _breach_lines(standing: VisitRights) -> list[str]:
-    end = standing.breach_end
+def _breach_lines(standing: VisitRights, language: str | None) -> list[str]:
+    say, end = partial(text, language=language), standing.breach_end
     if end is not None:
-        what = {
-            "erased": "an officer had it erased, and what is left stays closed to everyone",
-            "released": "an officer found that it was yours, and it is open to you again",
-        }.get(end.outcome, end.outcome)
-        return [f"You denied this visit. That is over since {show_moment(end.time_ms)}: {what} ({end.reason})."]
+        known = {"erased": "standing.over_erased", "released": "standing.over_released"}.get(end.outcome)
+        what = say(known) if known else end.outcome
+        reason = code_text("reason", end.reason, language=language)
+        return [say("standing.over", moment=show_moment(end.time_ms), what=what, reason=reason)]
     if standing.breach_id:
-        name = standing.breach_id.hex()[:12]
-        return [f"You denied this visit: nobody sees it until breach {name} is decided."]
+        return [say("standing.denied", name=standing.breach_id.hex()[:12])]
     return []

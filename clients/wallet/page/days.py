@@ -109,8 +109,11 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]
     }
 
 
-def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str) -> dict[str, Any]:
-    """Return a calendar: the days that have records, newest first, and the visits with what is wrong with them."""
+def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str | None = None) -> dict[str, Any]:
+    """Return a calendar: the days that have records, newest first, and the visits with what is wrong with them.
+
+    Sentences are in `language` (None: the one in use).
+    """
     days: dict[str, list[tuple[VisitPart, RecordEntry]]] = {}
     for part, entry in select(snapshot, wanted):
         days.setdefault(wanted.moment(entry).date().isoformat(), []).append((part, entry))
@@ -123,7 +126,7 @@ def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str) -> dict[str, A
             for robot in sorted({part.report.visit.robot.hex() for part in snapshot.visits})
         ],
         "sensors": sorted({entry.metadata.sensor for entry in everything}),
-        "visits": [visit_json(part) for part in snapshot.visits],
+        "visits": [visit_json(part, language) for part in snapshot.visits],
     }
 
 
@@ -150,8 +153,8 @@ def withheld_count(entries: Iterable[RecordEntry]) -> int:
     return sum(count for entry in entries for _, count in entry.metadata.withheld)
 
 
-def visit_json(part: VisitPart) -> dict[str, Any]:
-    """Return a visit, and what is missing of it."""
+def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
+    """Return a visit, and what is missing of it; sentences in `language` (None: the one in use)."""
     report = part.report
     times = [entry.metadata.started_at_ms for entry in report.records]
     return {
@@ -166,5 +169,5 @@ def visit_json(part: VisitPart) -> dict[str, Any]:
         "unreadable_records": len(report.unreadable_ids),
         "needs_former_words": report.needs_former_words,
         "standing": standing_json(report.standing),
-        "standing_lines": standing_lines(report.standing),
+        "standing_lines": standing_lines(report.standing, language),
     }

@@ -211,7 +211,7 @@ async def _days(session: PageSession, request: web.Request) -> web.Response:
     asked = query_of(request)
     wanted, zone = read_wanted(asked)
     asked.end()
-    return answer_json(days_json(session.snapshot, wanted, zone))
+    return answer_json(days_json(session.snapshot, wanted, zone, language_of(request)))
 
 
 async def _records(session: PageSession, request: web.Request) -> web.Response:
@@ -230,7 +230,7 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     snapshot, now_ms = session.snapshot, session.now_ms()
     entry = snapshot.entry(read_id(request.match_info["record"]))
     part = snapshot.part_of(entry.visit.owner)
-    meta, visit = entry.metadata, visit_json(part)
+    meta, visit = entry.metadata, visit_json(part, language_of(request))
     shares = [share for share in part.shares if entry.record_id in share.grant.records]
     trail = [each for each in part.trail if each.record_id == entry.record_id]
     return answer_json(
