@@ -17,6 +17,7 @@ from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import Grant, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import text
 from clients.wallet.rights import Chosen
 from clients.wallet.sharing_memory import GivenGrant
 from clients.wallet.viewing import Viewing
@@ -45,6 +46,10 @@ GRANT_LIFETIME_MS = 5 * 60_000
 UPLOADED_MIN_COUNT = 2
 UPLOAD_ATTEMPTS_MAX_COUNT = 20
 UPLOAD_PAUSE_S = 0.25
+STEP_KEYS = "fetching the keys"
+STEP_PARTS = "handing its parts to "
+STEP_SIGNING = "signing"
+"""What is told of the work: names of steps, that whoever shows them says in a person's language."""
 _NOT_YET = frozenset({"CLIP_NOT_CONFIRMED", "CUSTODY_CATCHING_UP", "RATE_LIMITED"})
 """What a custodian says that follows the chain a moment late, or has too much to do."""
 _NONCE_BYTES = 24
@@ -111,9 +116,10 @@ class Share:
     def name(self) -> str:
         """For whom it is, in words."""
         if self.given is None:
-            return "somebody (this wallet was restored, and the chain does not say who)"
+            return text("shares.forgotten")
         start = self.given.handle.hex()[:12]
-        return f"{self.given.label} (handle {start})" if self.given.label else f"member {start}"
+        label = self.given.label
+        return text("shares.named", label=label, handle=start) if label else text("shares.member", handle=start)
 
 
 def _same_name(label: str, name: str) -> bool:
@@ -190,8 +196,10 @@ class Sharing:
         handle, known = self._read_handle(wanted)
         label = label.strip()
         for other in self._called(label) - {handle}:
-            text = f"You already call somebody else {label!r} (handle {other.hex()[:12]}). Give another name with --as."
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", text)
+            detail = (
+                f"You already call somebody else {label!r} (handle {other.hex()[:12]}). Give another name with --as."
+            )
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", detail)
         wallet, session = self._wallet, self._wallet.keys.identity
         await wallet.require_registered()
         if handle == wallet.store.content.handle:
@@ -214,8 +222,8 @@ class Sharing:
         called = self._called(wanted)
         if len(called) > 1:
             starts = " and ".join(sorted(handle.hex()[:12] for handle in called))
-            text = f"You call several {wanted!r} (handles {starts}). Name the one you mean by the whole handle."
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", text)
+            detail = f"You call several {wanted!r} (handles {starts}). Name the one you mean by the whole handle."
+            raise BlockRobotError("SHARE_NOT_POSSIBLE", detail)
         for given in reversed(self._wallet.store.content.given_grants):
             if given.handle in called and _same_name(given.label, wanted):
                 return given.handle, given.label
@@ -246,7 +254,7 @@ class Sharing:
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
             raise BlockRobotError("SHARE_NOT_POSSIBLE", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
         visit = entries[0].visit
-        tell("fetching the keys")
+        tell(STEP_KEYS)
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
         if not records:
@@ -272,7 +280,7 @@ class Sharing:
             )
         ]
         held, absent = await self._upload_all(uploads, custodians, key, tell)
-        tell("signing")
+        tell(STEP_SIGNING)
         self._remember(GivenGrant(transaction.txid, visit.owner, grantee.handle, grantee.label, salt))
         try:
             (await network.submit_and_wait(transaction)).require_ok()
@@ -332,7 +340,7 @@ class Sharing:
         held, absent, failure = [], [], ""
         for custodian, node in custodians.items():
             name = f"custodian {custodian.hex()[:12]}" if node is None else node.name
-            tell(f"handing its parts to {name}")
+            tell(STEP_PARTS + name)
             try:
                 if node is None:
                     raise BlockRobotError("NODE_UNREACHABLE", f"The address of {name} is not known here.")
@@ -345,8 +353,8 @@ class Sharing:
                 held.append(name)
         needed = min(UPLOADED_MIN_COUNT, len(custodians))
         if len(held) < needed:
-            text = f"{len(held)} of {len(custodians)} custodians took their parts of the key, and {needed} have to."
-            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", f"{text} {failure}")
+            detail = f"{len(held)} of {len(custodians)} custodians took their parts of the key, and {needed} have to."
+            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", f"{detail} {failure}")
         return tuple(held), tuple(absent)
 
     async def _upload(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:

@@ -17,9 +17,13 @@ import click
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
 from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
+from clients.wallet.language import text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
+    STEP_KEYS,
+    STEP_PARTS,
+    STEP_SIGNING,
     Grantee,
     Share,
     Shared,
@@ -33,11 +37,13 @@ from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.purposes import require_purpose
-from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT
+from consensus.records.sharing import GRANT_RECORDS_MAX_COUNT, GRANTEE_ROLES
+from consensus.records.vouchers import ROLES
 
 _SPANS_MS = {"m": 60_000, "h": 3_600_000, "d": 86_400_000, "w": 7 * 86_400_000}
 _SPAN = re.compile(r"([0-9]{1,6})\s*([mhdw])")
 _MOMENTS = ["%Y-%m-%d", "%Y-%m-%dT%H:%M", "%Y-%m-%d %H:%M"]
+_STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
 
 def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
@@ -52,42 +58,49 @@ def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> 
     return place_end(now_ms + int(found[1]) * _SPANS_MS[found[2]], now_ms)
 
 
+def say_role(role: str) -> str:
+    """Return what a member is, in words."""
+    return text(f"role.{role}") if role in ROLES else role
+
+
 def name_grantee(grantee: Grantee) -> str:
     """Return with whom something is shared, in words."""
-    name = grantee.label or "somebody"
-    return f"{name}, {grantee.role} of {grantee.organisation} (handle {grantee.handle.hex()[:12]})"
-
-
-def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
-    """Say what the other will see, for how long, and what cannot be undone."""
-    pictures = sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR)
-    sensors = ", ".join(sorted({entry.metadata.sensor for entry in entries}))
-    first = show_moment(min(entry.metadata.started_at_ms for entry in entries))
-    last = show_moment(max(entry.metadata.ended_at_ms for entry in entries))
-    gone = sum(entry.state["expires_at_ms"] < until_ms for entry in entries)
-    early = f" {gone} of them are erased before that, at their usual time." if gone else ""
-    return (
-        f"You share {counted(len(entries), 'record')}, {counted(pictures, 'picture or sound', 'pictures or sounds')}"
-        f" ({sensors}), of {first} to {last}\n"
-        f"  with   {name_grantee(grantee)}\n"
-        f"  for    {purpose}: {require_purpose(purpose)}\n"
-        f"  until  {show_moment(until_ms)}.{early}\n"
-        "\n"
-        "What the other sees: you, as the robot took you, the empty room behind you, when and by which robot. Not your"
-        " name, not your other visits. Each look stands in `blockrobot wallet shares` before a picture is handed out.\n"
-        "You can end it at any time: blockrobot wallet revoke. Nobody gets anything by it from then on.\n"
-        "What cannot be undone: whoever has looked can have kept a copy, as with any picture. And the ledger shows for"
-        " ever that something of this visit was shared, when, for what and until when; not with whom."
+    return text(
+        "share.grantee",
+        name=grantee.label or text("share.nobody"),
+        role=say_role(grantee.role),
+        organisation=grantee.organisation,
+        handle=grantee.handle.hex()[:12],
     )
 
 
-def confirm(text: str, question: str, *, yes: bool) -> None:
+def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int) -> str:
+    """Say what the other will see, for how long, and what cannot be undone. Raises PURPOSE_UNKNOWN."""
+    require_purpose(purpose)
+    pictures = sum(entry.metadata.frame_count for entry in entries if entry.metadata.sensor != NOTICE_SENSOR)
+    gone = sum(entry.state["expires_at_ms"] < until_ms for entry in entries)
+    return text(
+        "share.plan",
+        records=text("count.records", count=len(entries)),
+        things=text("count.pictures_and_sounds", count=pictures),
+        sensors=", ".join(sorted({entry.metadata.sensor for entry in entries})),
+        first=show_moment(min(entry.metadata.started_at_ms for entry in entries)),
+        last=show_moment(max(entry.metadata.ended_at_ms for entry in entries)),
+        grantee=name_grantee(grantee),
+        purpose=purpose,
+        meaning=text(f"purpose.{purpose}"),
+        until=show_moment(until_ms),
+        early=text("share.early", count=gone) if gone else "",
+    )
+
+
+def confirm(told: str, question: str, *, yes: bool) -> None:
     """Show what is about to happen and ask, unless `yes`. Raises UsageError without a terminal to ask at."""
     if yes:
         return
     if not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-    click.echo(text, err=True)
+    click.echo(told, err=True)
     ask(question, err=True)
 
 
@@ -112,8 +125,8 @@ def tell_of_first(error: BlockRobotError, done: Sequence[Shared]) -> BlockRobotE
     names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
     count = sum(len(shared.records) for shared in done)
     what = counted(count, "record is", "records are")
-    text = f"{what} shared already, until you end it (blockrobot wallet revoke: {names})."
-    return BlockRobotError(error.code, f"{text} The others are not: {error.detail}")
+    shared_already = f"{what} shared already, until you end it (blockrobot wallet revoke: {names})."
+    return BlockRobotError(error.code, f"{shared_already} The others are not: {error.detail}")
 
 
 async def share_each(
@@ -130,22 +143,30 @@ async def share_each(
     return done
 
 
+def say_step(step: str) -> str:
+    """Return what sharing does at the moment, for who watches a terminal."""
+    if step.startswith(STEP_PARTS):
+        return text("share.parts", name=step.removeprefix(STEP_PARTS))
+    return text(_STEPS[step])
+
+
 def _print_shared(shared: Shared, grantee: Grantee) -> None:
     console.print(
-        f"Shared with {name_grantee(grantee)}: {counted(len(shared.records), 'record')}"
-        f" until {show_moment(shared.until_ms)}.\n"
-        f"  To end it: blockrobot wallet revoke {shared.grant_id.hex()[:12]}"
+        text(
+            "share.done",
+            grantee=name_grantee(grantee),
+            records=text("count.records", count=len(shared.records)),
+            until=show_moment(shared.until_ms),
+            grant=shared.grant_id.hex()[:12],
+        )
     )
     if shared.left_out:
-        left_out = counted(len(shared.left_out), "record was", "records were")
-        console.print(f"  {left_out} left out: no picture can be opened.")
+        console.print("  " + text("share.left_out", count=len(shared.left_out)))
     if shared.absent:
-        console.print(f"  [yellow]{', '.join(shared.absent)} was away: two of the others are needed to look.[/yellow]")
+        away = text("share.away", names=", ".join(shared.absent), count=len(shared.absent))
+        console.print(f"  [yellow]{away}[/yellow]")
     if len(shared.custodians) == 1 and not shared.absent:
-        console.print(
-            "  [yellow]This network has one custodian. It holds the whole key of what was shared, and could hand it to"
-            " the other without the ledger; it cannot open it itself.[/yellow]"
-        )
+        console.print(f"  [yellow]{text('share.one_custodian')}[/yellow]")
 
 
 @click.command()
@@ -188,9 +209,11 @@ def share(
         grantee = await sharing.find_grantee(wanted, label)
         reports = await opened.records()
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
-        confirm(explain(entries, grantee, purpose, until_ms), "Share that?", yes=yes)
-        with status_line("sharing", as_json=as_json) as tell:
-            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell)
+        confirm(explain(entries, grantee, purpose, until_ms), text("share.ask"), yes=yes)
+        with status_line(text("share.doing"), as_json=as_json) as show:
+            return grantee, await share_each(
+                sharing, entries, grantee, purpose, until_ms, lambda step: show(say_step(step))
+            )
 
     grantee, done = run_opened(ctx, action)
     if as_json:
@@ -232,24 +255,30 @@ def _status(share_: Share, now_ms: int) -> str:
 
 def share_lines(share_: Share, now_ms: int) -> list[str]:
     """Say one grant in plain sentences."""
-    grant = share_.grant
-    what = f"{counted(len(grant.records), 'record')} of visit {share_.visit.owner.hex()[:12]}"
+    grant, until = share_.grant, show_moment(share_.grant.until_ms)
     ends = {
-        "open": f"until {show_moment(grant.until_ms)}",
-        "over": f"over since {show_moment(grant.until_ms)}",
-        "revoked": "you ended it",
+        "open": text("shares.open", until=until),
+        "over": text("shares.over", until=until),
+        "revoked": text("shares.revoked"),
     }
-    head = (
-        f"{grant.grant_id.hex()[:12]}  {what}, with {share_.name}, for {grant.purpose}: {ends[_status(share_, now_ms)]}"
-    )
-    lines = [head]
+    lines = [
+        text(
+            "shares.line",
+            grant=grant.grant_id.hex()[:12],
+            records=text("count.records", count=len(grant.records)),
+            visit=share_.visit.owner.hex()[:12],
+            name=share_.name,
+            purpose=grant.purpose,
+            end=ends[_status(share_, now_ms)],
+        )
+    ]
     for look in share_.looks:
-        told = "may be fetched" if look.released_count else "asked for, no custodian is ready so far"
-        lines.append(f"  looked {show_moment(look.time_ms)}: {counted(look.records_count, 'record')} {told}")
+        key = "shares.ready" if look.released_count else "shares.asked"
+        lines.append("  " + text(key, moment=show_moment(look.time_ms), count=look.records_count))
     if not share_.looks:
-        lines.append("  nobody has looked")
+        lines.append("  " + text("shares.no_looks"))
     if share_.confirmed:
-        lines.append(f"  says that copies of {counted(len(share_.confirmed), 'record')} are deleted")
+        lines.append("  " + text("shares.deleted", count=len(share_.confirmed)))
     return lines
 
 
@@ -271,7 +300,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
         print_json({"ok": True, "shares": [share_json(each, now_ms) for each in found]})
         return
     if not found:
-        console.print("You have not shared anything.")
+        console.print(text("shares.none"))
     for each in found:
         for line in share_lines(each, now_ms):
             console.print(line)
@@ -281,10 +310,12 @@ def tell_recipients(found: Sequence[Share]) -> None:
     """Say who had received records that are now to be erased (Art. 19), on standard output."""
     for each in found:
         moments = ", ".join(show_moment(each_look.time_ms) for each_look in each.looks)
-        looked = f"looked {moments}" if moments else "has not looked"
-        console.print(f"Of these records, some were shared with {each.name}, who {looked} and is told of the erasure.")
+        if moments:
+            console.print(text("shares.told_who_looked", name=each.name, moments=moments))
+        else:
+            console.print(text("shares.told_who_did_not", name=each.name))
     if found:
-        console.print("  Whether copies were deleted, as far as they say it: blockrobot wallet shares.")
+        console.print("  " + text("shares.copies"))
 
 
 @click.command()
@@ -310,18 +341,12 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
         told = {"grant_id": ended.grant.grant_id.hex(), "txid": None if txid is None else txid.hex()}
         print_json({"ok": True, **told, "looks": len(ended.looks), "already_ended": txid is None})
         return
-    count = len(ended.grant.records)
     if txid is None:
-        console.print(
-            "You had ended that already: nobody gets anything by it. What you share: blockrobot wallet shares."
-        )
+        console.print(text("revoke.already"))
     else:
-        console.print(f"Ended: {counted(count, 'record')} shared with {ended.name} no more.")
+        console.print(text("revoke.done", count=len(ended.grant.records), name=ended.name))
     if ended.looks:
-        console.print(
-            "  They were looked at before. The other is told that you ended it, and asked to delete copies;"
-            " whether that was confirmed: blockrobot wallet shares."
-        )
+        console.print("  " + text("revoke.looked"))
 
 
 @click.command()
@@ -342,10 +367,10 @@ def handle(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "handle": own.hex(), "role": role})
         return
-    text = own.hex()
-    console.print(" ".join(text[start : start + 8] for start in range(0, len(text), 8)))
-    if role not in {"staff", "officer"}:
-        console.print(f"  You are registered as {role}: only staff and officers are shared with.")
+    digits = own.hex()
+    console.print(" ".join(digits[start : start + 8] for start in range(0, len(digits), 8)))
+    if role not in GRANTEE_ROLES:
+        console.print("  " + text("handle.not_for", role=say_role(role)))
 
 
 COMMANDS = (share, shares, revoke, handle)

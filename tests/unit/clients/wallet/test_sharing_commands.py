@@ -14,8 +14,10 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import cli, inbox_commands, sharing_commands
+from clients.wallet.language import LANGUAGE_VARIABLE
 from clients.wallet.rights import Chosen, Rights
-from clients.wallet.sharing_commands import read_end
+from clients.wallet.sharing import STEP_KEYS, STEP_PARTS, STEP_SIGNING
+from clients.wallet.sharing_commands import read_end, say_step
 from clients.wallet.wallet import Wallet
 from consensus.records.sharing import GRANT_STEP_MS
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
@@ -283,3 +285,79 @@ def test_how_long_is_said_in_one_of_two_ways() -> None:
     for wrong in ((None, None), ("7d", tomorrow), ("a week", None), ("7", None)):
         with pytest.raises(click.UsageError):
             read_end(*wrong, now_ms)
+
+
+# In Portuguese
+
+
+@pytest.fixture
+def pessoas(people: People, monkeypatch: pytest.MonkeyPatch) -> People:
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    return people
+
+
+def test_sharing_is_explained_asked_and_told_in_portuguese(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, (record_id,) = pessoas.ward.record_visit(1)
+    asked: list[str] = []
+    monkeypatch.setattr(sharing_commands, "confirm", lambda told, question, *, yes: asked.append(f"{told} {question}"))
+    done = pessoas.share(record_id)
+    (told,) = asked
+    for part in ("Partilha 1 gravação, 2 imagens ou sons (depth)", "Dr Weber, membro do pessoal de ward", "Cuidado e"):
+        assert part in told
+    for part in ("O que a outra pessoa vê", "não se pode desfazer", "não com quem", "Partilhar isto?"):
+        assert part in told
+    assert "Partilhado com Dr Weber, membro do pessoal de ward" in done.output
+    assert "Para terminar: blockrobot wallet revoke" in done.output
+
+
+def test_shares_their_end_and_ones_handle_are_told_in_portuguese_and_json_is_the_same(
+    pessoas: People, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward, ann = pessoas.ward, pessoas.ward.wallet
+    visit, (record_id,) = ward.record_visit(1)
+    assert "Não partilhou nada." in pessoas.run(ann, "shares").output
+    pessoas.share(record_id, "--yes")
+    told = pessoas.told(ann, "shares")
+    assert (told["shares"][0]["status"], told["shares"][0]["name"]) == ("open", "Dr Weber")
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "en")
+    assert pessoas.told(ann, "shares") == told
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    name = told["shares"][0]["grant_id"][:12]
+    lines = pessoas.run(ann, "shares").output
+    assert f"{name}  1 gravação do encontro {visit.owner.hex()[:12]}, com Dr Weber (identificador " in lines
+    assert "para care: até " in lines
+    assert "ninguém viu" in lines
+    pessoas.run(pessoas.doctor, "look", name, "--out", tmp_path / "shared")
+    assert ": 1 gravação pode ser obtida" in pessoas.run(ann, "shares").output
+    ended = pessoas.run(ann, "revoke", name).output
+    assert "Terminado: 1 gravação já não está partilhada com Dr Weber (identificador " in ended
+    assert "Foi vista antes." in ended
+    assert "Já tinha terminado essa partilha" in pessoas.run(ann, "revoke", name).output
+    assert "terminada por si" in pessoas.run(ann, "shares").output
+    visitor = ward.come_in("visitor", "subject")
+    assert "Está inscrito como utente: só se partilha com o pessoal" in pessoas.run(visitor, "handle").output
+
+
+def test_an_erasure_names_in_portuguese_who_had_received_it(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cli, "ERASE_WAIT_S", -1.0)
+    _, (record_id,) = pessoas.ward.record_visit(1)
+    pessoas.share(record_id, "--yes")
+    told = pessoas.run(pessoas.ward.wallet, "erase", record_id.hex(), "--yes").stdout
+    assert "foram partilhadas com Dr Weber (identificador " in told
+    assert "que não viu e é avisado do apagamento." in told
+
+
+@pytest.mark.parametrize(
+    ("step", "english", "portuguese"),
+    [
+        (STEP_KEYS, "fetching the keys", "a buscar as chaves"),
+        (f"{STEP_PARTS}n1", "handing its parts to n1", "a entregar as suas partes a n1"),
+        (STEP_SIGNING, "signing", "a assinar"),
+    ],
+)
+def test_each_step_of_sharing_is_said_in_both_languages(
+    step: str, english: str, portuguese: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for language, said in (("en", english), ("pt", portuguese)):
+        monkeypatch.setenv(LANGUAGE_VARIABLE, language)
+        assert say_step(step) == said
