@@ -9,6 +9,7 @@ from typing import TypeVar
 
 import msgspec
 
+from clients.sdk.plain_letters import printable
 from consensus.block import FinalityProof, QuorumCertificate
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.primitives.encoding import decode
@@ -144,10 +145,14 @@ def read_hex(text: str) -> bytes:
 
 
 def error_of(problem: ProblemAnswer) -> BlockRobotError:
-    """Return the refusal as an exception; a code that this version does not know becomes INTERNAL with the detail."""
+    """Return the refusal as an exception; a code that this version does not know becomes INTERNAL with the detail.
+
+    A terminal shows it, so nothing is left in it that a terminal would obey.
+    """
+    detail = printable(problem.detail)
     if problem.code in CATALOGUE:
-        return BlockRobotError(problem.code, problem.detail)
-    return BlockRobotError("INTERNAL", f"{problem.code}: {problem.detail}")
+        return BlockRobotError(problem.code, detail)
+    return BlockRobotError("INTERNAL", f"{printable(problem.code)}: {detail}")
 
 
 def read_problem(content: bytes, status: int) -> BlockRobotError:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from typing_extensions import Buffer
 
 PLAIN_ENCODING = "blockrobot-plain"
+STRANGE_MAX_CHARS = 1_000
 _LINES = str.maketrans(
     dict.fromkeys("─━═╌┄", "-")
     | dict.fromkeys("│┃║╎┆", "|")
@@ -28,6 +29,11 @@ def to_plain(text: str) -> str:
     bare = unicodedata.normalize("NFKD", text.translate(_LINES))
     kept = "".join(letter for letter in bare if not unicodedata.combining(letter))
     return kept.encode("ascii", "replace").decode("ascii")
+
+
+def printable(text: str, max_chars: int = STRANGE_MAX_CHARS) -> str:
+    """Return what somebody else wrote as a terminal may show it: one line, no control characters, not without end."""
+    return "".join(sign if sign.isprintable() else " " if sign.isspace() else "?" for sign in text[:max_chars])
 
 
 class _Encoder(codecs.IncrementalEncoder):

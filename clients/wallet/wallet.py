@@ -23,7 +23,7 @@ from consensus.genesis import Genesis
 from consensus.primitives.encoding import decode
 from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import open_data_key, open_metadata
-from consensus.records.metadata import RecordMetadata, find_chain_gaps
+from consensus.records.metadata import RecordMetadata, check_metadata, find_chain_gaps
 from consensus.records.purposes import require_published
 from consensus.records.vouchers import decode_card_code
 
@@ -300,6 +300,7 @@ class Wallet:
                 continue
             try:
                 metadata = decode(self.open_metadata(state["sealed_metadata"])[0], RecordMetadata)
+                check_metadata(metadata)
             except BlockRobotError:
                 unreadable.append(record_id)
                 continue

@@ -6,6 +6,7 @@ It is sealed, at a fixed size, by `records/envelopes.py`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from consensus.errors import BlockRobotError
@@ -14,12 +15,15 @@ from consensus.primitives.encoding import Wire, encode
 from consensus.primitives.hashing import HASH_SIZE_BYTES, tagged_hash
 
 _METADATA_TAG = "blockrobot/metadata"
+_CODE = re.compile(r"[A-Za-z0-9_.:+\-]+", re.ASCII)
 SENSOR_MAX_CHARS = 64
 REASON_MAX_CHARS = 32
 REASONS_MAX_COUNT = 8
 NO_PREVIOUS = bytes(HASH_SIZE_BYTES)
 NOTICE_SENSOR = "notice"
 """The sensor of a record without a picture, which only tells of frames that were withheld."""
+MOMENT_MAX_MS = 253_370_764_800_000
+"""The first moment of the year 9999: calendars know no later one, so no record is from then."""
 
 
 class RecordMetadata(Wire, frozen=True):
@@ -45,10 +49,15 @@ def compute_metadata_hash(metadata: RecordMetadata) -> bytes:
 
 
 def check_metadata(metadata: RecordMetadata) -> None:
-    """Check sizes and order. Raises VALUE_INVALID. What passes fits into the sealed form."""
+    """Check sizes, order and letters. Raises VALUE_INVALID. What passes fits into the sealed form, and can be shown.
+
+    The words are codes, in letters that no terminal takes for a command.
+    """
+    words = (metadata.sensor, *(reason for reason, _ in metadata.withheld))
     if (
         not 0 < len(metadata.sensor) <= SENSOR_MAX_CHARS
-        or not 0 <= metadata.started_at_ms <= metadata.ended_at_ms < 1 << 53
+        or not all(_CODE.fullmatch(word) for word in words)
+        or not 0 <= metadata.started_at_ms <= metadata.ended_at_ms < MOMENT_MAX_MS
         or not 1 <= metadata.frame_count <= CLIP_FRAMES_MAX_COUNT
         or not 0 <= metadata.index_in_visit < 1 << 32
         or len(metadata.previous_hash) != HASH_SIZE_BYTES

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, encode
+from consensus.records.metadata import MOMENT_MAX_MS
 
 RENDITION_VERSION = 1
 ENCODING_PNG16 = "png16"
@@ -53,7 +54,7 @@ def encode_rendition(rendition: Rendition) -> bytes:
 
 
 def decode_rendition(plaintext: bytes) -> Rendition:
-    """Read a rendition and check that its box lies in its frame. Raises RENDITION_CORRUPTED."""
+    """Read a rendition and check that its box lies in its frame, and its time in a calendar. Raises RENDITION_CORRUPTED."""
     try:
         rendition = decode(plaintext, Rendition)
     except BlockRobotError as error:
@@ -68,7 +69,10 @@ def decode_rendition(plaintext: bytes) -> Rendition:
         and rendition.x + rendition.box_width <= rendition.width
         and rendition.y + rendition.box_height <= rendition.height
     )
+    shown = 0 <= rendition.captured_at_ms < MOMENT_MAX_MS
     known = rendition.encoding in PICTURES or (rendition.encoding in BOXLESS and not rendition.box_width)
-    if not inside or rendition.version != RENDITION_VERSION or not known:
-        raise BlockRobotError("RENDITION_CORRUPTED", "The rendition's box or version is not one this wallet knows.")
+    if not inside or not shown or rendition.version != RENDITION_VERSION or not known:
+        raise BlockRobotError(
+            "RENDITION_CORRUPTED", "The rendition's box, time or version is not one this wallet knows."
+        )
     return rendition

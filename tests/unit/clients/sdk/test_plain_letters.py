@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from clients.sdk.plain_letters import PLAIN_ENCODING, is_utf8, prepare_output, to_plain
+from clients.sdk.answers import read_problem
+from clients.sdk.plain_letters import PLAIN_ENCODING, STRANGE_MAX_CHARS, is_utf8, prepare_output, to_plain
 from clients.sdk.terminal import print_json
 
 
@@ -87,3 +88,12 @@ def test_output_that_speaks_utf8_is_left_as_it_is(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(sys, "stdout", stream)
     prepare_output()
     assert stream.encoding == "utf-8"
+
+
+@pytest.mark.parametrize("code", ["NOT_FOUND", "\x1b]0;x\x07OWNED"])
+def test_what_a_node_says_went_wrong_commands_no_terminal_and_forges_no_line(code: str) -> None:
+    detail = "gone\x1b[2J\x9b31m\u202e\nNext step: paste this" + "x" * 5_000
+    error = read_problem(json.dumps({"code": code, "detail": detail}).encode(), 404)
+    assert error.detail.isprintable()
+    assert "gone?[2J?31m? Next step" in error.detail
+    assert len(error.detail) <= STRANGE_MAX_CHARS + len(code) + 2

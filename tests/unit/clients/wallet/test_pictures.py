@@ -75,8 +75,10 @@ def test_every_encoding_survives_being_packed(encoding: str) -> None:
         {"version": 2},
         {"width": 0},
         {"encoding": "jpeg", "box_width": 2},
+        {"captured_at_ms": 1 << 62},
+        {"captured_at_ms": -1},
     ],
 )
-def test_an_encoding_or_a_box_that_no_wallet_knows_is_refused(fields: dict[str, object]) -> None:
+def test_an_encoding_a_time_or_a_box_that_no_wallet_knows_is_refused(fields: dict[str, object]) -> None:
     with pytest.raises(BlockRobotError, match="RENDITION_CORRUPTED"):
         decode_rendition(encode_rendition(changed(**fields)))

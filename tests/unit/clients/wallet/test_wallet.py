@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from clients.wallet.keystore import Keystore
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import decode, encode
+from consensus.records.envelopes import seal_metadata
+from consensus.records.metadata import RecordMetadata
 from tests.unit.clients.wallet.conftest import World
 
 
@@ -149,6 +153,29 @@ async def test_a_record_that_a_robot_sealed_wrongly_hides_no_other(world: World)
     world.network.state[b"records\x00record/" + ids[1]]["sealed_metadata"] = bytes(560)
     (report,) = await world.wallet.records()
     assert [entry.record_id for entry in report.records] == [ids[0], ids[2]]
+    assert (report.unreadable_ids, report.missing_count) == ((ids[1],), 0)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sensor": "depth\x1b]52;c;cm0gLXJm\x07"},
+        {"sensor": "[/]"},
+        {"started_at_ms": 1 << 52, "ended_at_ms": 1 << 52},
+        {"withheld": (("moved\x1b[2J", 1),)},
+    ],
+)
+async def test_what_a_robot_says_that_no_terminal_and_no_calendar_takes_is_unreadable_and_hides_no_other(
+    world: World, change: dict[str, object]
+) -> None:
+    visit = world.open_visit()
+    ids = [world.record(visit).upload.record_id for _ in range(2)]
+    world.close_visit(visit)
+    state = world.network.state[b"records\x00record/" + ids[1]]
+    said = decode(world.wallet.open_metadata(state["sealed_metadata"])[0], RecordMetadata)
+    state["sealed_metadata"] = seal_metadata(visit.sealing, encode(msgspec.structs.replace(said, **change)))
+    (report,) = await world.wallet.records()
+    assert [entry.record_id for entry in report.records] == [ids[0]]
     assert (report.unreadable_ids, report.missing_count) == ((ids[1],), 0)
 
 

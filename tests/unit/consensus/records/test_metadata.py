@@ -9,6 +9,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import SEALED_METADATA_BYTES
 from consensus.primitives.encoding import decode, encode
 from consensus.records.metadata import (
+    MOMENT_MAX_MS,
     NO_PREVIOUS,
     REASON_MAX_CHARS,
     REASONS_MAX_COUNT,
@@ -67,8 +68,8 @@ def test_an_exchanged_or_repeated_record_is_named() -> None:
 def test_the_largest_metadata_fits_into_its_sealed_form() -> None:
     largest = RecordMetadata(
         sensor="s" * SENSOR_MAX_CHARS,
-        started_at_ms=(1 << 53) - 1,
-        ended_at_ms=(1 << 53) - 1,
+        started_at_ms=MOMENT_MAX_MS - 1,
+        ended_at_ms=MOMENT_MAX_MS - 1,
         frame_count=64,
         index_in_visit=(1 << 32) - 1,
         previous_hash=bytes(32),
@@ -92,6 +93,12 @@ def test_the_largest_metadata_fits_into_its_sealed_form() -> None:
         {"withheld": (("", 1),)},
         {"withheld": (("x", -1),)},
         {"width": 0},
+        {"sensor": "depth\x1b[2J"},
+        {"sensor": "[red]depth"},
+        {"sensor": "depth\x9b2J"},
+        {"withheld": (("moved\x1b]0;x\x07", 1),)},
+        {"started_at_ms": MOMENT_MAX_MS, "ended_at_ms": MOMENT_MAX_MS},
+        {"ended_at_ms": (1 << 53) - 1},
     ],
 )
 def test_metadata_outside_the_limits_is_refused(change: dict[str, object]) -> None:
