@@ -208,7 +208,7 @@ class Node:
         """Return how the node is doing, ready for JSON."""
         links = self._network.describe()
         own = {"ready": self.is_ready(), "now_ms": self._clock.now_ms(), "contracts": self._contracts.describe()}
-        return {**self._parts.describe(), **links, **own, "rounds": self._spoken.describe()}
+        return {**self._parts.describe(), **links, **own, **self._seats(), "rounds": self._spoken.describe()}
 
     def metrics(self) -> bytes:
         """Return the metrics in the Prometheus text format."""
@@ -218,6 +218,11 @@ class Node:
         """Put around the engine's outbox what notes the words, and around that what was given."""
         noting = NotingOutbox(outbox, self._spoken)
         return noting if self._wrap_outbox is None else self._wrap_outbox(noting, self._parts)
+
+    def _seats(self) -> dict[str, Any]:
+        """Return who has a seat in the epoch that the node is in, as far as it knows names, and what makes a quorum."""
+        schedule, name_of = self._parts.engine.epoch.schedule, self._parts.directory.name_of_producer
+        return {"quorum": schedule.quorum, "producers": [name for key in schedule.producers if (name := name_of(key))]}
 
     def _leader_name(self, epoch: int, round_number: int) -> str | None:
         """Name who leads a round, if it is one of the epoch that the node is in."""

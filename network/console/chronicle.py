@@ -37,8 +37,7 @@ def make_event(at_ms: int, kind: str, text: str, tone: str = "", nodes: Sequence
 class Chronicle:
     """Remembers the last moment, and which rounds were told of."""
 
-    def __init__(self, quorum: int) -> None:
-        self._quorum = quorum
+    def __init__(self) -> None:
         self._before: Moment | None = None
         self._waiting: dict[tuple[int, int], Round] = {}
         self._told: tuple[int, int] = (-1, -1)
@@ -66,7 +65,7 @@ class Chronicle:
         told = []
         for place in sorted(self._waiting):
             entry = self._waiting[place]
-            if len(entry.gave_up) >= self._quorum or place < newest:
+            if len(entry.gave_up) >= entry.quorum or place < newest:
                 del self._waiting[place]
                 self._told = max(self._told, place)
                 told += self._tell_of_lost(entry, at_ms)

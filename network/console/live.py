@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
 from network.console.chronicle import Chronicle, make_event
+from network.console.clock import ForwardClock
 from network.console.export import write_export
 from network.console.looking import Looking, NodeSight
 from network.console.moments import Moment, MomentMaker
@@ -34,34 +35,35 @@ INTERVAL_MS = 500
 LARGE_INTERVAL_MS = 1_000
 SMALL_NETWORK_MAX_COUNT = 7
 ROUNDS_SHOWN_COUNT = 48
+TEXT_MAX_CHARS = 1_000
 
 log = structlog.get_logger(__name__)
-
-
-def _now_ms() -> int:
-    return time.time_ns() // 1_000_000
 
 
 class LiveConsole:
     """One network, watched and recorded from now on. `run` until it is cancelled; the rest on the same event loop."""
 
-    def __init__(self, cluster: Cluster) -> None:
+    def __init__(self, cluster: Cluster, now_ms: Callable[[], int] | None = None) -> None:
+        """`now_ms` never goes back: what is recorded stands in order, whatever becomes of this machine's clock."""
         self.cluster = cluster
-        self.started_ms = _now_ms()
+        self._now_ms = now_ms or ForwardClock().now_ms
+        self.started_ms = self._now_ms()
         self.recorder = Recorder()
         self.sequence = 0
         self.moment: Moment | None = None
+        self._genesis = self._read_genesis()
         self._began()
         self._news = asyncio.Event()
         self._plan: _RunningPlan | None = None
+        self._trouble = ""
 
     def _began(self) -> None:
-        producers = sum(config.producer_key_path is not None for config in self.cluster.configs.values())
-        quorum = producers - (producers - 1) // 3
-        self._rounds = RoundBook(quorum)
-        self._chronicle = Chronicle(quorum)
+        configs = self.cluster.configs.items()
+        producers = [name for name, config in configs if config.producer_key_path is not None]
+        self._rounds = RoundBook(len(producers) - (len(producers) - 1) // 3, producers)
+        self._chronicle = Chronicle()
         self._maker = MomentMaker(time.monotonic())
-        self._genesis = self._read_genesis()
+        self.moment = None
 
     def _read_genesis(self) -> bytes:
         try:
@@ -81,17 +83,25 @@ class LiveConsole:
         count = len(self.cluster.names)
         interval_s = (INTERVAL_MS if count <= SMALL_NETWORK_MAX_COUNT else LARGE_INTERVAL_MS) / 1000
         async with Looking(self.cluster) as looking:
-            while not self._is_another():
+            while not (self._is_another() and self._begin_anew()):
                 started_s = time.monotonic()
                 try:
                     self._take(await looking.look())
-                except (BlockRobotError, OSError, ValueError) as error:
-                    log.warning("look_failed", error=type(error).__name__, detail=str(error))
+                    self._trouble = ""
+                except Exception as error:  # noqa: BLE001 - whatever a node says, the next look may work again
+                    self._tell_trouble(error)
                 await asyncio.sleep(max(0.05, started_s + interval_s - time.monotonic()))
-        self._begin_anew()
+
+    def _tell_trouble(self, error: Exception) -> None:
+        """Tell why nothing can be seen, once."""
+        trouble = f"{type(error).__name__}: {error}"
+        if trouble != self._trouble:
+            self._trouble = trouble
+            log.warning("look_failed", error=type(error).__name__, detail=str(error))
+            self._tell("node", f"The console cannot see the network: {type(error).__name__}.", "bad")
 
     def _take(self, sights: list[NodeSight]) -> None:
-        wall_ms = _now_ms()
+        wall_ms = self._now_ms()
         moment = self._maker.take(sights, time.monotonic(), wall_ms)
         rounds = self._rounds.take(sights, wall_ms)
         self.recorder.add(moment, self._chronicle.take(moment, rounds))
@@ -108,15 +118,21 @@ class LiveConsole:
         names = {path.parent.name for path in (folder / "nodes").glob(f"*/{CONFIG_FILE}")}
         return bool(names) and (names != set(self.cluster.names) or self._read_genesis() not in {self._genesis, b""})
 
-    def _begin_anew(self) -> None:
-        is_new_chain = self._read_genesis() != self._genesis
+    def _begin_anew(self) -> bool:
+        """Turn to what stands in the folder now; False if that cannot be read: half written, it is tried again."""
+        genesis = self._read_genesis()
+        is_new_chain = genesis != self._genesis
         try:
             self.cluster = Cluster(self.cluster.folder)
         except (BlockRobotError, OSError, ValueError):
-            return  # half written: it is read again in a moment
+            return False
+        if is_new_chain:
+            self.stop_plan()  # it was meant for the other network
+        self._genesis = genesis
         self._began()
         what = "Another network stands in the folder now" if is_new_chain else "The nodes are others now"
-        self.recorder.tell(make_event(_now_ms(), "node", f"{what}: {', '.join(self.cluster.names)}."))
+        self._tell("node", f"{what}: {', '.join(self.cluster.names)}.", "")
+        return True
 
     async def wait_beyond(self, sequence: int, timeout_s: float) -> None:
         """Return when there is a newer moment than this one, or the time is over."""
@@ -137,7 +153,7 @@ class LiveConsole:
             {
                 "name": name,
                 "organisation": organisations.get(name) or config.organisation,
-                "producer": config.producer_key_path is not None,
+                "producer": name in self._rounds.producers,
                 "custodian": config.custodian_key_path is not None,
                 "breakable": config.faults_enabled,
             }
@@ -180,7 +196,7 @@ class LiveConsole:
         """Return the run so far as one HTML file."""
         facts = {
             "network": self.facts(),
-            "exported_ms": _now_ms(),
+            "exported_ms": self._now_ms(),
             "recording": self.recording(),
             "events": self.recorder.events_after(0),
             "rounds": self._rounds.last(ROUNDS_KEPT_COUNT),
@@ -205,7 +221,9 @@ class LiveConsole:
         return words
 
     def _tell(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
-        self.recorder.tell(make_event(_now_ms(), kind, text, tone, nodes))
+        """Tell of something. A run is handed on: where its network lies on this machine is no part of it."""
+        told = text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
+        self.recorder.tell(make_event(self._now_ms(), kind, told[:TEXT_MAX_CHARS], tone, nodes))
         self._tell_waiting()
 
     def read_plan(self, text: str) -> FaultPlan:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import AsyncIterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,10 +86,21 @@ class Looking:
             raise RuntimeError("looking has not begun")
         try:
             async with self._session.get(f"http://{OPERATOR_HOST}:{config.operator_port}/metrics") as response:
-                text = await response.content.read(METRICS_MAX_BYTES)
+                text = await _read_whole(response.content.iter_any())
         except (aiohttp.ClientError, TimeoutError, OSError):
             return None
         return parse_counts(text.decode("utf-8", "replace"))
+
+
+async def _read_whole(body: AsyncIterable[bytes]) -> bytes:
+    """Return a body whole, however many pieces it comes in; none of it where it is longer than any of ours."""
+    pieces, size = [], 0
+    async for piece in body:
+        pieces.append(piece)
+        size += len(piece)
+        if size > METRICS_MAX_BYTES:
+            return b""
+    return b"".join(pieces)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,35 +7,37 @@ node said before it was killed is known only if it was asked in between.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 from network.console.looking import NodeSight
 
 ROUNDS_KEPT_COUNT = 2_000
+EPOCHS_KEPT_COUNT = 64
 _WORDS = {"proposed": "proposed", "voted": "voted", "gave-up": "gave_up"}
 
 
 @dataclass(slots=True)
 class Round:
-    """One round: when it was first seen (the console's clock, ms), its leader, and who said what."""
+    """One round: when it was first seen (the console's clock, ms), its epoch's quorum, its leader, and who said what."""
 
     epoch: int
     number: int
     at_ms: int
+    quorum: int
     leader: str | None = None
     proposed: set[str] = field(default_factory=set)
     voted: set[str] = field(default_factory=set)
     gave_up: set[str] = field(default_factory=set)
 
-    def outcome(self, quorum: int) -> str:
+    def outcome(self) -> str:
         """Say what came of it."""
-        if len(self.voted) >= quorum:
+        if len(self.voted) >= self.quorum:
             return "won"
-        return "lost" if len(self.gave_up) >= quorum else "open"
+        return "lost" if len(self.gave_up) >= self.quorum else "open"
 
-    def to_json(self, quorum: int) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """Return it ready for JSON, names sorted."""
         return {
             "epoch": self.epoch,
@@ -45,16 +47,22 @@ class Round:
             "proposed": sorted(self.proposed),
             "voted": sorted(self.voted),
             "gave_up": sorted(self.gave_up),
-            "outcome": self.outcome(quorum),
+            "outcome": self.outcome(),
         }
 
 
 class RoundBook:
-    """The last rounds, oldest first; how many were dropped is counted."""
+    """The last rounds, oldest first; how many were dropped is counted.
 
-    def __init__(self, quorum: int, kept_count: int = ROUNDS_KEPT_COUNT) -> None:
+    `quorum` and `producers` are those of the newest epoch that a node told of; before, what the book was given.
+    """
+
+    def __init__(self, quorum: int, producers: Collection[str] = (), kept_count: int = ROUNDS_KEPT_COUNT) -> None:
         self.quorum = quorum
+        self.producers = frozenset(producers)
         self.dropped_count = 0
+        self._epoch = -1
+        self._quorums: dict[int, int] = {}
         self._kept_count = kept_count
         self._rounds: OrderedDict[tuple[int, int], Round] = OrderedDict()
         self._floor = (-1, -1)
@@ -63,13 +71,16 @@ class RoundBook:
         """Join in what the nodes say; return the rounds of which something is new, oldest first."""
         changed: dict[tuple[int, int], Round] = {}
         for sight in sights:
+            self._note_epoch(sight.status or {})
+        for sight in sights:
             for said in (sight.status or {}).get("rounds", ()):
                 place = (int(said["epoch"]), int(said["round"]))
                 if place <= self._floor:
                     continue
                 known = self._rounds.get(place)
                 if known is None:
-                    known = self._rounds[place] = changed[place] = Round(*place, wall_ms)
+                    known = self._rounds[place] = changed[place] = Round(*place, wall_ms, self.quorum)
+                known.quorum = self._quorums.get(known.epoch, known.quorum)
                 known.leader = known.leader or said.get("leader")
                 for word, group in _WORDS.items():
                     names: set[str] = getattr(known, group)
@@ -78,6 +89,17 @@ class RoundBook:
                         changed[place] = known
         self._drop()
         return [changed[place] for place in sorted(changed)]
+
+    def _note_epoch(self, status: Mapping[str, Any]) -> None:
+        """Note who has a seat in a node's epoch, and how many of them make a quorum."""
+        if "quorum" not in status:
+            return
+        epoch, quorum = int(status["epoch"]), int(status["quorum"])
+        self._quorums[epoch] = quorum
+        if epoch >= self._epoch:
+            self._epoch, self.quorum, self.producers = epoch, quorum, frozenset(status["producers"])
+        if len(self._quorums) > EPOCHS_KEPT_COUNT:
+            del self._quorums[min(self._quorums)]
 
     def _drop(self) -> None:
         while len(self._rounds) > self._kept_count:
@@ -89,4 +111,4 @@ class RoundBook:
     def last(self, count: int) -> list[dict[str, Any]]:
         """Return the newest rounds, ready for JSON, oldest first."""
         places = sorted(self._rounds)[-count:]
-        return [self._rounds[place].to_json(self.quorum) for place in places]
+        return [self._rounds[place].to_json() for place in places]

@@ -61,7 +61,7 @@ function buildPage(first, choices) {
 }
 
 function show(parts, answer) {
-  parts.stage.update(answer.moment, answer.rounds);
+  if (answer.moment) parts.stage.update(answer.moment, answer.rounds);
   parts.events.add(answer.events);
   parts.faults.showPlan(answer.plan);
   for (const event of answer.events) if (event.tone === "bad" || event.kind === "finality") announce(event.text);
@@ -87,7 +87,7 @@ async function follow(parts, first) {
         parts.stage.setNetwork(answer.network);
         parts.faults.setNetwork(answer.network);
       }
-      if (answer.moment) show(parts, answer);
+      show(parts, answer);
     } catch (problem) {
       if (problem.status === 401 || problem.status === 403) { showEnd(problem); return; }
       if (!lost.firstChild) replace(lost, h("p", { class: "notice bad" }, `${problem.detail ?? problem} ${problem.nextStep ?? ""} What is shown may be old.`));
@@ -102,7 +102,7 @@ async function begin() {
     const choices = await fetchJson("./api/choices");
     const first = await fetchJson("./api/now?after=0&events=0");
     const parts = buildPage(first, choices);
-    if (first.moment) show(parts, first);
+    show(parts, first);
     await follow(parts, first);
   } catch (problem) {
     showEnd(problem.code ? problem : { detail: String(problem), code: "INTERNAL", nextStep: "Open the page by a new link." });

@@ -17,6 +17,8 @@ def sight(name: str = "node-1", **changes: Any) -> NodeSight:
         "finalized_height": 10,
         "round": 12,
         "epoch": 0,
+        "quorum": 3,
+        "producers": list(NAMES),
         "leader": "node-1",
         "peers": [other for other in NAMES if other != name],
         "mempool": 0,

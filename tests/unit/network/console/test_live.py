@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import asyncio
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from consensus.errors import BlockRobotError
 from network.byzantine import BEHAVIOURS
 from network.cluster import Cluster
+from network.console.clock import ForwardClock
 from network.console.live import LiveConsole
+from network.console.looking import Looking, NodeSight
 from network.layout import create_network
 from tests.unit.network.console.sights import sights
 
+LOOKS_COUNT = 3
 LONG_PLAN = 'seed = 4\n[[step]]\nat = "1h"\ndo = "pause"\nnode = "node-1"\n'
 
 
@@ -104,6 +109,106 @@ async def test_nodes_that_come_or_go_in_the_folder_are_noticed(console: LiveCons
     assert not console._is_another()
     assert [node["name"] for node in console.facts()["nodes"]] == ["node-1", "node-2", "node-3"]
     assert console.recorder.events_after(0)[-1]["text"] == "The nodes are others now: node-1, node-2, node-3."
+
+
+async def test_who_produces_and_what_a_quorum_is_goes_by_the_epoch_that_nodes_tell_of(console: LiveConsole) -> None:
+    seats = {"status": {"epoch": 3, "quorum": 2, "producers": ["node-2", "node-3"]}}
+    console._take(sights(node_2=seats))
+    facts = console.facts()
+    assert facts["quorum"] == 2
+    assert [node["name"] for node in facts["nodes"] if node["producer"]] == ["node-2", "node-3"]
+
+
+async def test_a_new_network_in_the_folder_ends_the_plan_and_is_not_shown_with_the_others_moment(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, _name: True)
+    console._take(sights())
+    console.start_plan(LONG_PLAN)
+    folder = console.cluster.folder
+    shutil.rmtree(folder)
+    create_network(folder, nodes=3, organisations=1, base_port=20_100, store="sqlite", faults=True)
+    assert console._is_another()
+    assert console._begin_anew()
+    await console.close()
+    answer = console.now(0)
+    assert answer["plan"]["state"] == "stopped"
+    assert answer["moment"] is None
+    assert answer["events"][-1]["text"] == "Another network stands in the folder now: node-1, node-2, node-3."
+
+
+async def test_a_folder_that_cannot_be_read_is_looked_at_as_it_was_known(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (console.cluster.folder / "genesis.json").write_text("{")
+    looks = []
+
+    async def look(_self: Looking) -> list[NodeSight]:
+        looks.append(len(looks))
+        return sights()
+
+    await _watch(console, look, monkeypatch)
+    assert len(looks) == LOOKS_COUNT
+    assert len(console.facts()["nodes"]) == 4
+
+
+async def test_a_node_that_says_nonsense_ends_no_recording_and_is_told_of_once(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks = []
+
+    async def look(_self: Looking) -> list[NodeSight]:
+        looks.append(len(looks))
+        return sights(node_2={"status": {"rounds": [{"no": "round"}]}}) if len(looks) < LOOKS_COUNT else sights()
+
+    await _watch(console, look, monkeypatch)
+    assert console.moment is not None
+    told = [event["text"] for event in console.recorder.events_after(0)]
+    assert told[0] == "The console cannot see the network: KeyError."
+    assert sum("cannot see" in text for text in told) == 1
+
+
+async def _watch(console: LiveConsole, look: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the console look so often, without its pauses."""
+    pauses = []
+    really_sleep = asyncio.sleep
+
+    async def sleep(delay_s: float) -> None:
+        pauses.append(delay_s)
+        await really_sleep(0)
+        if len(pauses) >= LOOKS_COUNT:
+            raise asyncio.CancelledError
+
+    monkeypatch.setattr(Looking, "look", look)
+    monkeypatch.setattr("network.console.live.asyncio.sleep", sleep)
+    with pytest.raises(asyncio.CancelledError):
+        await console.run()
+
+
+async def test_a_run_that_is_handed_on_does_not_say_where_its_network_lies(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = console.cluster.folder
+    (folder / "nodes" / "node-2" / "output.log").write_text(f"PermissionError: '{folder}/nodes/node-2/journal'\n")
+    monkeypatch.setattr(Cluster, "is_running", lambda _self, name: name != "node-2")
+    monkeypatch.setattr(Cluster, "start", lambda _self, _name, **_: None)
+    monkeypatch.setattr("network.cluster.fetch_status", _nothing)
+    with pytest.raises(BlockRobotError) as caught:
+        await console.do({"do": "restart", "node": "node-2"})
+    assert str(folder) in caught.value.detail
+    text = console.export()
+    assert "PermissionError: '(the network's folder)/nodes/node-2/journal'" in text
+    assert str(folder) not in text
+
+
+async def _nothing(*_: Any) -> None:
+    return None
+
+
+async def test_times_of_a_recording_stand_in_order_though_the_machines_clock_is_set_back() -> None:
+    wall_ms = iter((1_000, 1_500, 400, 500, 9_000))
+    clock = ForwardClock(lambda: next(wall_ms))
+    assert [clock.now_ms() for _ in range(5)] == [1_000, 1_500, 1_500, 1_600, 10_100]
 
 
 async def test_a_folder_that_is_being_removed_is_left_as_it_was_known(console: LiveConsole) -> None:

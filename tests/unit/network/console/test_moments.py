@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncIterator
+
 import pytest
 
-from network.console.looking import _Span, parse_counts
+from network.console.looking import METRICS_MAX_BYTES, _read_whole, _Span, parse_counts
 from network.console.moments import Moment, MomentMaker, link_state
 from node.p2p.shaping import SOUND, LinkFault
 from tests.unit.network.console.sights import sight, sights, stopped
@@ -139,6 +141,15 @@ def test_counts_are_read_from_a_nodes_metrics_and_nothing_else_is() -> None:
     )
     assert parse_counts(text) == {("node-2", "sent", "vote"): (12, 1_400)}
     assert parse_counts("") == {}
+
+
+async def test_metrics_that_come_in_pieces_are_read_whole_and_endless_ones_not_at_all() -> None:
+    async def body(*pieces: bytes) -> AsyncIterator[bytes]:
+        for piece in pieces:
+            yield piece
+
+    assert await _read_whole(body(b"a 1", b"2\nb", b" 3\n")) == b"a 12\nb 3\n"
+    assert await _read_whole(body(*[b"x" * (METRICS_MAX_BYTES // 4)] * 5)) == b""
 
 
 @pytest.mark.parametrize(("said_ms", "off_ms"), [(1_000, 0), (1_400, 0), (2_000, 0), (900, -100), (2_250, 250)])

@@ -17,7 +17,7 @@ class _Watcher:
     """A chronicle fed as the console feeds it, a second a look."""
 
     def __init__(self) -> None:
-        self.maker, self.book, self.chronicle = MomentMaker(0.0), RoundBook(QUORUM), Chronicle(QUORUM)
+        self.maker, self.book, self.chronicle = MomentMaker(0.0), RoundBook(QUORUM), Chronicle()
         self.seconds = 0
 
     def look(self, after_s: int = 1, **changes: Any) -> list[Event]:
@@ -58,6 +58,21 @@ def test_a_round_that_a_quorum_gave_up_is_lost_and_one_of_which_little_is_known_
     book.take(sights(**_all_say(said(5, "gave-up"), said(6, "voted")), node_2=stopped()), WALL_MS)
     book.take(sights(node_2={"status": {"rounds": [said(7, "voted")]}}), WALL_MS)
     assert [(row["round"], row["outcome"]) for row in book.last(10)] == [(5, "lost"), (6, "won"), (7, "open")]
+
+
+def test_what_a_quorum_is_goes_by_each_rounds_own_epoch() -> None:
+    book = RoundBook(QUORUM, ("node-1", "node-2", "node-3", "node-4"))
+    words = {"rounds": [said(40, "voted")]}
+    book.take(sights(node_1={"status": words}, node_2={"status": words}, node_3={"status": words}), WALL_MS)
+    now_of_one = {"epoch": 1, "quorum": 2, "producers": ["node-1", "node-2"], "rounds": [said(1, "voted", epoch=1)]}
+    book.take(sights(node_1={"status": now_of_one}, node_2={"status": now_of_one}), WALL_MS)
+    book.take(sights(node_3={"status": {"rounds": [said(41, "gave-up")]}}), WALL_MS)
+    assert [(row["epoch"], row["round"], row["outcome"]) for row in book.last(10)] == [
+        (0, 40, "won"),
+        (0, 41, "open"),
+        (1, 1, "won"),
+    ]
+    assert (book.quorum, sorted(book.producers)) == (2, ["node-1", "node-2"])
 
 
 def test_only_what_is_new_is_handed_on_and_old_rounds_are_dropped_and_never_come_back() -> None:
