@@ -6,6 +6,7 @@ wrong with one's own visits.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,19 +16,14 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
-    KIND_CORRECTED,
-    KIND_DENIED,
-    KIND_ENDED,
     KIND_ERASED,
     KIND_FRAMES_ERASED,
     KIND_RESTRICTED,
-    KIND_REVOKED,
     Receipt,
     Receiving,
     SharedView,
@@ -42,27 +38,6 @@ from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
 
 LOOKS_SHOWN = 20
-
-WORDS: dict[str, str] = {
-    KIND_ERASED: "was erased, or is over its time: delete every copy",
-    KIND_FRAMES_ERASED: "had single pictures erased, and is no longer shared: delete every copy",
-    KIND_DENIED: "may show somebody else, its owner said: delete every copy",
-    KIND_REVOKED: "is shared no more, its owner ended it: delete every copy that you have no other right to",
-    KIND_ENDED: "is shared no more, the time is over: delete every copy that you have no other right to",
-    KIND_CORRECTED: "was corrected: ask its owner what is right before you rely on it",
-    KIND_RESTRICTED: "is restricted: keep what you have, and use it for nothing",
-}
-
-
-_NEVER_HAD: dict[str, str] = {
-    KIND_ERASED: "was erased, or is over its time",
-    KIND_FRAMES_ERASED: "had single pictures erased, and is no longer shared",
-    KIND_DENIED: "may show somebody else, its owner said",
-    KIND_REVOKED: "is shared no more, its owner ended it",
-    KIND_ENDED: "is shared no more, the time is over",
-    KIND_RESTRICTED: "is restricted, and not shown",
-}
-"""The same for who never looked: she has no copy."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,28 +110,33 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
     }
 
 
-def receipt_lines(receipt: Receipt) -> list[str]:
-    """Say one grant and what became of it, in plain sentences."""
+def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
+    """Say one grant and what became of it, in plain sentences (None: in the language of the command that runs)."""
+    say = functools.partial(text, language=language)
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
-    meaning = PURPOSES.get(grant.purpose, grant.purpose)
-    end = f"until {show_moment(grant.until_ms)}" if receipt.is_open else "over"
-    lines = [f"{name}  {counted(len(grant.records), 'record')} of visit {grant.owner.hex()[:12]}, {end}. For {meaning}"]
+    records = say("count.records", count=len(grant.records))
+    end = say("received.open", until=show_moment(grant.until_ms)) if receipt.is_open else say("received.over")
+    meaning = say(f"purpose.{grant.purpose}") if grant.purpose in PURPOSES else grant.purpose
+    visit = grant.owner.hex()[:12]
+    lines = [say("received.line", grant=name, records=records, visit=visit, end=end, purpose=meaning)]
     news = [notice for notice in receipt.notices if not notice.confirmed]
-    words = WORDS if receipt.looked else _NEVER_HAD
+    # Who never looked has no copy.
+    words = "received.had" if receipt.looked else "received.never_had"
     for kind in dict.fromkeys(notice.kind for notice in news):
         told = [notice for notice in news if notice.kind == kind]
-        lines.append(f"  {len(told)} of {counted(len(grant.records), 'record')}: {words.get(kind, WORDS[kind])}")
+        what = say(f"{words}.{kind}", count=len(told))
+        lines.append("  " + say("received.news", number=len(told), records=records, what=what))
         if len(told) < len(grant.records):
             lines += [f"    {notice.record_id.hex()}" for notice in told]
-    lines += [f"  a copy is in {place}" for place in copies_left(receipt, receipt.to_confirm)]
+    lines += ["  " + say("received.copy", place=place) for place in copies_left(receipt, receipt.to_confirm)]
     if receipt.to_confirm and not receipt.looked:
-        lines.append("  You never looked at it: there is nothing to delete, and nothing to confirm.")
+        lines.append("  " + say("received.never"))
     elif receipt.to_confirm:
-        lines.append(f"  When nothing is left: blockrobot wallet confirm-deleted {name}")
+        lines.append("  " + say("received.confirm", grant=name))
     elif len(news) < len(receipt.notices):
-        lines.append("  You have confirmed that your copies of what is gone are deleted.")
+        lines.append("  " + say("received.confirmed"))
     if receipt.to_look:
-        lines.append(f"  To look: blockrobot wallet look {name}")
+        lines.append("  " + say("received.look", grant=name))
     return lines
 
 
@@ -164,10 +144,9 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
     for report in alarms:
         name = report.visit.owner.hex()[:12]
         if report.missing_count:
-            missing = counted(report.missing_count, "record is", "records are")
-            console.print(f"[red]Your visit {name}: {missing} missing. Ask why.[/red]")
+            console.print(f"[red]{text('inbox.missing', name=name, count=report.missing_count)}[/red]")
         if report.unreadable_ids:
-            console.print(f"[red]Your visit {name}: {unreadable_words(report)}[/red]")
+            console.print(f"[red]{text('inbox.unreadable', name=name, what=unreadable_words(report))}[/red]")
 
 
 @click.command()
@@ -201,21 +180,16 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
         )
         return
     if not found.reads_new:
-        console.print(
-            "You are no member any more, as the network says: this is what your wallet knew. What was shared since, and"
-            " own visits that it did not know, it cannot read."
-        )
+        console.print(text("inbox.no_member"))
     elif not found.receipts and not found.alarms and not found.changed:
         console.print(text("inbox.nothing"))
     for receipt in found.receipts:
         for line in receipt_lines(receipt):
             console.print(line)
     if found.faded:
-        console.print(
-            f"{len(found.faded)} more ended long ago: of them nothing is read any more, and no copy may be left."
-        )
+        console.print(text("inbox.faded", count=len(found.faded)))
     for path in [Path(copy.folder) / copy.record_id.hex() for each in found.faded for copy in each.copies]:
-        console.print(f"  a copy was in {path}")
+        console.print("  " + text("inbox.faded_copy", place=path))
     _print_alarms(found.alarms)
     for entry in found.changed:
         frames = ", ".join(map(str, entry.data["frames"]))
@@ -302,7 +276,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     folder = out.absolute()
 
     async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes]]:
-        with status_line("asking the chain and the custodians", as_json=as_json):
+        with status_line(text("look.asking"), as_json=as_json):
             return await look_at(opened, grant, record_ids, folder)
 
     views, left_out = run_opened(ctx, action)
@@ -321,14 +295,23 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
         whole = sum(frame.status == STATUS_OK for frame in shown)
-        of = counted(len(shown), "picture is", "pictures are")
-        line = f"{view.record_id.hex()}: {whole} of {of} as the robot took them"
+        line = text("look.whole", name=view.record_id.hex(), whole=whole, count=len(shown))
         if view.corrupted:
-            line += f"; [red]changed since, or not shared: {', '.join(map(str, view.corrupted))}[/red]"
+            line += f"; [red]{text('look.changed', indexes=', '.join(map(str, view.corrupted)))}[/red]"
         console.print(line + ".")
     for record_id in left_out:
-        console.print(f"{record_id.hex()}: left out, its owner restricted it.")
-    console.print(f"They are in {out}. They are another person's: delete them when you are done.")
+        console.print(text("look.left_out", name=record_id.hex()))
+    console.print(text("look.written", out=out))
+
+
+def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: bool) -> None:
+    """Say what is deleted here and told on the ledger, and ask. Raises Abort for no."""
+    records = text("count.records", count=records_count)
+    if places:
+        told = text("confirm_deleted.delete", folders=text("count.folders", count=len(places)), records=records)
+    else:
+        told = text("confirm_deleted.say", records=records)
+    confirm(told, text("confirm_deleted.ask"), yes=yes)
 
 
 @click.command("confirm-deleted")
@@ -355,18 +338,12 @@ def confirm_deleted(
         if not receipt.looked:
             raise BlockRobotError("NOTHING_TO_CONFIRM", "You never looked at it, so you have no copy.")
         if not chosen:
-            text = "Nothing of this share is to be deleted now, or you have confirmed it all."
-            raise BlockRobotError("NOTHING_TO_CONFIRM", text)
+            detail = "Nothing of this share is to be deleted now, or you have confirmed it all."
+            raise BlockRobotError("NOTHING_TO_CONFIRM", detail)
         places = copies_left(receipt, chosen)
         if places and not delete:
             raise BlockRobotError("COPIES_REMAIN", f"There is still a copy in {places[0]}.")
-        doing = f"Delete what `look` wrote into {counted(len(places), 'folder')}, and say" if places else "Say"
-        confirm(
-            f"{doing} on the ledger that you have no copy left of {counted(len(chosen), 'record')}: not elsewhere on this"
-            " machine, not on another, not on paper, and with nobody whom you gave one.",
-            "Is that so?",
-            yes=yes,
-        )
+        _ask_whether_deleted(places, len(chosen), yes=yes)
         kept = [path for place in places for path in delete_frames(place)]
         await receiving.confirm_deleted(receipt, chosen)
         return chosen, places, kept
@@ -379,8 +356,8 @@ def confirm_deleted(
         return
     for folder in dict.fromkeys(path.parent for path in kept):
         names = ", ".join(path.name for path in kept if path.parent == folder)
-        console.print(f"{folder} stays: it holds what `look` did not write ({names}). No copy may be among it.")
-    console.print(f"The owner sees now that you have deleted your copies of {counted(len(chosen), 'record')}.")
+        console.print(text("confirm_deleted.stays", folder=folder, names=names))
+    console.print(text("confirm_deleted.done", count=len(chosen)))
 
 
 COMMANDS = (inbox, look, confirm_deleted)

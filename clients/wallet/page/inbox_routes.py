@@ -7,7 +7,7 @@ from typing import Any
 from aiohttp import web
 
 from clients.wallet.inbox_commands import read_inbox, receipt_json, receipt_lines
-from clients.wallet.page.answering import answer_json, route
+from clients.wallet.page.answering import answer_json, language_of, route
 from clients.wallet.page.reading_routes import told_erasure
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.snapshot import VisitPart
@@ -19,7 +19,8 @@ def routes(session: PageSession) -> list[LocalRoute]:
     return [route(session, "GET", "/api/inbox", _inbox)]
 
 
-async def _inbox(session: PageSession, _request: web.Request) -> web.Response:
+async def _inbox(session: PageSession, request: web.Request) -> web.Response:
+    language = language_of(request)
     async with session.hold() as wallet:
         found = await read_inbox(wallet)
     snapshot = session.snapshot
@@ -42,7 +43,7 @@ async def _inbox(session: PageSession, _request: web.Request) -> web.Response:
             "reads_new": found.reads_new,
             "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
             "alarms": alarms,
-            "received": [receipt_json(each) | {"lines": receipt_lines(each)} for each in found.receipts],
+            "received": [receipt_json(each) | {"lines": receipt_lines(each, language)} for each in found.receipts],
             "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
         }
     )

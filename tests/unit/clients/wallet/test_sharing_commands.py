@@ -14,7 +14,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import cli, inbox_commands, sharing_commands
-from clients.wallet.language import LANGUAGE_VARIABLE
+from clients.wallet.language import LANGUAGE_VARIABLE, LANGUAGES, section
+from clients.wallet.received import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.rights import Chosen, Rights
 from clients.wallet.sharing import STEP_KEYS, STEP_PARTS, STEP_SIGNING
 from clients.wallet.sharing_commands import read_end, say_step
@@ -336,6 +337,56 @@ def test_shares_their_end_and_ones_handle_are_told_in_portuguese_and_json_is_the
     assert "terminada por si" in pessoas.run(ann, "shares").output
     visitor = ward.come_in("visitor", "subject")
     assert "Está inscrito como utente: só se partilha com o pessoal" in pessoas.run(visitor, "handle").output
+
+
+def test_the_inbox_looking_and_confirming_are_told_in_portuguese(
+    pessoas: People, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward, doctor, out = pessoas.ward, pessoas.doctor, tmp_path / "shared"
+    assert "Nada foi partilhado consigo" in pessoas.run(doctor, "inbox").output
+    visit, (first, second) = ward.record_visit()
+    asyncio.run(ward.share(doctor))
+    told = pessoas.told(doctor, "inbox")
+    name = told["received"][0]["grant_id"][:12]
+    said = pessoas.run(doctor, "inbox").output
+    assert f"{name}  2 gravações do encontro {visit.owner.hex()[:12]}, até " in said
+    assert "Para: Cuidado e tratamento da própria pessoa." in said
+    assert f"Para ver: blockrobot wallet look {name}" in said
+    looked = pessoas.run(doctor, "look", name, "--out", out).output
+    assert f"{first.hex()}: 2 de 2 imagens estão como o robô as captou." in looked
+    assert f"As imagens estão em {out}." in looked
+    asyncio.run(ward.erase(visit, [first]))
+    said = pessoas.run(doctor, "inbox").output
+    for part in ("1 de 2 gravações: foi apagada, ou passou o prazo: elimine todas as cópias", "há uma cópia em "):
+        assert part in said
+    assert f"Quando já não restar nada: blockrobot wallet confirm-deleted {name}" in said
+    asked: list[str] = []
+    monkeypatch.setattr(inbox_commands, "confirm", lambda told, question, *, yes: asked.append(f"{told} {question}"))
+    (out / first.hex() / "nota.txt").write_text("minha")
+    done = pessoas.run(doctor, "confirm-deleted", name, "--delete").output
+    assert "Eliminar o que `look` escreveu em 1 pasta, e dizer no registo" in asked[0]
+    assert "nenhuma cópia de 1 gravação: nem noutro lugar" in asked[0]
+    assert asked[0].endswith("É assim?")
+    assert "fica: contém o que `look` não escreveu (nota.txt)." in done.replace("\n", "")
+    assert "A dona vê agora que eliminou as suas cópias de 1 gravação." in done
+    assert "Confirmou que eliminou as suas cópias" in pessoas.run(doctor, "inbox").output
+    assert "diz que eliminou as cópias de 1 gravação" in pessoas.run(ward.wallet, "shares").output
+    assert second.hex() not in asked[0]
+
+
+def test_what_is_missing_of_ones_own_visits_is_told_in_portuguese(pessoas: People) -> None:
+    ward = pessoas.ward
+    visit = ward.open_visit()
+    ward.record(visit)
+    ward.chain.must(ward.chain.robot.identity, "records", "close_visit", visit.owner, 3)
+    said = pessoas.run(ward.wallet, "inbox").output
+    assert f"O seu encontro {visit.owner.hex()[:12]}: faltam 2 gravações. Pergunte porquê." in said
+
+
+def test_every_notice_of_what_was_shared_has_its_words_in_both_languages() -> None:
+    for language in LANGUAGES:
+        for words in ("received.had", "received.never_had"):
+            assert set(section(words, language)) == {*TO_DELETE, KIND_CORRECTED, KIND_RESTRICTED}
 
 
 def test_an_erasure_names_in_portuguese_who_had_received_it(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
