@@ -17,7 +17,7 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
-from clients.wallet.language import text
+from clients.wallet.language import code_text, describe_error, text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
@@ -226,7 +226,9 @@ def _line(row: Choice, height: int) -> str:
     last = row.last
     mark = f"[green]{text('consent.yes')}[/green]" if row.holds else text("consent.no")
     since = show_moment(last.since_ms)
-    line = text("consent.row", purpose=row.purpose, sensor=row.sensor, status=last.status, moment=since)
+    line = text(
+        "consent.row", purpose=row.purpose, sensor=row.sensor, status=code_text("said", last.status), moment=since
+    )
     if last.height > height:
         line += ", " + text("consent.from_block", height=last.height)
     if last.from_ms:
@@ -268,23 +270,28 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         print_json({"ok": True, "receipts": rows, "missing": missing, "file": None if out is None else str(out)})
         return
     if not found.checked:
-        console.print("There is no receipt in this wallet, so no file. Words of before are found with: --search.")
+        console.print(text("receipts.none"))
     for receipt in found.checked:
         console.print(escape(_receipt_line(receipt)))
     for txid, error in found.missing:
-        console.print(
-            f"Missing, of transaction {txid.hex()[:12]}: {escape(error.detail)} {escape(error.entry.next_step)}"
-        )
+        detail, next_step = describe_error(error)
+        line = text("receipts.missing", name=txid.hex()[:12], detail=detail, next_step=next_step)
+        console.print(escape(line))
     if out is not None:
-        console.print(
-            f"They are in {escape(str(out))}. It names you by handle and key. To check: blockrobot verify {out}"
-        )
+        console.print(escape(text("receipts.written", path=out)))
 
 
 def _receipt_line(receipt: CheckedReceipt) -> str:
     word = receipt.word
-    what = ", ".join(word.purposes) or "everything"
-    sensors = ", ".join(word.sensors) or "every sensor"
-    notice = "no notice" if receipt.published is None else f"notice {receipt.published.row.version}"
-    place = f"block {word.height}, signed by {receipt.node} of {receipt.organisation} and by you, {notice}"
-    return f"{show_moment(word.time_ms)}  {word.status}: {what} by {sensors} ({place})"
+    published = receipt.published
+    return text(
+        "receipts.line",
+        moment=show_moment(word.time_ms),
+        status=code_text("said", word.status),
+        purposes=", ".join(word.purposes) or text("receipts.everything"),
+        sensors=", ".join(word.sensors) or text("receipts.every_sensor"),
+        height=word.height,
+        node=receipt.node,
+        organisation=receipt.organisation,
+        notice=text("receipts.notice", version=published.row.version) if published else text("receipts.no_notice"),
+    )

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import click
 
+from clients.wallet.language import text
+
 
 def tell_linked(visit_count: int) -> None:
     """Say on standard error that so many visits, spoken for one after the other, can be told to be one person's."""
     if visit_count > 1:
-        click.echo(
-            f"This speaks for {visit_count} of your visits, one right after the other: whoever reads the ledger can"
-            " tell, for ever, that they are one person's. If you mind, name records of one visit at a time, hours apart.",
-            err=True,
-        )
+        click.echo(text("linked.acting", number=visit_count), err=True)
 
 
 def tell_linked_moves(visit_count: int, *, with_member: bool) -> None:
@@ -22,11 +20,6 @@ def tell_linked_moves(visit_count: int, *, with_member: bool) -> None:
     """
     if not visit_count or (visit_count == 1 and not with_member):
         return
-    what = "1 of your visits gets" if visit_count == 1 else f"{visit_count} of your visits get"
-    whose = "whose they are" if with_member else "that they are one person's"
-    whose = whose.replace("they are", "it is") if visit_count == 1 else whose
-    click.echo(
-        f"{what} a new key at once: whoever reads the ledger can tell, for ever, {whose}. Without --now each is moved at a"
-        " moment that chance decides, within ten minutes or what --over-minutes says; until then a thief can still see it.",
-        err=True,
-    )
+    key = "linked.moving_member" if with_member else "linked.moving"
+    told = text(key, count=visit_count, number=visit_count)
+    click.echo(f"{told} {text('linked.otherwise')}", err=True)

@@ -151,24 +151,18 @@ def tell_liars(troubles: Mapping[str, BlockRobotError]) -> None:
 def tell_member_gone(opened: Wallet) -> None:
     """Say, if so, that somebody else may be the member now, what this wallet still can do, and what to do next."""
     for line in member_gone_line(opened):
-        click.secho(f"WARNING: {line}", fg="red", bold=True, err=True)
+        click.secho(text("former.warning", line=line), fg="red", bold=True, err=True)
 
 
-def member_gone_line(opened: Wallet) -> list[str]:
-    """Return that warning in a sentence, none if there is nothing to warn of."""
+def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
+    """Return that warning in a sentence (`language` None: the one in use), none if there is nothing to warn of."""
     if not opened.member_gone:
         return []
-    if opened.store.content.next_words:
-        next_step = "Your new words may be in force already: run `blockrobot wallet rotate` again"
-    else:
-        next_step = "If you did not change your words yourself, go to the registrar's desk at once"
-    lost = len(opened.out_of_reach)
-    return [
-        "this wallet's words make nobody a member any more. Visits that it knew and that still obey it, it goes on"
-        " to show and to erase; nothing new is found."
-        + (f" {lost} of your visits obey it no more." if lost else "")
-        + f" {next_step}. See {STOLEN_PAGE}."
-    ]
+    told, lost = [text("former.gone", language=language)], len(opened.out_of_reach)
+    if lost:
+        told.append(text("former.lost", language=language, number=lost))
+    next_key = "former.finish" if opened.store.content.next_words else "former.to_desk"
+    return [" ".join([*told, text(next_key, language=language, page=STOLEN_PAGE)])]
 
 
 def show_moment(time_ms: int) -> str:

@@ -14,9 +14,9 @@ import click
 
 from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.counting import counted
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
+from clients.wallet.language import text
 from clients.wallet.linking import tell_linked_moves
 from clients.wallet.opening import STOLEN_PAGE, run_opened
 from clients.wallet.rotating import Rotating, Transferred
@@ -63,11 +63,12 @@ def _show_words(words: str, words_file: Path | None) -> None:
     if words_file is not None:
         write_words(words_file, words)
         return
-    console.print("Your 24 new words. Write them down now, and keep the old ones too; they are shown this once:\n")
+    console.print(text("rotate.words") + "\n")
     console.print(words, style="bold")
     wanted = secrets.randbelow(WORDS_COUNT)
-    while ask_for(f"\nFrom what you wrote down: word number {wanted + 1}").strip().lower() != words.split()[wanted]:
-        console.print("That is not this word. Look again; nothing is changed yet.")
+    question = "\n" + text("rotate.ask_word", number=wanted + 1)
+    while ask_for(question).strip().lower() != words.split()[wanted]:
+        console.print(text("rotate.wrong_word"))
 
 
 def _ask_or_say(question: str, *, yes: bool) -> None:
@@ -78,7 +79,7 @@ def _ask_or_say(question: str, *, yes: bool) -> None:
 
 
 def _tell_progress(number: int, count: int, pause_s: float) -> None:
-    click.echo(f"Visit {number + 1} of {count} gets its new key in {pause_s:.0f} s ...", err=True)
+    click.echo(text("rotate.progress", number=number + 1, count=count, seconds=f"{pause_s:.0f}"), err=True)
 
 
 async def _transfer(
@@ -99,11 +100,11 @@ def _transferred_json(done: Transferred) -> dict[str, Any]:
 
 
 def _tell_transferred(done: Transferred) -> None:
-    console.print(f"{counted(len(done.done), 'visit has', 'visits have')} a key of your present words.")
+    console.print(text("rotate.moved", count=len(done.done)))
     print_taken(len(done.taken))
     print_stuck(len(done.stuck))
     if done.refusal is not None:
-        console.print("[red]It was ended early; run the same command again to go on.[/red]")
+        console.print(f"[red]{text('rotate.ended_early')}[/red]")
         raise done.refusal
 
 
@@ -113,14 +114,8 @@ def print_taken(count: int) -> None:
         console.print(f"[red]{line}[/red]")
 
 
-def _taken_lines(count: int) -> list[str]:
-    return [
-        (
-            f"{counted(count, 'visit was', 'visits were')} given a key that is not of your words, by somebody who had"
-            " the key before: out of this wallet's reach. Tell the hospital's data protection officer; see"
-            f" {STOLEN_PAGE}."
-        )
-    ][:count]
+def _taken_lines(count: int, language: str | None = None) -> list[str]:
+    return [text("former.taken", language=language, count=count, page=STOLEN_PAGE)] if count else []
 
 
 def print_stuck(count: int) -> None:
@@ -129,26 +124,13 @@ def print_stuck(count: int) -> None:
         console.print(f"[red]{line}[/red]")
 
 
-def _stuck_lines(count: int) -> list[str]:
-    visits = counted(count, "visit still obeys", "visits still obey")
-    return [
-        (
-            f"{visits} your former words, and can be given no other key any more: moved too often. Whoever has those words"
-            f" sees them. You can have them erased: blockrobot wallet erase; see {STOLEN_PAGE}."
-        )
-    ][:count]
+def _stuck_lines(count: int, language: str | None = None) -> list[str]:
+    return [text("former.stuck", language=language, count=count, page=STOLEN_PAGE)] if count else []
 
 
 def unreadable_words(report: VisitReport) -> str:
     """Say what to do about records of a visit that do not open."""
-    count = len(report.unreadable_ids)
-    what = counted(count, "record")
-    if not report.needs_former_words:
-        return f"{what} cannot be opened with your keys. Ask the hospital why."
-    return (
-        f"{what} of before you changed your words cannot be opened without the former ones. Make the wallet again under"
-        " another name, with all words that you had: blockrobot wallet --profile NAME restore --words-file NEW --former OLD"
-    )
+    return text("former.needed" if report.needs_former_words else "former.unreadable", count=len(report.unreadable_ids))
 
 
 def words_json(content: WalletContent) -> dict[str, Any]:
@@ -172,13 +154,12 @@ def print_words(content: WalletContent) -> None:
         console.print(f"[red]{line}[/red]")
 
 
-def words_lines(content: WalletContent) -> list[str]:
-    """Return the same in sentences."""
+def words_lines(content: WalletContent, language: str | None = None) -> list[str]:
+    """Return the same in sentences, in a language (None: the one in use)."""
     count = len(exposed(content))
-    visits = counted(count, "visit still obeys", "visits still obey")
-    told = [f"{visits} your former words. Run: blockrobot wallet transfer"] if count else []
-    told += _taken_lines(sum(visit.taken for visit in content.visits))
-    return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits))
+    told = [text("former.exposed", language=language, count=count)] if count else []
+    told += _taken_lines(sum(visit.taken for visit in content.visits), language)
+    return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
 
 
 async def _fetch_receipts(opened: Wallet) -> int:
@@ -220,7 +201,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             await opened.scan()
             if opened.member_gone:
                 raise BlockRobotError("MEMBER_NO_MORE")
-            _ask_or_say("You get 24 new words, and the old ones decide of nothing any more. Go on?", yes=yes)
+            _ask_or_say(text("rotate.ask"), yes=yes)
             rotating.prepare()
         if rotating.must_show:
             if words_file is None and not sys.stdin.isatty():
@@ -229,7 +210,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             rotating.confirm_shown()
         due_count = await _fetch_receipts(opened) if content.next_words else 0
         if await rotating.rotate() and due_count:
-            click.echo(f"{counted(due_count, 'receipt')} of consent, still due, cannot be had any more.", err=True)
+            click.echo(text("rotate.receipts_lost", count=due_count), err=True)
         return await _transfer(rotating, over_minutes, now=now, with_member=True, as_json=as_json)
 
     done = run_opened(ctx, action)
@@ -239,11 +220,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
         print_json({"ok": True, "words_file": str(words_file) if words_file else None, **_transferred_json(done)})
         return
     _tell_transferred(done)
-    console.print(
-        "The new words are in force. Keep the old ones too: only together they restore this wallet with its old pictures\n"
-        "(blockrobot wallet restore --former FILE). Where a robot was cut off, visits may come late under the old words:\n"
-        "blockrobot wallet records says so."
-    )
+    console.print(text("rotate.done"))
 
 
 @click.command()
@@ -269,15 +246,6 @@ def transfer(ctx: click.Context, over_minutes: int, now: bool, as_json: bool) ->
     _tell_transferred(done)
 
 
-_LEAVING = """\
-If you leave:
-  - No robot records you any more, from the next block on; all you consented to ends.
-  - Your keys are taken out of the registry. Your handle stays there, marked as left; a new card makes you a new member.
-  - What was recorded stays until it expires, and stays yours: this wallet shows and erases it as before.
-    To have it erased first: blockrobot wallet erase --all
-  - What a robot that was cut off brings later is not found by this wallet any more."""
-
-
 @click.command()
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
@@ -289,15 +257,15 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     Example: blockrobot wallet leave
     """
     if not as_json:
-        console.print(_LEAVING)
-    _ask_or_say("Leave?", yes=yes)
+        console.print(text("leave.means"))
+    _ask_or_say(text("leave.ask"), yes=yes)
     height = run_opened(ctx, lambda opened: Rotating(opened).leave())
     if as_json:
         print_json({"ok": True, "height": height or None})
     elif height:
-        console.print(f"You have left, as of block {height}. Your records: blockrobot wallet records")
+        console.print(text("leave.done", height=height))
     else:
-        console.print("You had left already. Your records: blockrobot wallet records")
+        console.print(text("leave.before"))
 
 
 COMMANDS = (rotate, transfer, leave)

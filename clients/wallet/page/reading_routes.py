@@ -93,7 +93,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
             "state": session.state,
             "problem": None if session.problem is None else problem_json(session.problem, language),
             "refreshed_at_ms": snapshot.read_at_ms or None,
-            "warnings": [*member_gone_line(wallet), *words_lines(content)],
+            "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
             "counts": _counts(session),
             "notice": None
             if notice is None
