@@ -15,6 +15,8 @@ from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
 from pages.local_page import PROBLEM_TYPE, Handler, LocalRoute, read_object
 
+QUIET_HEADER = "X-BlockRobot-Quiet-Ms"
+"""How long ago somebody touched the page that asks: it asks by itself too, whenever there are news."""
 Answer = Callable[[PageSession, web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -38,15 +40,23 @@ def problem_json(error: BlockRobotError, language: str) -> dict[str, Any]:
     }
 
 
+def _note_use(session: PageSession, request: web.Request, *, is_use: bool) -> None:
+    """Keep the page open as long as somebody is at it: as long ago as its question says, else now if it is a use."""
+    quiet = request.headers.get(QUIET_HEADER, "")
+    if quiet.isascii() and quiet.isdigit() and len(quiet) <= 12:
+        session.note_use(int(quiet))
+    elif is_use:
+        session.note_use()
+
+
 def route(session: PageSession, method: str, path: str, answer: Answer, *, is_use: bool = True) -> LocalRoute:
-    """Return a route of the page. `is_use`: a request for it keeps an idle page open."""
+    """Return a route of the page. `is_use`: a request for it that does not say how long nobody was there is a use."""
     return LocalRoute(method, path, _handler(session, answer, is_use=is_use))
 
 
 def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
     async def handle(request: web.Request) -> web.StreamResponse:
-        if is_use:
-            session.note_use()
+        _note_use(session, request, is_use=is_use)
         try:
             return await answer(session, request)
         except BlockRobotError as error:

@@ -97,9 +97,9 @@ class PageSession:
 
     # Use
 
-    def note_use(self) -> None:
-        """Remember that somebody used the page just now."""
-        self.used_at_ms = self.now_ms()
+    def note_use(self, ago_ms: int = 0) -> None:
+        """Remember that somebody used the page, so long ago."""
+        self.used_at_ms = max(self.used_at_ms, self.now_ms() - ago_ms)
 
     def is_idle(self, minutes: int) -> bool:
         """Tell whether nobody has used the page for so long, and nothing that was asked for is under way."""

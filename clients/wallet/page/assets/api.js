@@ -7,6 +7,12 @@ import { language, t } from "./texts.js";
 const AGAIN_MS = 700;
 const JOB_WAIT_MS = 20_000;
 let whenClosed = () => {};
+let touchedAt = Date.now();
+
+// What the page asks by itself when news come in is no use of it: each question says how long nobody has touched it.
+for (const what of ["pointerdown", "pointermove", "keydown", "wheel", "touchstart"]) {
+  window.addEventListener(what, () => { touchedAt = Date.now(); }, { capture: true, passive: true });
+}
 
 /** Say what is to happen when the session is over or the program has ended. */
 export function onClosed(act) {
@@ -35,7 +41,7 @@ async function guarded(work, { again = false } = {}) {
   }
 }
 
-const headers = () => ({ "Accept-Language": language() });
+const headers = () => ({ "Accept-Language": language(), "X-BlockRobot-Quiet-Ms": String(Math.max(0, Date.now() - touchedAt)) });
 
 /** Fetch JSON. Throws a Problem, or AbortError once `signal` says that nobody waits any more. */
 export function get(path, query, signal) {

@@ -10,6 +10,7 @@ import pytest
 
 from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
+from clients.wallet.page.answering import QUIET_HEADER
 from clients.wallet.page.jobs import Job
 from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
@@ -208,3 +209,20 @@ async def test_an_idle_page_is_told_by_what_people_do_not_by_what_it_asks_by_its
     assert desk.session.is_idle(30)
     await desk.page.get("/api/days")
     assert not desk.session.is_idle(30)
+
+
+async def test_news_that_the_page_fetches_by_itself_keep_it_open_for_nobody(desk: Desk) -> None:
+    minute_ms = 60_000
+    for quiet_minutes in range(1, 32):
+        desk.ward.chain.time_ms += minute_ms
+        desk.page.headers[QUIET_HEADER] = str(quiet_minutes * minute_ms)
+        await desk.page.get("/api/overview")
+        await desk.page.get("/api/days")
+    assert desk.session.is_idle(30)
+    desk.page.headers[QUIET_HEADER] = "500"
+    await desk.page.get("/api/changes")
+    assert not desk.session.is_idle(30), "who reads and scrolls is there"
+    desk.ward.chain.time_ms += 31 * minute_ms
+    desk.page.headers[QUIET_HEADER] = "-1"
+    await desk.page.get("/api/changes")
+    assert desk.session.is_idle(30)

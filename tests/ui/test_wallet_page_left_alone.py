@@ -1,0 +1,87 @@
+"""The wallet's page when nobody is at it, and when its session is over: nothing of hers stays on the screen.
+
+Behind it are real contracts and proofs in this process; no network is started.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from clients.wallet.page.page import make_page
+from clients.wallet.page.session import PageSession
+from pages.local_page import LocalPage
+from tests.ui.watched_page import Watch
+from tests.unit.clients.wallet.page.conftest import dress
+from tests.unit.clients.wallet.shared_ward import SharedWard
+
+SOON_MS = 10_000
+
+
+@dataclass
+class Shown:
+    """A person's page in a browser, and what stands behind it."""
+
+    ward: SharedWard
+    session: PageSession
+    served: LocalPage
+    page: Page
+
+    async def record(self) -> None:
+        """Have the robot meet her once more, and the session read it."""
+        self.ward.record_visit()
+        async with self.session.lock:
+            await self.session.read()
+
+
+@pytest_asyncio.fixture(loop_scope="session")
+async def shown(tmp_path: Path, page: Page) -> AsyncIterator[Shown]:
+    ward = SharedWard(tmp_path)
+    dress(ward)
+    session = PageSession(
+        ward.wallet, "ann", tmp_path / ".ann.page", now_ms=lambda: ward.chain.time_ms, read_every_s=3_600.0
+    )
+    async with session:
+        served = make_page(session)
+        where = await served.start()
+        shown = Shown(ward, session, served, page)
+        await shown.record()
+        await page.goto(where.redirect_file.as_uri())
+        await expect(page.locator(".lead")).to_contain_text("2 recordings", timeout=SOON_MS)
+        yield shown
+        await page.goto("about:blank")
+        await served.stop()
+
+
+async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_come_back(
+    shown: Shown, watch: Watch
+) -> None:
+    watch.expect("status of 401")
+    page = shown.page
+    shown.served.end_sessions()
+    await page.get_by_role("link", name="What happened").click()
+    await expect(page.locator("h1")).to_be_focused(timeout=SOON_MS)
+    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+    await expect(page.locator("nav")).to_have_count(0)
+    assert "recording" not in (await page.locator("body").inner_text()).lower()
+    await page.evaluate("() => { location.hash = '#/inbox'; }")
+    await expect(page.locator("h1")).to_have_text(await page.locator("h1").inner_text())
+    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+
+
+async def test_recordings_that_come_in_keep_no_page_open_at_which_nobody_is(shown: Shown) -> None:
+    page = shown.page
+    await page.clock.install()
+    shown.ward.chain.time_ms += 31 * 60_000
+    await page.clock.fast_forward(31 * 60_000)
+    await shown.record()
+    await expect(page.locator(".lead")).to_contain_text("4 recordings", timeout=SOON_MS)
+    assert shown.session.is_idle(30)
+    await page.keyboard.press("Tab")
+    await page.get_by_role("link", name="What happened").click()
+    await expect(page.locator(".story").first).to_be_visible(timeout=SOON_MS)
+    assert not shown.session.is_idle(30)
