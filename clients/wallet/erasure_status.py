@@ -6,7 +6,9 @@ device that holds the words.
 
 from __future__ import annotations
 
+import functools
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,18 +16,23 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.counting import counted
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
+
+REMAINS_NOTHING = "nothing"
+_REMAINS = {"commitment-leaves": "erasures.leaves"}
+"""What custodians say of what remains, as the ledger has it, and the text for it."""
 
 
 @dataclass(frozen=True, slots=True)
 class CustodianWord:
     """One custodian about one erasure: `confirmed_at_ms` is None as long as it has said nothing."""
 
+    key: bytes
     name: str
     confirmed_at_ms: int | None
     destroyed_frames: int
@@ -57,9 +64,12 @@ async def find_erasures_of(wallet: Wallet, visit: KnownVisit, now_ms: int) -> li
     return [describe_erasure(report, asked, names, now_ms) for report, asked in await read_erasures(wallet, visit)]
 
 
-def custodian_names(wallet: Wallet) -> dict[bytes, str]:
-    """Return what custodians are called, by their keys."""
-    return {node.custodian_key: f"{node.name} of {node.organisation}" for node in wallet.genesis.custodians}
+def custodian_names(wallet: Wallet, language: str = DEFAULT_LANGUAGE) -> dict[bytes, str]:
+    """Return what custodians are called, by their keys; programs are told it in English."""
+    say = functools.partial(text, "custodian.named", language=language)
+    return {
+        node.custodian_key: say(name=node.name, organisation=node.organisation) for node in wallet.genesis.custodians
+    }
 
 
 async def read_erasures(wallet: Wallet, visit: KnownVisit) -> list[tuple[ErasureReport, AuditEntry]]:
@@ -80,7 +90,8 @@ def describe_erasure(report: ErasureReport, asked: AuditEntry, names: dict[bytes
         told: dict[str, Any] | None = report.receipts.get(key.hex())
         words.append(
             CustodianWord(
-                name=names.get(key, f"custodian {key.hex()[:12]}"),
+                key=key,
+                name=names.get(key) or text("custodian.unnamed", language=DEFAULT_LANGUAGE, key=key.hex()[:12]),
                 confirmed_at_ms=None if told is None else told.get("time", 0),
                 destroyed_frames=0 if told is None else told.get("destroyed_frames", 0),
                 remains="" if told is None else told.get("remains", ""),
@@ -115,26 +126,35 @@ def erasure_json(erasure: AskedErasure) -> dict[str, Any]:
     }
 
 
-def erasure_lines(erasure: AskedErasure) -> list[str]:
-    """Say one erasure in plain sentences."""
-    what = counted(erasure.records_count, "record")
+def erasure_lines(
+    erasure: AskedErasure, names: Mapping[bytes, str] | None = None, language: str | None = None
+) -> list[str]:
+    """Say one erasure in plain sentences, in a language (None: that of the command that runs).
+
+    `names` are those of the custodians in it, by key; without them they are called as programs call them.
+    """
+    say = functools.partial(text, language=language)
+    what = say("count.records", count=erasure.records_count)
     if erasure.frames:
-        what = counted(len(erasure.frames), "picture") + " of a record"
-    done = "erased everywhere" if erasure.report.complete else "not erased everywhere yet"
-    lines = [f"{show_moment(erasure.asked_at_ms)}  {what}: {done}."]
+        what = say("erasures.pictures", count=len(erasure.frames))
+    state = say("erasures.complete" if erasure.report.complete else "erasures.waiting")
+    lines = [say("erasures.line", moment=show_moment(erasure.asked_at_ms), what=what, state=state)]
     for word in erasure.custodians:
+        name = word.name if names is None else names.get(word.key) or say("custodian.unnamed", key=word.key.hex()[:12])
         if word.confirmed_at_ms is not None:
-            left = ""
-            if word.remains and word.remains != "nothing":
-                left = f"; what remains is {word.remains}, until {show_moment(word.remains_until_ms)}"
-            moment = show_moment(word.confirmed_at_ms)
-            lines.append(
-                f"  {word.name} confirmed {moment}: {counted(word.destroyed_frames, 'picture')} destroyed{left}."
-            )
-        elif word.overdue:
-            lines.append(f"  {word.name} is OVERDUE. Ask its organisation. It hands nothing out before it has erased.")
+            told: dict[str, Any] = {
+                "name": name,
+                "moment": show_moment(word.confirmed_at_ms),
+                "count": word.destroyed_frames,
+            }
+            if word.remains and word.remains != REMAINS_NOTHING:
+                remains = say(_REMAINS[word.remains]) if word.remains in _REMAINS else word.remains
+                line = say("erasures.confirmed_but", **told, remains=remains, until=show_moment(word.remains_until_ms))
+            else:
+                line = say("erasures.confirmed", **told)
         else:
-            lines.append(f"  {word.name} has not confirmed yet.")
+            line = say("erasures.overdue" if word.overdue else "erasures.not_yet", name=name)
+        lines.append(f"  {line}")
     return lines
 
 
@@ -148,15 +168,16 @@ def erasures(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot wallet erasures
     """
 
-    async def action(opened: Wallet) -> list[AskedErasure]:
-        return await find_erasures(opened, time.time_ns() // 1_000_000)
+    async def action(opened: Wallet) -> tuple[list[AskedErasure], dict[bytes, str]]:
+        found = await find_erasures(opened, time.time_ns() // 1_000_000)
+        return found, custodian_names(opened, language_in_use())
 
-    found = run_opened(ctx, action)
+    found, names = run_opened(ctx, action)
     if as_json:
         print_json({"ok": True, "erasures": [erasure_json(each) for each in found]})
         return
     if not found:
-        console.print("You have not asked to erase anything.")
+        console.print(text("erasures.none"))
     for each in found:
-        for line in erasure_lines(each):
+        for line in erasure_lines(each, names):
             console.print(line)

@@ -272,7 +272,7 @@ def _neighbours(part: VisitPart, entry: RecordEntry) -> dict[str, str | None]:
 
 
 def _events(session: PageSession, trail: Sequence[AuditEntry], language: str) -> list[dict[str, Any]]:
-    names = custodian_names(session.wallet)
+    names = custodian_names(session.wallet, language)
     ordered = sorted(trail, key=lambda entry: (entry.height, entry.index), reverse=True)
     return [event_json(entry, names, language) for entry in ordered]
 

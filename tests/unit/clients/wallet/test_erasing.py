@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import click
 import pytest
+from click.testing import CliRunner
 
+from clients.wallet import erasure_status
 from clients.wallet.auditing import AuditEntry
 from clients.wallet.erasing import Erasing
 from clients.wallet.erasure_status import (
     AskedErasure,
+    custodian_names,
     describe_erasure,
     erasure_json,
     erasure_lines,
+    erasures,
 )
 from clients.wallet.keystore import Keystore, KnownVisit
+from clients.wallet.language import LANGUAGE_VARIABLE
+from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 from tests.unit.clients.wallet.conftest import World
@@ -166,3 +177,48 @@ async def test_a_custodian_without_a_name_is_told_by_its_key(world: World) -> No
     report = await Erasing(world.wallet).report(visit, b"e" * 32)
     erasure = describe_erasure(report, _asked(visit, []), {}, ASKED_MS)
     assert erasure.custodians[0].name == f"custodian {(b'a' * 33).hex()[:12]}"
+
+
+async def test_in_portuguese_the_same_is_said_with_what_remains_and_who_is_late(world: World) -> None:
+    nothing = {"time": ASKED_MS, "destroyed_frames": 1, "remains": "nothing", "remains_until_ms": 0}
+    leaves = {"time": ASKED_MS, "destroyed_frames": 2, "remains": "commitment-leaves", "remains_until_ms": ASKED_MS + 1}
+    names = {b"a" * 33: "node-1 de ward"}
+    erasure = await _described(world, {b"a" * 33: nothing}, age_ms=10**9, frames=[])
+    head, first, second = erasure_lines(erasure, names, "pt")
+    assert head.endswith("  1 gravação: ainda não apagado em todo o lado.")
+    assert "node-1 de ward confirmou em " in first
+    assert first.endswith(": 1 imagem destruída.")
+    assert second.startswith(f"  depositário {(b'b' * 33).hex()[:12]} está ATRASADO.")
+    late = await _described(world, {b"a" * 33: leaves}, age_ms=0, frames=[0, 1])
+    head, first, second = erasure_lines(late, names, "pt")
+    assert "2 imagens de uma gravação: " in head
+    assert "2 imagens destruídas; o que lá fica: números de controlo" in first
+    assert second.endswith(" ainda não confirmou.")
+    assert erasure_json(erasure)["custodians"][0]["name"] == "node-1 of ward"
+
+
+def test_the_command_speaks_portuguese_and_its_json_stays_as_it_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, told = World(tmp_path), []
+    erasure = run_virtual(_described(world, {}, age_ms=0, frames=[]))
+    custodian = SimpleNamespace(custodian_key=b"a" * 33, name="node-1", organisation="ward")
+    wallet = SimpleNamespace(genesis=SimpleNamespace(custodians=[custodian]))
+
+    async def find(_wallet: Wallet, _now_ms: int) -> list[AskedErasure]:
+        return list(told)
+
+    def run_opened(_: click.Context, action: Callable[[Any], Awaitable[Any]]) -> Any:
+        return asyncio.run(action(wallet))  # type: ignore[arg-type]
+
+    monkeypatch.setattr(erasure_status, "find_erasures", find)
+    monkeypatch.setattr(erasure_status, "run_opened", run_opened)
+    english = json.loads(CliRunner().invoke(erasures, ["--json"]).output)
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    assert "Não pediu para apagar nada." in CliRunner().invoke(erasures, []).output
+    assert json.loads(CliRunner().invoke(erasures, ["--json"]).output) == english
+    told.append(erasure)
+    assert "node-1 de ward ainda não confirmou." in CliRunner().invoke(erasures, []).output
+    (row,) = json.loads(CliRunner().invoke(erasures, ["--json"]).output)["erasures"]
+    assert [word["name"] for word in row["custodians"]] == list(NAMES.values())
+    assert custodian_names(wallet) == {b"a" * 33: "node-1 of ward"}  # type: ignore[arg-type]
