@@ -5,20 +5,28 @@ from __future__ import annotations
 import asyncio
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, records_command, rights_commands
+from clients.wallet import cli, consent_commands, records_command, rights_commands, rotating_commands
+from clients.wallet.consent_receipts import Receipts
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, section
+from clients.wallet.linking import tell_linked, tell_linked_moves
 from clients.wallet.rights import describe_event
+from clients.wallet.rotating import Rotating
+from clients.wallet.rotating_commands import words_lines
 from clients.wallet.standing import BreachEnd, OfficersErasure, VisitRights
 from clients.wallet.standing_words import standing_lines
+from consensus.errors import BlockRobotError
 from consensus.records import rights as codes
 from consensus.records.lost_keys import LOST_KEY_REASONS
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 from tests.unit.clients.wallet.test_rights import Saying
+from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
 
 BREACH = b"\xb1" * 32
 
@@ -155,3 +163,107 @@ def test_every_kind_of_entry_has_a_name_and_a_sentence_on_the_page() -> None:
 
 def test_the_reasons_for_which_officers_erase_are_those_that_are_published() -> None:
     assert section("lost_key_reason", DEFAULT_LANGUAGE) == LOST_KEY_REASONS
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    return Desk(tmp_path, monkeypatch)
+
+
+def test_words_are_changed_and_visits_moved_in_portuguese(desk: Desk) -> None:
+    changed = desk.rotate()
+    assert changed.exit_code == 0, changed.output
+    assert "1 encontro tem uma chave das suas palavras atuais." in changed.output
+    assert "As novas palavras estão em vigor. Guarde também as antigas" in changed.output
+    assert "1 dos seus encontros recebe já uma nova chave" in changed.stderr
+    for number in (2, 3):
+        desk.story.visit(number)
+    told = " ".join(desk.run("records").output.split())
+    assert "2 encontros ainda obedecem às suas palavras anteriores. Execute: blockrobot wallet transfer" in told
+    moved = desk.run("transfer", "--now")
+    assert "2 encontros têm uma chave das suas palavras atuais." in moved.output
+    assert (
+        "recebem já uma nova chave: quem lê o registo pode ver, para sempre, que são de uma só pessoa" in moved.stderr
+    )
+
+
+def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+    assert desk.folder
+    asked: list[str] = []
+    answers = iter(["zero", "one"])
+
+    def prompt(question: str, **_: Any) -> str:
+        asked.append(question)
+        return next(answers)
+
+    monkeypatch.setattr("clients.wallet.rotating_commands.secrets.randbelow", lambda _: 1)
+    monkeypatch.setattr(click, "prompt", prompt)
+    rotating_commands._show_words("zero one two", None)
+    assert asked == ["\nDo que escreveu: palavra número 2"] * 2
+    said = capsys.readouterr().out
+    assert "As suas 24 palavras novas." in said
+    assert "Não é essa palavra." in said
+
+
+def test_leaving_is_told_in_portuguese(desk: Desk) -> None:
+    gone, again = desk.run("leave", "--yes"), desk.run("leave", "--yes")
+    assert "Nenhum robô o grava mais" in gone.output
+    assert f"Saiu, a partir do bloco {desk.story.hospital.height}." in gone.output
+    assert "Já tinha saído." in again.output
+
+
+def test_who_was_too_late_is_warned_in_portuguese(desk: Desk) -> None:
+    assert desk.run("records").exit_code == 0
+    thief = Rotating(desk.story.copy("thief", OLD_WORDS, []))
+    thief.prepare()
+    thief.confirm_shown()
+    asyncio.run(thief.rotate())
+    told = " ".join(desk.run("records").stderr.split())
+    assert told.startswith("AVISO: as palavras desta carteira já não fazem de ninguém um membro.")
+    assert "vá já ao balcão de registo. Veja docs/how-to/when-your-wallet-is-stolen.md." in told
+
+
+def test_former_words_are_spoken_of_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+    desk.run("records")
+    content = desk.story.open().store.content
+    visit = content.visits[0]
+    visit.stuck = True
+    (stuck,) = words_lines(content, "pt")
+    assert stuck.startswith("1 encontro ainda obedece às suas palavras anteriores, e já não pode receber outra chave")
+    visit.taken = True
+    (taken,) = words_lines(content, "pt")
+    assert taken.startswith("1 encontro recebeu uma chave que não vem das suas palavras")
+    assert words_lines(content, "en")[0].startswith("1 visit was given a key that is not of your words")
+
+
+def test_what_acting_on_several_visits_tells_is_said_in_portuguese(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    tell_linked(3)
+    tell_linked_moves(2, with_member=True)
+    acting, moving = capsys.readouterr().err.splitlines()
+    assert acting.startswith("Isto fala por 3 dos seus encontros")
+    assert moving.startswith(
+        "2 dos seus encontros recebem já uma nova chave: quem lê o registo pode ver, para sempre, de"
+    )
+
+
+def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    word = SimpleNamespace(
+        time_ms=NOW_MS, status="given", purposes=["care"], sensors=[], height=7, txid=bytes(32), index=0
+    )
+    receipt = SimpleNamespace(word=word, node="node-1", organisation="hospital", published=None)
+    entry = SimpleNamespace(document="{}")
+    missing = ((b"\xab" * 32, BlockRobotError("NODE_UNREACHABLE")),)
+    found = Receipts((receipt,), (entry,), missing)  # type: ignore[arg-type]
+    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (found, b"{}"))
+    out = tmp_path / "recibos.json"
+    words = ["--language", "pt", "consent", "receipts"]
+    told = " ".join(CliRunner().invoke(cli.wallet, [*words, "--out", str(out)]).output.split())
+    assert "dado: care por todos os sensores (bloco 7, assinado por node-1 de hospital e por si, sem aviso)" in told
+    assert "Falta, da transação abababababab: Nenhum nó da rede respondeu." in told
+    assert f"Estão em {out}." in told
+    monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (Receipts((), (), ()), b""))
+    assert "Não há nenhum recibo nesta carteira" in CliRunner().invoke(cli.wallet, words).output
