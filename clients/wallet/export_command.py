@@ -14,12 +14,14 @@ import click
 from clients.bundle.checking import Verdict, unproved
 from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
+from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.counting import counted
 from clients.wallet.exporting import Exporting, Plan, Wanted
+from clients.wallet.language import describe_error, language_in_use, section, text
 from clients.wallet.opening import run_opened
 from clients.wallet.wallet import Wallet
+from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.envelopes import RECORD_ID_BYTES
 from consensus.records.purposes import require_purpose
 
@@ -27,28 +29,28 @@ _AGO = re.compile(r"-(\d{1,6})([hd])", re.ASCII)
 _AGO_MS = {"h": 3_600_000, "d": 24 * 3_600_000}
 
 
-def read_past(text: str | None, now_ms: int) -> int:
+def read_past(written: str | None, now_ms: int) -> int:
     """Return a time in ms: `-7d`, `-12h` (ago), a date or a date with a time of this machine's zone; 0 for none."""
-    if text is None:
+    if written is None:
         return 0
-    ago = _AGO.fullmatch(text.strip())
+    ago = _AGO.fullmatch(written.strip())
     try:
         if ago:
             return max(1, now_ms - int(ago[1]) * _AGO_MS[ago[2]])
-        return max(1, round(datetime.datetime.fromisoformat(text.strip()).astimezone().timestamp() * 1000))
+        return max(1, round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000))
     except (ValueError, OverflowError, OSError):
-        raise click.UsageError(f"{text!r} is no time: write -7d, -12h, 2027-01-31 or 2027-01-31T18:00.") from None
+        raise click.UsageError(f"{written!r} is no time: write -7d, -12h, 2027-01-31 or 2027-01-31T18:00.") from None
 
 
-def _read_ids(texts: tuple[str, ...]) -> tuple[bytes, ...]:
+def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
     ids = []
-    for text in (part.strip() for group in texts for part in group.split(",")):
+    for digits in (part.strip() for group in written for part in group.split(",")):
         try:
-            record_id = bytes.fromhex(text)
+            record_id = bytes.fromhex(digits)
         except ValueError:
             record_id = b""
         if len(record_id) != RECORD_ID_BYTES:
-            raise click.UsageError(f"{text!r} is no record: `blockrobot wallet records` shows them.")
+            raise click.UsageError(f"{digits!r} is no record: `blockrobot wallet records` shows them.")
         ids.append(record_id)
     return tuple(dict.fromkeys(ids))
 
@@ -56,21 +58,18 @@ def _read_ids(texts: tuple[str, ...]) -> tuple[bytes, ...]:
 def bundle_warning(plan: Plan, *, now: bool) -> list[str]:
     """Return what the bundle would give away, in plain sentences."""
     wanted = plan.wanted
-    what = f"{counted(len(plan.visits), 'visit')} with {counted(plan.record_count, 'record')}"
-    lines = [f"The bundle will hold {what}. Whoever has it learns:"]
-    if plan.visits:
-        lines.append("  - that these visits were of one person (on the ledger nobody can tell), where and when;")
-    if wanted.pictures and plan.record_count:
-        lines.append("  - what the pictures show, and that they are genuine; every custodian notes that you looked;")
-    if wanted.identity:
-        lines.append("  - which member of the network you are, and all your consents (--no-identity leaves that out);")
-    lines.append("  - nothing that opens anything else, and nothing to act in your name. It holds no key of yours.")
+    visits = text("count.visits", count=len(plan.visits))
+    lines = [text("export.holds", visits=visits, records=text("count.records", count=plan.record_count))]
+    learns = [
+        ("export.joined", bool(plan.visits)),
+        ("export.pictures", wanted.pictures and bool(plan.record_count)),
+        ("export.identity", wanted.identity),
+        ("export.no_key", True),
+    ]
+    lines += [f"  - {text(key)}" for key, is_so in learns if is_so]
     if wanted.pictures and len(plan.visits) > 1:
-        how = "at once (--now), which joins" if now else "one by one, after pauses that chance decides, which may join"
-        lines.append(
-            f"The ledger is asked for your visits {how} them for whoever reads it; --no-pictures asks nothing."
-        )
-    lines.append("It is not encrypted, and a later erasure does not reach it. Keep it as you would keep the pictures.")
+        lines.append(text("export.asks_at_once" if now else "export.asks_one_by_one"))
+    lines.append(text("export.keep"))
     return lines
 
 
@@ -81,7 +80,7 @@ def _confirm(plan: Plan, *, now: bool, yes: bool, as_json: bool) -> None:
         click.echo(line, err=as_json)
     if yes:
         return
-    ask("Write it?", err=as_json)
+    ask(text("export.ask"), err=as_json)
 
 
 @click.command()
@@ -125,7 +124,7 @@ def export(
     if until_ms and until_ms <= from_ms:
         raise click.UsageError("The time that --until names is not after --from.")
     wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
-    hear = show_progress(quiet=as_json)
+    hear = _say_progress(show_progress(quiet=as_json))
 
     async def action(opened: Wallet) -> Verdict:
         exporting = Exporting(opened, hear, at_once=now)
@@ -162,17 +161,33 @@ def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
     }
 
 
+def _say_progress(hear: Heard) -> Heard:
+    """Return what hears of a step by its name and tells it in the person's language."""
+    steps = section("export.step", language_in_use())
+    return lambda what, done, of: hear(str(steps.get(what.replace(" ", "_"), what)), done, of)
+
+
+def say_problem(code: str, sentence: str) -> str:
+    """Return what a bundle lacks and why; in another language than English what the code means stands first."""
+    return describe_error(BlockRobotError(code, sentence))[0] if code in CATALOGUE else sentence
+
+
 def _print(out: Path, verdict: Verdict) -> None:
     told = bundle_json(out, verdict)
     console.print(
-        f"{out}: {counted(told['visits'], 'visit')}, {counted(told['records'], 'record')}, "
-        f"{counted(told['pictures'], 'picture')}, "
-        f"{told['audit_entries']} events, {told['bytes'] / 1e6:.1f} MB, proved up to block {told['proved_until_height']}."
+        text(
+            "export.done",
+            out=out,
+            visits=text("count.visits", count=told["visits"]),
+            records=text("count.records", count=told["records"]),
+            pictures=text("records.pictures", count=told["pictures"]),
+            events=told["audit_entries"],
+            megabytes=f"{told['bytes'] / 1e6:.1f}",
+            height=told["proved_until_height"],
+        )
     )
     for problem in verdict.manifest.problems:
-        about = f"record {problem.record_id}" if problem.record_id else "all"
-        console.print(f"  [red]missing[/red] ({about}): {problem.sentence}")
-    console.print(
-        "Unpack it and open play.html to look at it. Anybody can check it, offline:\n"
-        f"  blockrobot verify {out} --genesis GENESIS_FILE"
-    )
+        about = text("export.record", name=problem.record_id) if problem.record_id else text("export.all")
+        sentence = say_problem(problem.code, problem.sentence)
+        console.print(f"  [red]{text('export.missing')}[/red] ({about}): {sentence}")
+    console.print(text("export.next", out=out))

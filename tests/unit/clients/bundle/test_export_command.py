@@ -14,6 +14,7 @@ from click.testing import CliRunner, Result
 
 from clients.wallet import export_command
 from clients.wallet.export_command import export, read_past
+from clients.wallet.language import LANGUAGE_VARIABLE, section
 from clients.wallet.wallet import Wallet
 from tests.unit.clients.bundle.ward import Ward
 
@@ -130,3 +131,36 @@ def test_times_lie_back_from_now() -> None:
     assert read_past("-7d", NOW_MS) == NOW_MS - 7 * DAY_MS
     assert read_past("-12h", NOW_MS) == NOW_MS - DAY_MS // 2
     assert read_past("2027-01-31", NOW_MS) < read_past("2027-01-31T18:00", NOW_MS)
+
+
+def test_in_portuguese_it_warns_asks_and_says_what_is_missing_and_json_stays_as_it_is(
+    ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    away = ward.record(ward.open_visit())
+    ward.record(ward.open_visit())
+    ward.network.custody.refusals[away] = "NODE_UNREACHABLE"
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    said = run(tmp_path / "mine.zip", "--yes", "--now").output
+    for part in ("2 encontros com 2 gravações.", "de uma só pessoa", "Não está cifrado", "de uma só vez (--now)"):
+        assert part in said
+    assert f"falta (gravação {away.hex()}): Nenhum nó da rede respondeu. (" in said
+    assert "provado até ao bloco" in said
+    assert "Qualquer pessoa o pode verificar, sem rede:" in said
+    (problem,) = json.loads(run(tmp_path / "told.zip", "--yes", "--json", "--now").stdout)["problems"]
+    assert problem["sentence"].startswith("No custodian gave it: ")
+
+
+def test_each_step_of_an_export_is_said_in_portuguese(
+    ward: Ward, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.record(ward.open_visit())
+    heard: list[str] = []
+    monkeypatch.setattr(export_command, "show_progress", lambda **_: lambda what, _done, _of: heard.append(what))
+    run(tmp_path / "mine.zip", "--yes")
+    english = set(heard)
+    assert english <= set(map(str, section("export.step", "en").values()))
+    heard.clear()
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    run(tmp_path / "meu.zip", "--yes")
+    assert {"provas dos encontros", "gravações obtidas"} <= set(heard)
+    assert not english & set(heard)
