@@ -8,19 +8,20 @@ from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
+import msgspec
+
 from consensus.block import Block, ContractEvent, FinalityProof, Header, Receipt, Receipts
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode
 from consensus.primitives.trie import Proof
 from consensus.transaction import Transaction, decode_transaction
-from node.api.services import Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
+from node.api.services import BlockHead, Clock, PoolStatus, RoundPlace, SubmitResult, TransactionPlace
 from node.call_check import CallCheck
 from node.engine import Engine
 from node.execution import ExecutedBlock
 from node.finality import FinalityFeed
 from node.gossip import Gossip
 from node.mempool import Mempool
-from node.snapshot.making import read_header_bytes
 from node.storage.ledger_store import EventCursor, LedgerSnapshot, LedgerStore, Position
 
 SUBMIT_SLICE_COUNT = 64
@@ -39,6 +40,17 @@ class WallClock:
         return time.time_ns() // 1_000_000 + self.offset_ms
 
 
+class _BlockShape(msgspec.Struct, array_like=True, frozen=True):
+    """A stored `Block`, of which only the header is made bytes: the rest may be megabytes."""
+
+    header_bytes: bytes
+    signature: msgspec.Raw
+    transactions: tuple[msgspec.Raw, ...]
+
+
+_read_shape = msgspec.msgpack.Decoder(_BlockShape).decode
+
+
 class DecodedSnapshot:
     """A snapshot of the ledger with blocks, receipts and proofs decoded."""
 
@@ -51,10 +63,10 @@ class DecodedSnapshot:
         """The header of the newest finalized block."""
         if self._header is None:
             position = self._snapshot.position
-            block = None if position is None else self.block(position.height)
-            if block is None:
+            head = None if position is None else self.head(position.height)
+            if head is None or head.transactions_count is None:
                 raise BlockRobotError("STORAGE_DAMAGED", "The ledger does not hold its newest block.")
-            self._header = block.header
+            self._header = decode(head.header_bytes, Header)
         return self._header
 
     @property
@@ -92,7 +104,17 @@ class DecodedSnapshot:
 
     def header_bytes(self, height: int) -> bytes | None:
         """Return the bytes of the finalized header of this height, pruned or not."""
-        return read_header_bytes(self._snapshot, height)
+        head = self.head(height)
+        return None if head is None else head.header_bytes
+
+    def head(self, height: int) -> BlockHead | None:
+        """Return a finalized block's header and how many transactions it holds, without looking at these."""
+        block = self._snapshot.block(height)
+        if block is None:
+            kept = self._snapshot.kept_header(height)
+            return None if kept is None else BlockHead(kept, None)
+        shape = _read_shape(block)
+        return BlockHead(shape.header_bytes, len(shape.transactions))
 
     def block_height(self, block_id: bytes) -> int | None:
         """Return the height of the finalized block with this 32-byte id, or None."""

@@ -24,7 +24,7 @@ from node.api.explorer_documents import (
     SeatDocument,
     TimeoutDocument,
 )
-from node.api.services import LedgerSnapshot, RoundWatch
+from node.api.services import BlockHead, LedgerSnapshot, RoundWatch
 from node.api.standing import read_value
 
 MISSED_SHOWN_MAX_COUNT = 32
@@ -38,6 +38,7 @@ class HeaderReader:
         self._watch = watch
         self._genesis = genesis
         self._schedules: dict[int, Schedule] = {0: genesis.schedule}
+        self._heads: dict[int, BlockHead | None] = {}
 
     def schedule(self, epoch: int) -> Schedule:
         """Return an epoch's schedule. Raises NOT_FOUND."""
@@ -48,17 +49,22 @@ class HeaderReader:
             self._schedules[epoch] = Schedule.of(decode(data, EpochProof).epoch)
         return self._schedules[epoch]
 
+    def _head(self, height: int) -> BlockHead | None:
+        """Read a head once: a header is asked for as a parent and as a child too."""
+        if height not in self._heads:
+            self._heads[height] = self._snapshot.head(height) if height >= 0 else None
+        return self._heads[height]
+
     def _header(self, height: int) -> Header | None:
-        data = self._snapshot.header_bytes(height) if height >= 0 else None
-        return None if data is None else decode(data, Header)
+        head = self._head(height)
+        return None if head is None else decode(head.header_bytes, Header)
 
     def read(self, height: int) -> HeaderDocument | None:
         """Return the finalized header of this height with what can be told of it, or None."""
-        data = self._snapshot.header_bytes(height)
-        if data is None:
+        head = self._head(height)
+        if head is None:
             return None
-        header, block_id = decode(data, Header), sha256(data)
-        block = self._snapshot.block(height) if height >= self._snapshot.earliest_height else None
+        header, block_id = decode(head.header_bytes, Header), sha256(head.header_bytes)
         own = self._own_certificate(header, block_id)
         missed = self._missed_rounds(header)
         schedule = self.schedule(header.epoch)
@@ -74,7 +80,7 @@ class HeaderReader:
             transactions_root=header.transactions_root.hex(),
             receipts_root=header.receipts_root.hex(),
             state_root=header.state_root.hex(),
-            transaction_count=None if block is None else len(block.transactions),
+            transaction_count=head.transactions_count,
             gas_used=header.gas_used,
             finality_lag_ms=None if self._watch is None else self._watch.finality_lag_ms(height),
             is_boundary=header.is_boundary,
@@ -179,7 +185,20 @@ def _producer(key: bytes, entry: dict[str, object], seat: int | None) -> Produce
 
 
 def count_all(snapshot: LedgerSnapshot) -> CountsDocument:
-    """Count what the chain governs; no person is among it."""
+    """Count what the chain governs; no person is among it. Many may ask at each block: of one state it is counted once."""
+    root = snapshot.header.state_root
+    counts = _counted.get(root)
+    if counts is None:
+        counts = _count(snapshot)
+        _counted.clear()
+        _counted[root] = counts
+    return counts
+
+
+_counted: dict[bytes, CountsDocument] = {}
+
+
+def _count(snapshot: LedgerSnapshot) -> CountsDocument:
     return CountsDocument(
         organisations=len(read_value(snapshot, "membership", b"organisations") or ()),
         nodes=len(read_value(snapshot, "membership", b"nodes") or ()),

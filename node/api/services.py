@@ -36,6 +36,14 @@ class SubmitResult:
     error: BlockRobotError | None
 
 
+@dataclass(frozen=True, slots=True)
+class BlockHead:
+    """A finalized header's bytes, and how many transactions its block holds; None once the block was pruned."""
+
+    header_bytes: bytes
+    transactions_count: int | None
+
+
 class LedgerSnapshot(Protocol):
     """The ledger at one finalized block. It does not change while it is open."""
 
@@ -75,6 +83,10 @@ class LedgerSnapshot(Protocol):
 
     def header_bytes(self, height: int) -> bytes | None:
         """Return the bytes of the finalized header of this height, pruned or not; None where it is not known."""
+        ...
+
+    def head(self, height: int) -> BlockHead | None:
+        """Return a finalized block's header and how many transactions it holds; None where it is not known."""
         ...
 
     def block_height(self, block_id: bytes) -> int | None:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -198,6 +199,31 @@ async def test_of_a_pruned_block_the_header_stays(public: Public) -> None:
     counts = [header["transaction_count"] for header in answer["headers"]]
     assert counts == [None, None, 0, 0]
     assert all(header["certificate"]["voters"] == [0, 1, 2] for header in answer["headers"])
+
+
+async def test_what_anybody_may_ask_reads_each_block_once_and_looks_into_no_transaction(
+    public: Public, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call, receipt = a_call()
+    for _ in range(5):
+        await public.node.ledger.extend([call], (receipt,))
+    read: list[int] = []
+    snapshot_of = public.node.ledger.store.snapshot
+
+    @contextmanager
+    def snapshot() -> Iterator[Any]:
+        with snapshot_of() as taken:
+            block = taken.block
+            monkeypatch.setattr(taken, "block", lambda height: (read.append(height), block(height))[1])
+            yield taken
+
+    monkeypatch.setattr(public.node.ledger.store, "snapshot", snapshot)
+    monkeypatch.setattr("node.interface.DecodedSnapshot.block", None)
+    await public.ask("headers?from_height=1&limit=3")
+    assert sorted(read) == [0, 1, 2, 3, 4, 5]
+    read.clear()
+    await public.ask("status")
+    assert read == [5]
 
 
 async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_explorer(
