@@ -1,15 +1,19 @@
-"""Taking along, in the page: the warning, the work, the file. Must never leave the file behind when the page is closed."""
+"""Taking along, in the page: the warning, the work, the file. Must never leave the file behind when the page ends."""
 
 from __future__ import annotations
 
 import asyncio
 import datetime
 import secrets
+import threading
+from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 
-from clients.bundle.writing import write_bundle
+from clients.bundle.checking import Verdict
+from clients.bundle.proving import Heard
+from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.export_command import bundle_json, bundle_warning
 from clients.wallet.exporting import Exporting, Wanted
 from clients.wallet.page.answering import accepted, answer_json, body_of, route
@@ -66,6 +70,10 @@ async def _export(session: PageSession, request: web.Request) -> web.Response:
     return accepted(session.jobs.start("export", work, stoppable=True))
 
 
+class _StoppedError(Exception):
+    """Nobody waits for what is being written any more."""
+
+
 async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: bool) -> dict[str, Any]:
     """Collect a bundle and write it into the wallet's own folder, for the page to fetch."""
     loop = asyncio.get_running_loop()
@@ -78,9 +86,9 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: boo
     contents = await exporting.collect(plan, now_ms)
     name = secrets.token_hex(8)
     path = session.folder / f"export-{name}.zip"
-    verdict = await asyncio.to_thread(write_bundle, path, contents, heard=heard)
-    session.exports[name] = path
+    verdict = await _write_until_stopped(path, contents, heard)
     told = bundle_json(path, verdict)
+    session.keep_export(name, path)
     day = datetime.datetime.fromtimestamp(now_ms / 1000).astimezone().date().isoformat()
     kept = ("bytes", "is_complete", "visits", "records", "pictures", "audit_entries", "problems", "proved_until_height")
     return {
@@ -91,11 +99,36 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: boo
     }
 
 
+async def _write_until_stopped(path: Path, contents: Contents, heard: Heard) -> Verdict:
+    """Write a bundle in a thread. If that is cancelled the thread is stopped and waited for, and no file stays."""
+    stopped = threading.Event()
+
+    def heard_unless_stopped(what: str, done: int, of: int) -> None:
+        if stopped.is_set():
+            raise _StoppedError
+        heard(what, done, of)
+
+    writing = asyncio.ensure_future(asyncio.to_thread(write_bundle, path, contents, heard=heard_unless_stopped))
+    try:
+        return await asyncio.shield(writing)
+    except asyncio.CancelledError:
+        stopped.set()
+        await asyncio.wait([writing])
+        _leave_out(path, writing)
+        raise
+
+
+def _leave_out(path: Path, writing: asyncio.Future[Verdict]) -> None:
+    """Delete what was written for nobody; why it was not written to its end is known."""
+    path.unlink(missing_ok=True)
+    writing.exception()
+
+
 async def _file(session: PageSession, request: web.Request) -> web.StreamResponse:
-    path = session.exports.get(request.match_info["export"])
-    if path is None:
+    kept = session.exports.get(request.match_info["export"])
+    if kept is None:
         raise BlockRobotError("NOT_FOUND", "There is no such file, or not any more.")
-    return web.FileResponse(path, headers={"Content-Type": "application/zip"})
+    return web.FileResponse(kept.path, headers={"Content-Type": "application/zip"})
 
 
 async def _forget(session: PageSession, request: web.Request) -> web.Response:

@@ -91,6 +91,7 @@ class Jobs:
                 job.note()
                 try:
                     result = await work(job)
+                    job.is_stoppable = False  # it is done: what came of it is kept, and told
                 finally:
                     await self._after()
             job.state, job.result = "done", result

@@ -13,6 +13,7 @@ import shutil
 import time
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
 from clients.wallet.page.clips import Clips
 from clients.wallet.page.jobs import Jobs
@@ -32,12 +33,20 @@ AWAY_TOLD_MS = 5 * 60_000
 LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 """What only a node says that is damaged, or lies."""
 _PRIVATE_FOLDER = 0o700
+_DESCRIPTORS = Path("/proc/self/fd")
 _log = logging.getLogger("wallet.page")
 
 
 def wall_clock_ms() -> int:
     """Return this machine's time."""
     return time.time_ns() // 1_000_000
+
+
+class KeptFile(NamedTuple):
+    """A file that the page is to fetch, held open, and where it can be read."""
+
+    file: BinaryIO
+    path: Path
 
 
 class PageSession:
@@ -61,7 +70,7 @@ class PageSession:
         self.jobs = Jobs(self.lock, now_ms, self.read)
         self.gate = PassphraseGate(wallet.store, now_ms, self.ended.set)
         self.clips = Clips()
-        self.exports: dict[str, Path] = {}
+        self.exports: dict[str, KeptFile] = {}
         self.snapshot = Snapshot()
         self.state = "reading"
         self.problem: BlockRobotError | None = None
@@ -91,9 +100,10 @@ class PageSession:
 
     def _clear_folder(self) -> None:
         """Delete what a page left behind: exports hold pictures."""
+        for name in list(self.exports):
+            self.forget_export(name)
         shutil.rmtree(self.folder, ignore_errors=True)
         self.folder.mkdir(mode=_PRIVATE_FOLDER, parents=True, exist_ok=True)
-        self.exports.clear()
 
     # Use
 
@@ -117,11 +127,23 @@ class PageSession:
             if error.code in LIES or now - self._troubles[name][1] < AWAY_TOLD_MS
         }
 
+    def keep_export(self, name: str, path: Path) -> None:
+        """Keep a file that the page is to fetch: without a name where the system knows such files, so that it goes with
+        the program, however that ends. Raises OSError.
+        """
+        file = path.open("rb")
+        if _DESCRIPTORS.exists():
+            path.unlink()
+            path = _DESCRIPTORS / str(file.fileno())
+        self.exports[name] = KeptFile(file, path)
+
     def forget_export(self, name: str) -> None:
         """Delete an export's file, if it is there."""
-        path = self.exports.pop(name, None)
-        if path is not None:
-            path.unlink(missing_ok=True)
+        kept = self.exports.pop(name, None)
+        if kept is not None:
+            kept.file.close()
+            if kept.path.parent != _DESCRIPTORS:
+                kept.path.unlink(missing_ok=True)
 
     @contextlib.asynccontextmanager
     async def hold(self) -> AsyncIterator[Wallet]:

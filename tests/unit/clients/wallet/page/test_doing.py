@@ -181,6 +181,26 @@ async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_no
     assert await desk.page.refused("GET", "/api/jobs/nobody") == "NOT_FOUND"
 
 
+async def test_a_task_that_is_done_is_not_stopped_while_the_lists_are_read_again(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reading, gate = asyncio.Event(), asyncio.Event()
+
+    async def read() -> None:
+        reading.set()
+        await gate.wait()
+
+    async def work(_: Job) -> dict[str, Any]:
+        return {"export": "7"}
+
+    monkeypatch.setattr(desk.session.jobs, "_after", read)
+    job = desk.session.jobs.start("export", work, stoppable=True)
+    await reading.wait()
+    assert await desk.page.refused("POST", f"/api/jobs/{job.name}/cancel") == "JOB_NOT_STOPPABLE"
+    gate.set()
+    assert (await desk.page.follow({"job": job.name}))["result"] == {"export": "7"}
+
+
 async def test_a_question_says_so_if_the_wallet_is_busy_for_long(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sessions, "HOLD_MAX_S", 0.01)
     async with desk.session.lock:
