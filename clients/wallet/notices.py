@@ -47,6 +47,10 @@ class Told:
         """The version in force, 0 where there is none."""
         return 0 if self.published is None else self.published.row.version
 
+    def names(self, purpose: str) -> bool:
+        """Tell whether she can agree to a purpose: whether it is named, or nothing is published."""
+        return self.published is None or purpose in {each.code for each in self.published.notice.purposes}
+
     def require_named(self, purposes: Sequence[str]) -> None:
         """Raise PURPOSE_NOT_TOLD unless it names all these purposes: nobody can agree to what she was not told.
 
@@ -55,7 +59,7 @@ class Told:
         if self.published is None:
             return
         known = [purpose.code for purpose in self.published.notice.purposes]
-        missing = ", ".join(repr(code) for code in purposes if code not in known)
+        missing = ", ".join(repr(code) for code in purposes if not self.names(code))
         if missing:
             text = f"The notice of {self.organisation} (version {self.version}) does not name {missing}."
             raise BlockRobotError("PURPOSE_NOT_TOLD", f"{text} It names: {', '.join(known)}.")

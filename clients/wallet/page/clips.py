@@ -6,6 +6,7 @@ They are kept until the page forgets them, or until others need the room.
 from __future__ import annotations
 
 import secrets
+from collections.abc import Collection
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,6 +35,11 @@ class OpenClip:
 
     def __post_init__(self) -> None:
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
+
+    @property
+    def record_ids(self) -> set[bytes]:
+        """The records that it holds."""
+        return {view.entry.record_id for view in self.views}
 
     @property
     def size(self) -> int:
@@ -138,13 +144,23 @@ class Clips:
     def with_record(self, record_id: bytes) -> str | None:
         """Return the newest clip that holds a record."""
         for name, clip in reversed(self._clips.items()):
-            if any(view.entry.record_id == record_id for view in clip.views):
+            if record_id in clip.record_ids:
                 return name
         return None
 
     def forget(self, name: str) -> None:
         """Forget a clip, if it is there."""
         self._clips.pop(name, None)
+
+    def forget_records(self, record_ids: Collection[bytes]) -> None:
+        """Forget every clip that holds one of these records."""
+        for name in [name for name, clip in self._clips.items() if not clip.record_ids.isdisjoint(record_ids)]:
+            del self._clips[name]
+
+    def keep_only(self, record_ids: Collection[bytes]) -> None:
+        """Forget every clip that holds another record than these."""
+        for name in [name for name, clip in self._clips.items() if not clip.record_ids.issubset(record_ids)]:
+            del self._clips[name]
 
     def forget_all(self) -> None:
         """Forget every clip."""

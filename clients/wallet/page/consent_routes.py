@@ -42,12 +42,16 @@ async def _consents(session: PageSession, _request: web.Request) -> web.Response
     async with session.hold() as wallet:
         notices = Notices(wallet)
         found, told = await Consenting(wallet).choices(), await notices.current()
-    offered = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
+    known = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
+    named = [code for code in known if told.names(code)]
+    spoken = {row["purpose"] for row in map(choice_json, found.rows)}
+    offered = [code for code in known if code in named or code in spoken]
     return answer_json(
         {
             "height": found.height,
             "choices": [choice_json(row) for row in found.rows],
             "purposes": {code: PURPOSES.get(code, code) for code in offered},
+            "named": named,
             "sensors": SENSORS,
             "notice": _told(notices, told),
         }

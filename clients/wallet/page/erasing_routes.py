@@ -108,9 +108,7 @@ async def _erase_and_follow(
     job.tell("writing it into the ledger")
     recipients = await Sharing(wallet).recipients(entries)
     asked = await Erasing(wallet).request_each(entries, frames)
-    for entry in entries:
-        if open_clip := session.clips.with_record(entry.record_id):
-            session.clips.forget(open_clip)
+    session.clips.forget_records({entry.record_id for entry in entries})
     loop = asyncio.get_running_loop()
     over_at = loop.time() + WAIT_MAX_S
     while True:

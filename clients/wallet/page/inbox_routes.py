@@ -36,7 +36,7 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
         for share in snapshot.shares()
         for look in share.looks
     ]
-    alarms = [alarm for alarm in map(_alarm, snapshot.visits) if alarm is not None]
+    alarms = [_alarm(part) for part in snapshot.visits if part.is_alarming]
     erasures = snapshot.erasures(wallet, session.now_ms())
     return answer_json(
         {
@@ -49,10 +49,9 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
     )
 
 
-def _alarm(part: VisitPart) -> dict[str, Any] | None:
-    """Return what is wrong with a visit, None if nothing is."""
-    report = part.report
-    corrupted = [record_id.hex() for record_id, verdict in part.verdicts.items() if verdict.verdict == "corrupted"]
+def _alarm(part: VisitPart) -> dict[str, Any]:
+    """Return what is wrong with a visit."""
+    report, corrupted = part.report, [record_id.hex() for record_id in part.corrupted_ids]
     told = []
     if report.missing_count:
         told.append(f"{report.missing_count} records are missing. Ask the hospital why.")
@@ -60,8 +59,6 @@ def _alarm(part: VisitPart) -> dict[str, Any] | None:
         told.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
     if corrupted:
         told.append(f"{len(corrupted)} records were changed since the robot took them. Ask the hospital why.")
-    if not told:
-        return None
     return {
         "visit": report.visit.owner.hex(),
         "missing_records": report.missing_count,

@@ -126,15 +126,14 @@ def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
 def _counts(session: PageSession) -> dict[str, int]:
     snapshot, now_ms = session.snapshot, session.now_ms()
     entries = list(snapshot.entries.values())
-    reports = [part.report for part in snapshot.visits]
     return {
-        "visits": len(reports),
+        "visits": len(snapshot.visits),
         "records": len(entries),
         "pictures": sum(map(picture_count, entries)),
         "withheld": withheld_count(entries),
         "shares_open": sum(share.grant.is_open(now_ms) for share in snapshot.shares()),
         "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(session.wallet, now_ms)),
-        "alarms": sum(bool(report.missing_count or report.unreadable_ids) for report in reports),
+        "alarms": sum(part.is_alarming for part in snapshot.visits),
         "inbox_news": sum(len(share.looks) for share in snapshot.shares()),
     }
 

@@ -206,6 +206,9 @@ class PageSession:
         else:
             self.snapshot, self.state, self.problem = snapshot, "ready", None
             self._note_new(before, snapshot)
+            self.clips.keep_only(
+                {entry.record_id for entry in snapshot.entries.values() if entry.state["status"] == "active"}
+            )
         is_new = self.state == "ready" and not self.snapshot.same_as(before)
         if is_new or was != (self.state, self.problem and self.problem.code):
             self._tell_news()

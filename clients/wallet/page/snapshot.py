@@ -41,6 +41,16 @@ class VisitPart:
     erasures: tuple[tuple[ErasureReport, AuditEntry], ...]
     verdicts: dict[bytes, Verdict] = field(default_factory=dict)
 
+    @property
+    def corrupted_ids(self) -> list[bytes]:
+        """The records that the owner last found changed."""
+        return [record_id for record_id, found in self.verdicts.items() if found.verdict == "corrupted"]
+
+    @property
+    def is_alarming(self) -> bool:
+        """Whether something of it is missing, does not open, or was changed."""
+        return bool(self.report.missing_count or self.report.unreadable_ids or self.corrupted_ids)
+
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:

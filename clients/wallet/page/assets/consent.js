@@ -1,5 +1,5 @@
 // Consent: what the organisation tells first, then a yes or a no for each purpose and sensor. A no is as near as a yes.
-// Must never offer a yes before the notice in force was on the screen.
+// Must never offer a yes before the notice in force was on the screen, nor to what it does not name.
 
 import { announce, h, replace } from "./shared/dom.js";
 import { follow, get, post } from "./api.js";
@@ -36,6 +36,7 @@ export async function showConsent(context) {
 
   const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => h("section", { class: "card choices", "aria-labelledby": `purpose-${purpose}` },
     h("h2", { id: `purpose-${purpose}` }, purposeName(purpose, sentence)),
+    !data.named.includes(purpose) && h("p", { class: "quiet" }, t("consent.unnamed", { organisation: data.notice.organisation })),
     Object.keys(data.sensors).map((sensor) => choiceRow(purpose, sensor))));
 
   const choiceRow = (purpose, sensor) => {
@@ -46,7 +47,7 @@ export async function showConsent(context) {
     return h("div", { class: "choice", role: "group", "aria-label": name },
       h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height))),
       h("div", { class: "row yes-no" },
-        h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking, onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),
+        h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking || !data.named.includes(purpose), onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),
         h("button", { type: "button", "data-key": `no-${purpose}-${sensor}`, class: isNo ? "chosen" : "", "aria-pressed": String(isNo), "aria-label": t("consent.noTo", { name }), disabled: isWorking, onclick: () => say(isYes ? "withdraw" : "refuse", [purpose], [sensor]) }, t("consent.no"))));
   };
 

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from clients.wallet.erasing import Erasing
 from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.answering import QUIET_HEADER
@@ -59,6 +60,7 @@ async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -
     assert row["verdict"] == "corrupted"
     (alarm,) = (await desk.page.get("/api/inbox"))["alarms"]
     assert alarm["corrupted_records"] == [ids[0]]
+    assert (await desk.page.get("/api/overview"))["counts"]["alarms"] == 1
 
 
 async def test_records_of_two_visits_are_not_opened_together(desk: Desk) -> None:
@@ -90,6 +92,11 @@ async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk
     kept = [purpose for purpose in demo_notice().purposes if purpose.code != "care"]
     notice = encode_notice(msgspec.structs.replace(demo_notice(), purposes=kept))
     desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", notice)
+    consents = await desk.page.get("/api/consents")
+    assert "care" not in consents["named"]
+    assert consents["named"], "the others are offered"
+    assert "care" in consents["purposes"], "what she once agreed to she can take back"
+    assert set(consents["purposes"]) == {*consents["named"], "care"}
     wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 1}
     job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
     assert job["error"]["code"] == "PURPOSE_NOT_TOLD"
@@ -158,6 +165,27 @@ async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they
     desk.ward.chain.time_ms += 200_000
     (late,) = (await desk.page.get("/api/inbox"))["overdue"]
     assert all(row["overdue"] for row in late["custodians"])
+
+
+async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
+    ids = await recorded(desk)
+    looks = [await desk.page.do("/api/clips", {"records": ids[:1], "verify": verify}) for verify in (False, True)]
+    other = await desk.page.do("/api/clips", {"records": ids[1:]})
+    await desk.page.do("/api/erasures", {"records": ids[:1], "frames": [0], "passphrase": PASSPHRASE})
+    for look in looks:
+        assert await desk.page.refused("GET", f"/api/clips/{look['clip']}/frames/0/file") == "CLIP_NOT_OPEN"
+    await desk.page.get(f"/api/clips/{other['clip']}/frames/0/file")
+
+
+async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: Desk) -> None:
+    ids = await recorded(desk)
+    clip = (await desk.page.do("/api/clips", {"records": ids}))["clip"]
+    await desk.read()
+    await desk.page.get(f"/api/clips/{clip}")
+    await Erasing(desk.session.wallet).request_each([desk.session.snapshot.entry(bytes.fromhex(ids[0]))], [])
+    await desk.read()
+    assert await desk.page.refused("GET", f"/api/clips/{clip}") == "CLIP_NOT_OPEN"
 
 
 async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_nothing(desk: Desk) -> None:
