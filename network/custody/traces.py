@@ -6,7 +6,10 @@ is kept; after its erasure nobody can make them any more, so they can be written
 
 from __future__ import annotations
 
+import errno
+import os
 import sqlite3
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
@@ -88,7 +91,10 @@ class _Kept(msgspec.Struct):
 
 
 def write_traces(path: Path, traces: Sequence[Trace]) -> None:
-    """Write pieces to a new file that only its owner can read. Raises OSError."""
+    """Write pieces to a new file that only its owner can read: whole, or not at all. Raises OSError.
+
+    A part of it would be refused later, when it is too late to begin it again.
+    """
     records = {
         trace.record_id.hex(): {kind: sorted(piece.hex() for piece in pieces) for kind, pieces in trace.pieces.items()}
         for trace in traces
@@ -97,8 +103,19 @@ def write_traces(path: Path, traces: Sequence[Trace]) -> None:
         trace.record_id.hex(): {piece.hex(): grant.hex() for piece, grant in sorted(trace.grants.items())}
         for trace in traces
     }
-    path.touch(mode=0o600, exist_ok=False)
-    path.write_bytes(msgspec.json.encode(_Kept(FORMAT_VERSION, records, grants)))
+    if path.exists():
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+    descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")  # readable by its owner alone
+    temporary = Path(name)
+    try:
+        with os.fdopen(descriptor, "wb") as file:
+            file.write(msgspec.json.encode(_Kept(FORMAT_VERSION, records, grants)))
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
 
 
 def read_traces(path: Path) -> list[Trace]:

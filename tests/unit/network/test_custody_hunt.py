@@ -113,6 +113,19 @@ def test_traces_are_for_their_owner_only_and_hold_no_whole_key(tmp_path: Path) -
     assert (again.record_id, again.pieces) == (trace.record_id, trace.pieces)
     with pytest.raises(FileExistsError):
         write_traces(path, [trace])
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_traces_that_were_cut_off_while_they_were_written_leave_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(_descriptor: int) -> None:
+        raise OSError(28, "no space left")
+
+    monkeypatch.setattr("os.fsync", fail)
+    with pytest.raises(OSError, match="no space"):
+        write_traces(tmp_path / "before.json", [Trace(secrets.token_bytes(16))])
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("content", [b"", b"{}", b'{"format": 2, "records": {}}', b'{"format":1,"records":{"x":{}}}'])
