@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import signal
 import sys
-import webbrowser
 from collections.abc import Callable
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from clients.wallet.page.session import PageSession
 from clients.wallet.wallet import Wallet
 from consensus.genesis import Genesis
 from pages.local_page import LocalPage
+from pages.opening import open_in_browser
 
 IDLE_DEFAULT_MINUTES = 30
 IDLE_MAX_MINUTES = 24 * 60
@@ -80,7 +80,7 @@ async def _serve(
 
 def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
     """Say where the page is, and open it. The address alone opens nothing."""
-    opened = not no_browser and webbrowser.open(file.as_uri())
+    opened = not no_browser and open_in_browser(file)
     if as_json:
         print_json({"ok": True, "url": url, "redirect_file": str(file), "browser_opened": opened})
         sys.stdout.flush()

@@ -13,6 +13,7 @@ from clients.sdk.terminal import home_folder, json_option, plain_errors, print_j
 from network.cli.cluster_commands import folder_option, network_folder
 from network.cluster import Cluster
 from pages.local_page import Opened
+from pages.opening import open_in_browser
 
 no_browser_option = click.option("--no-browser", is_flag=True, help="Open no browser; say which file opens the page.")
 
@@ -35,7 +36,7 @@ def console(folder: Path | None, no_browser: bool, as_json: bool) -> None:
 
 def show_console(cluster: Cluster, *, no_browser: bool, as_json: bool) -> None:
     """Serve the console in the foreground until Ctrl-C."""
-    from network.console.serving import open_in_browser, serve_console  # noqa: PLC0415 - only when it is needed
+    from network.console.serving import serve_console  # noqa: PLC0415 - only when it is needed
 
     def opened(page: Opened) -> None:
         is_shown = not no_browser and not as_json and open_in_browser(page.redirect_file)

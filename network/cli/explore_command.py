@@ -7,8 +7,8 @@ in a file that only its owner can read, and in the fragment of the address there
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import time
-import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,6 +26,7 @@ from consensus.session import sign_session
 from network.cli.cluster_commands import folder_option
 from network.cli.contract_signers import Signer, find_signers
 from pages.local_page import write_redirect
+from pages.opening import open_in_browser
 
 LINKS_FOLDER = "links"
 LINK_LIFETIME_S = 60
@@ -76,7 +77,7 @@ def explore(
     with status_line("Asking a node for a session ...", as_json=as_json):
         entrance = asyncio.run(find_entrance(signers, node_name))
     file = keep_link(home_folder() / LINKS_FOLDER, entrance.target)
-    opened = not no_browser and not as_json and webbrowser.open(file.as_uri())
+    opened = not no_browser and not as_json and open_in_browser(file)
     if as_json:
         told = {"node": entrance.node.name, "as": entrance.signer.name, "redirect_file": str(file)}
         print_json({"ok": True, **told, "valid_s": LINK_LIFETIME_S})
@@ -87,7 +88,7 @@ def explore(
         console.print("It opens in your browser. If it does not, open this file there within a minute; it works once:")
     else:
         console.print("Open this file in a browser within a minute; it works once:")
-    console.print(file.as_uri(), markup=False)
+    console.print(file.resolve().as_uri(), markup=False)
 
 
 async def find_entrance(signers: list[Signer], node_name: str | None) -> Entrance:
@@ -149,6 +150,7 @@ def keep_link(folder: Path, target: str) -> Path:
     """Write the file that leads to the explorer, readable by its owner alone; remove those that open nothing any more."""
     if folder.is_dir():
         for old in folder.glob("open-*.html"):
-            if time.time() - old.stat().st_mtime > LINK_LIFETIME_S:
-                old.unlink(missing_ok=True)
+            with contextlib.suppress(FileNotFoundError):  # another command tidies up too
+                if time.time() - old.stat().st_mtime > LINK_LIFETIME_S:
+                    old.unlink()
     return write_redirect(folder, target, TITLE)

@@ -7,7 +7,6 @@ import contextlib
 import os
 import signal
 import sys
-import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -79,9 +78,3 @@ def _enter_key(pressed: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         loop.remove_reader(keyboard)
-
-
-def open_in_browser(file: Path) -> bool:
-    """Let the user's browser open a file, if there is a screen for one. Its name alone stands in a command line."""
-    has_screen = sys.platform == "darwin" or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
-    return has_screen and webbrowser.open(file.resolve().as_uri())

@@ -33,6 +33,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
         return True
 
     monkeypatch.setattr(webbrowser, "open", open_browser)
+    monkeypatch.setenv("DISPLAY", ":0")
     return seen
 
 
