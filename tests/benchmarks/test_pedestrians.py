@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from consensus.errors import BlockRobotError
 from network.bench.pedestrians.film import FILM, read_film
 from network.bench.pedestrians.judge import judge_pedestrians, keep_without_depth
-from network.bench.pedestrians.marks import find_people, marked_people
+from network.bench.pedestrians.marks import find_people, is_marked_film, marked_people
 from network.cli.main import main
 
 STRETCH = range(215, 375)
@@ -65,6 +65,19 @@ def test_the_judge_by_eye_finds_who_is_to_be_seen_beside_the_owner() -> None:
     shown[102:178, 102:128] = shown[102:178, 142:168] = True
     assert find_people(shown, people).owner is None, "two halves: nobody can be named the owner"
     assert find_people(shown, people).others == (0, 1)
+
+
+@pytest.mark.system_packages
+def test_people_are_marked_in_one_film_alone(tmp_path: Path) -> None:
+    assert is_marked_film(FILM)
+    other = tmp_path / "other.avi"
+    other.write_bytes(FILM.read_bytes() + b"\0")
+    assert not is_marked_film(other)
+
+
+def test_a_picture_that_could_not_be_written_is_refused_before_the_film_is_played(tmp_path: Path) -> None:
+    with pytest.raises(BlockRobotError, match="no folder"):
+        judge_pedestrians(film_file=tmp_path / "gone.avi", picture=tmp_path / "nowhere" / "shown.png")
 
 
 def test_without_the_film_the_refusal_says_how_to_get_it(tmp_path: Path) -> None:

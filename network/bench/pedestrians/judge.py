@@ -7,7 +7,7 @@ the robot's own code; what the film lacks is made for it, and said so: a depth w
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +18,10 @@ from clients.robot.alone import Aloneness
 from clients.robot.events import Mask
 from clients.robot.hiding.hider import Kept
 from clients.robot.senses import cut_colour
+from consensus.errors import BlockRobotError
 from network.bench.conditions import build_result, measure_conditions
 from network.bench.pedestrians.film import FILM, FRAME_MS, FRAME_RATE, Colour, Film, read_film
-from network.bench.pedestrians.marks import find_people, marked_people
+from network.bench.pedestrians.marks import Box, find_people, is_marked_film, marked_people
 from network.bench.pedestrians.play import (
     READ_EVERY_FRAMES,
     SIGMA_M,
@@ -48,8 +49,11 @@ def judge_pedestrians(
     """Return one object as every measurement has; under `people` what each bearer of a drawn tag gets.
 
     `frames` is a stretch of the film (all of it, if not given); `picture` is where a PNG of what is shown to whom is
-    written. Raises FILE_UNUSABLE where the film is not there.
+    written. In another film than the marked one nothing is looked at by eye. Raises FILE_UNUSABLE where the film is not
+    there, or the picture's folder.
     """
+    if picture is not None and not picture.parent.is_dir():
+        raise BlockRobotError("FILE_UNUSABLE", f"There is no folder {picture.parent} to write the picture into.")
     conditions = measure_conditions(
         nodes=0, seed=seed, tags_drawn=tags, readings_a_second=FRAME_RATE / READ_EVERY_FRAMES, sigma_m=SIGMA_M
     )
@@ -63,7 +67,7 @@ def judge_pedestrians(
     tell("hiding")
     played = play(film, depths, bearers, seed)
     took_s = time.process_time() - started
-    shown = _look(film, played, first)
+    shown = _look(film, played, first, marked_people() if is_marked_film(film_file) else {})
     figures: dict[str, Any] = {
         "film_frames": len(film.frames),
         "silhouettes": sum(seen.troubles.values()),
@@ -126,9 +130,8 @@ def keep_without_depth(film: Film) -> int:
     return kept
 
 
-def _look(film: Film, played: Played, first: int) -> dict[str, Any]:
+def _look(film: Film, played: Played, first: int, people: Mapping[int, tuple[Box, ...]]) -> dict[str, Any]:
     """Hold renditions of the marked frames against who was marked in them by eye."""
-    people = marked_people()
     looked = others = unknown = before = 0
     for pictures in played.kept.values():
         for kept in pictures:
@@ -158,7 +161,7 @@ def _shown(film: Film, kept: Kept) -> Mask:
 def draw_shown(film: Film, played: Played, first: int, path: Path) -> None:
     """Write a picture: for each bearer who gets pictures a row of moments, above what the camera saw, below what she gets.
 
-    Raises FILE_UNUSABLE by OSError's message where it cannot be written.
+    Raises OSError where it cannot be written.
     """
     rows = []
     for alias, pictures in played.kept.items():

@@ -6,10 +6,13 @@ rendition it is, is whose box holds most of it.
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -37,12 +40,24 @@ class InPicture:
 
 
 @lru_cache(maxsize=1)
+def _marked() -> dict[str, Any]:
+    marked: dict[str, Any] = json.loads(
+        (resources.files("network.bench.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
+    )
+    return marked
+
+
+def is_marked_film(film: Path) -> bool:
+    """Tell whether a file is the film in which people are marked: in any other, others stand elsewhere."""
+    with film.open("rb") as file:
+        return bool(hashlib.file_digest(file, "sha256").hexdigest() == _marked()["film_sha256"])
+
+
 def marked_people() -> dict[int, tuple[Box, ...]]:
     """Return the boxes (x, y, width, height) of all people in each marked frame."""
-    text = (resources.files("network.bench.pedestrians") / MARKED_FILE).read_text(encoding="utf-8")
     return {
         int(frame): tuple((int(x), int(y), int(width), int(height)) for x, y, width, height in boxes)
-        for frame, boxes in json.loads(text)["frames"].items()
+        for frame, boxes in _marked()["frames"].items()
     }
 
 
