@@ -6,6 +6,7 @@ What the grantee does is in `clients.wallet.inbox_commands`.
 from __future__ import annotations
 
 import datetime
+import functools
 import re
 import sys
 import time
@@ -15,9 +16,8 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
-from clients.wallet.counting import counted
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import text
+from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
@@ -118,19 +118,25 @@ def shared_json(shared: Shared) -> dict[str, Any]:
     }
 
 
-def tell_of_first(error: BlockRobotError, done: Sequence[Shared]) -> BlockRobotError:
+def tell_of_first(error: BlockRobotError, done: Sequence[Shared], language: str = DEFAULT_LANGUAGE) -> BlockRobotError:
     """Return a failure that also says what is shared already: of many records, each 64 are a grant of their own."""
     if not done:
         return error
     names = ", ".join(shared.grant_id.hex()[:12] for shared in done)
     count = sum(len(shared.records) for shared in done)
-    what = counted(count, "record is", "records are")
-    shared_already = f"{what} shared already, until you end it (blockrobot wallet revoke: {names})."
-    return BlockRobotError(error.code, f"{shared_already} The others are not: {error.detail}")
+    detail = text("share.partly", language=language, count=count, names=names, why=error.detail)
+    return BlockRobotError(error.code, detail)
 
 
 async def share_each(
-    sharing: Sharing, entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, until_ms: int, tell: Tell
+    sharing: Sharing,
+    entries: Sequence[RecordEntry],
+    grantee: Grantee,
+    purpose: str,
+    until_ms: int,
+    tell: Tell,
+    *,
+    language: str = DEFAULT_LANGUAGE,
 ) -> list[Shared]:
     """Share any number of records of one visit, as many grants as it takes. A failure says what is shared already."""
     done: list[Shared] = []
@@ -139,7 +145,7 @@ async def share_each(
         try:
             done.append(await sharing.share(part, grantee, purpose, until_ms, tell))
         except BlockRobotError as error:
-            raise tell_of_first(error, done) from None
+            raise tell_of_first(error, done, language) from None
     return done
 
 
@@ -148,6 +154,10 @@ def say_step(step: str) -> str:
     if step.startswith(STEP_PARTS):
         return text("share.parts", name=step.removeprefix(STEP_PARTS))
     return text(_STEPS[step])
+
+
+def _show_step(show: Tell, step: str) -> None:
+    show(say_step(step))
 
 
 def _print_shared(shared: Shared, grantee: Grantee) -> None:
@@ -211,9 +221,9 @@ def share(
         entries = select_shareable(reports, choose(reports, record_ids, visits), purpose)
         confirm(explain(entries, grantee, purpose, until_ms), text("share.ask"), yes=yes)
         with status_line(text("share.doing"), as_json=as_json) as show:
-            return grantee, await share_each(
-                sharing, entries, grantee, purpose, until_ms, lambda step: show(say_step(step))
-            )
+            told = DEFAULT_LANGUAGE if as_json else language_in_use()
+            tell = functools.partial(_show_step, show)
+            return grantee, await share_each(sharing, entries, grantee, purpose, until_ms, tell, language=told)
 
     grantee, done = run_opened(ctx, action)
     if as_json:

@@ -253,7 +253,8 @@ def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_rea
     assert (named.exit_code, "RECORD_RESTRICTED" in named.output) == (4, True)
 
 
-def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
+def fail_at_second_grant(people: People, monkeypatch: pytest.MonkeyPatch, *more: str) -> Result:
+    """Share two records, one a grant, with a custodian that goes away between the two."""
     ward = people.ward
     visit, _ = ward.record_visit()
     monkeypatch.setattr(sharing_commands, "GRANT_RECORDS_MAX_COUNT", 1)
@@ -267,9 +268,13 @@ def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypa
     monkeypatch.setattr(sharing_commands.Sharing, "share", share_once)
     handle = people.doctor.store.content.handle.hex()
     arguments = ["--visit", visit.owner.hex()[:12], "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
-    failed = people.run(ward.wallet, "share", *arguments)
+    return people.run(ward.wallet, "share", *arguments, *more)
+
+
+def test_a_failure_at_a_second_grant_tells_of_the_first(people: People, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = fail_at_second_grant(people, monkeypatch)
     assert "SHARE_CUSTODIANS_MISSING" in failed.output
-    (row,) = people.told(ward.wallet, "shares")["shares"]
+    (row,) = people.told(people.ward.wallet, "shares")["shares"]
     assert failed.exit_code == 1
     assert (
         f"1 record is shared already, until you end it (blockrobot wallet revoke: {row['grant_id'][:12]})"
@@ -387,6 +392,17 @@ def test_every_notice_of_what_was_shared_has_its_words_in_both_languages() -> No
     for language in LANGUAGES:
         for words in ("received.had", "received.never_had"):
             assert set(section(words, language)) == {*TO_DELETE, KIND_CORRECTED, KIND_RESTRICTED}
+
+
+def test_what_is_shared_already_is_told_in_portuguese_and_to_programs_in_english(
+    pessoas: People, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed = fail_at_second_grant(pessoas, monkeypatch)
+    assert "1 gravação já está partilhada, até que termine a partilha" in failed.output
+    pessoas.ward.custody.away = set()
+    with monkeypatch.context() as again:
+        told = json.loads(fail_at_second_grant(pessoas, again, "--json").output)
+    assert told["error"]["detail"].startswith("1 record is shared already, until you end it")
 
 
 def test_an_erasure_names_in_portuguese_who_had_received_it(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
