@@ -72,8 +72,12 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
 _CODE = re.compile(r"([A-Z][A-Z0-9]*(?:_[A-Z0-9]+)+)(?::|$)")
 
 
+def refusal_code(contract_code: str, detail: str) -> str:
+    """Return the contract's code of a refusal, or the one that its sentence begins with; or nothing."""
+    found = _CODE.match(detail)
+    return contract_code or (found.group(1) if found else "")
+
+
 def find_next_step(contract_code: str, detail: str) -> str:
     """Return what to do about a refusal, by the contract's code or the one that its sentence begins with; or nothing."""
-    found = _CODE.match(detail)
-    code = contract_code or (found.group(1) if found else "")
-    return NEXT_STEPS.get(code, "")
+    return NEXT_STEPS.get(refusal_code(contract_code, detail), "")

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import click
 
+from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
 
 LANGUAGES = ("en", "pt")
@@ -121,8 +122,10 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
     detail = error.detail
     if isinstance(meaning, str):
         detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
-    own_step = error.next_step == error.entry.next_step and isinstance(next_step, str)
-    return detail, str(next_step) if own_step else error.next_step
+    if error.next_step != error.entry.next_step:  # that of a contract's own code says more
+        refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
+        next_step = texts.get(f"refusals.{refused}")
+    return detail, next_step if isinstance(next_step, str) else error.next_step
 
 
 def say_error(error: BlockRobotError) -> str:

@@ -11,6 +11,7 @@ import pytest
 
 from clients.wallet import language
 from clients.wallet.language import ONE, OTHER, Form, describe_error, find_language, load, section, text
+from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
@@ -19,7 +20,7 @@ WALLET = Path(language.__file__).parent
 
 
 def own_keys(name: str) -> set[str]:
-    return {key for key in load(name) if not key.startswith("errors.")}
+    return {key for key in load(name) if not key.startswith(("errors.", "refusals."))}
 
 
 def names_in(form: Form) -> set[str]:
@@ -78,25 +79,93 @@ def test_purposes_and_sensors_are_those_that_are_published() -> None:
     assert section("sensor", "en") == SENSORS
 
 
-MET_BY_PATIENTS = {code for code in CATALOGUE if code.startswith(("WALLET_", "WORDS_", "VOUCHER_"))} | {
-    "CALL_REFUSED",
-    "CLIP_ERASED",
-    "ERASURE_NOT_CONFIRMED",
-    "FILE_UNUSABLE",
-    "GENESIS_INVALID",
-    "HANDLE_TAKEN",
-    "MEMBER_NO_MORE",
-    "NODE_UNREACHABLE",
-    "NOT_FOUND",
-    "NOT_REGISTERED",
-    "PROOF_INVALID",
-    "RENDITION_CORRUPTED",
-    "SESSION_REFUSED",
-    "TRANSACTION_NOT_FINAL_IN_TIME",
+PROJECT = WALLET.parents[1]
+OF_OTHERS = {
+    # Officers
+    "BREACH_NOT_FOUND",
+    "CORRECTION_UNPROVEN",
+    "PROPOSAL_NOT_FOUND",
+    "SPAN_EMPTY",
+    "SPAN_INVALID",
+    "SPAN_TOO_FULL",
+    # Those who govern the network
+    "GOVERNANCE_APPROVED_ALREADY",
+    "GOVERNANCE_CONTRACT_REFUSED",
+    "GOVERNANCE_NOT_ADMIN",
+    "GOVERNANCE_PROPOSAL_CLOSED",
+    "GOVERNANCE_REFUSED",
+    "GOVERNANCE_SETTING_REFUSED",
+    "GOVERNANCE_WOULD_STOP_CHAIN",
+    # Robots
+    "FRAME_INVALID",
+    "UPLOAD_HASH_MISMATCH",
+    "UPLOAD_INVALID",
 }
+"""Codes in the code that a wallet runs which no patient meets: they stay English."""
+REFUSALS_OF_OTHERS = {
+    # Officers
+    "NOT_AN_OFFICER",
+    "BREACH_NOT_ASSESSED",
+    "BREACH_NOT_NOTIFIED",
+    "BREACH_CLOSED",
+    "BREACH_UNKNOWN",
+    "NOTIFIED_ALREADY",
+    "RISK_LOWERED",
+    "DELAY_UNEXPLAINED",
+    "RECORDS_LEFT",
+    "OFFICER_THE_SAME",
+    "OFFICER_GONE",
+    "NOT_OF_THE_TWO",
+    "NOT_APPROVED",
+    "PROPOSAL_DECIDED",
+    "PROPOSAL_LAPSED",
+    "SPAN_WRONG",
+    "VISITS_TOO_MANY",
+    # Those who write programs
+    "ARGUMENTS_INVALID",
+    "ENTRY_UNKNOWN",
+    "CALL_INDIRECT",
+}
+"""What a contract refuses to others than patients: the next step stays English."""
 
 
-@pytest.mark.parametrize("code", sorted(MET_BY_PATIENTS))
+def codes_in_the_code() -> set[str]:
+    """Every code of the catalogue that stands as a text in the code which runs in a wallet."""
+    found = set()
+    for folder in ("clients/wallet", "clients/sdk", "pages"):
+        for path in (PROJECT / folder).rglob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value in CATALOGUE:
+                    found.add(node.value)
+    return found
+
+
+TRANSLATED = {key.split(".")[1] for key in load("pt") if key.startswith("errors.")}
+
+
+def test_what_a_wallet_can_refuse_is_translated_or_known_to_stay_english() -> None:
+    assert codes_in_the_code() - TRANSLATED == OF_OTHERS
+
+
+def test_what_a_contract_refuses_a_patient_has_its_next_step_in_portuguese() -> None:
+    told = section("refusals", "pt")
+    assert set(NEXT_STEPS) - set(told) == REFUSALS_OF_OTHERS
+    assert set(told) <= set(NEXT_STEPS)
+    for code, step in told.items():
+        for error in (
+            BlockRobotError("CALL_REFUSED", "Some sentence.", contract_code=code),
+            BlockRobotError("CALL_REFUSED", f"{code}: some sentence."),
+        ):
+            assert describe_error(error, "pt")[1] == step != NEXT_STEPS[code]
+            assert describe_error(error, "en")[1] == NEXT_STEPS[code]
+
+
+def test_a_refusal_without_a_translated_step_keeps_the_one_that_says_more() -> None:
+    error = BlockRobotError("CALL_REFUSED", "Some sentence.", contract_code="OFFICER_THE_SAME")
+    assert describe_error(error, "pt")[1] == NEXT_STEPS["OFFICER_THE_SAME"]
+
+
+@pytest.mark.parametrize("code", sorted(TRANSLATED))
 def test_what_a_patient_meets_is_told_with_its_next_step_in_portuguese(code: str) -> None:
     detail, next_step = describe_error(BlockRobotError(code), "pt")
     assert detail == load("pt")[f"errors.{code}.meaning"] != CATALOGUE[code].meaning
