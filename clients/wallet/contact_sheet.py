@@ -19,6 +19,8 @@ from clients.sdk.plain_letters import to_plain
 TILES_MAX_COUNT = 48
 FRAMES_MAX_COUNT = 180
 TILE_WIDTH_PX = 240
+TILE_HEIGHT_MAX_PX = 480
+"""A robot may say that a picture is 1 wide and 8192 high: as wide as a tile that would be gigabytes."""
 SHEET_COLUMNS = 6
 CAPTION_HEIGHT_PX = 18
 HEADER_HEIGHT_PX = 34
@@ -54,9 +56,7 @@ class Collection:
         self.count += 1
         if not wanted:
             return
-        picture = make()
-        height = max(1, round(picture.height * TILE_WIDTH_PX / picture.width))
-        self._kept.append(Tile(captured_at_ms, picture.convert("RGB").resize((TILE_WIDTH_PX, height))))
+        self._kept.append(Tile(captured_at_ms, fit(make())))
         if len(self._kept) >= 2 * self._wanted:
             self._kept = self._kept[::2]
             self._step *= 2
@@ -64,6 +64,18 @@ class Collection:
     def some(self, most: int) -> list[Tile]:
         """Return at most so many of the pictures, at equal distances, the first always among them."""
         return evenly(self._kept, most)
+
+
+def fit(picture: Image.Image) -> Image.Image:
+    """Return a picture as wide as a tile; one that is far higher than wide in the middle of a tile of its own."""
+    scale = min(TILE_WIDTH_PX / picture.width, TILE_HEIGHT_MAX_PX / picture.height)
+    width, height = (max(1, round(side * scale)) for side in picture.size)
+    fitted = picture.convert("RGB").resize((width, height))
+    if width == TILE_WIDTH_PX:
+        return fitted
+    tile = Image.new("RGB", (TILE_WIDTH_PX, height), _GROUND)
+    tile.paste(fitted, ((TILE_WIDTH_PX - width) // 2, 0))
+    return tile
 
 
 def evenly(tiles: Sequence[Tile], most: int) -> list[Tile]:

@@ -67,10 +67,13 @@ def forget(ctx: click.Context, as_json: bool) -> None:
     """
     path: Path = ctx.obj[0]
     backend = load_keyring()
+    name = str(path.resolve())
     try:
-        backend.delete_password(SERVICE, str(path.resolve()))
-    except _errors():
-        raise BlockRobotError("KEYRING_EMPTY") from None
+        if backend.get_password(SERVICE, name) is None:
+            raise BlockRobotError("KEYRING_EMPTY")
+        backend.delete_password(SERVICE, name)
+    except _errors() as error:
+        raise BlockRobotError("KEYRING_UNUSABLE", f"The keyring may still have it: {type(error).__name__}.") from None
     if as_json:
         print_json({"ok": True, "wallet": str(path)})
     else:

@@ -8,7 +8,8 @@ from typing import Any
 from consensus.errors import BlockRobotError
 
 TEXT_MAX_CHARS = 1_024
-IDS_MAX_COUNT = 5_000
+IDS_MAX_COUNT = 25_000
+"""More than a month of a person holds; all of them fit into a request (`pages.local_page.REQUEST_MAX_BYTES`)."""
 NUMBER_MAX = 1 << 53
 
 

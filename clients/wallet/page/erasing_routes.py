@@ -115,7 +115,7 @@ async def _erase_and_follow(
         found = await _read_asked(session, asked)
         _tell_receipts(job, found)
         is_complete = all(each.report.complete for each in found)
-        if is_complete or loop.time() >= over_at:
+        if is_complete or loop.time() >= over_at or session.ended.is_set():
             break
         await asyncio.sleep(_POLL_S)
     now_ms = session.now_ms()

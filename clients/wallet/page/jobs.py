@@ -18,6 +18,8 @@ from consensus.errors import BlockRobotError
 WAIT_MAX_MS = 25_000
 KEPT_MS = 30 * 60_000
 OPEN_MAX_COUNT = 16
+DECISIONS = frozenset({"consent", "share", "revoke", "erase"})
+"""Kinds of jobs that write what she decided: a page that ends finishes them first."""
 _log = logging.getLogger("wallet.page")
 Work = Callable[["Job"], Awaitable[dict[str, Any]]]
 
@@ -135,9 +137,10 @@ class Jobs:
         return job
 
     async def close(self) -> None:
-        """Stop everything."""
-        tasks = [job.task for job in self._jobs.values() if job.task is not None and not job.task.done()]
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        """Stop what only looks; wait for what she decided, so that no half of it is taken for the whole."""
+        open_jobs = [job for job in self._jobs.values() if job.task is not None and not job.is_over]
+        for job in open_jobs:
+            if job.task is not None and job.kind not in DECISIONS:
+                job.task.cancel()
+        await asyncio.gather(*(job.task for job in open_jobs if job.task is not None), return_exceptions=True)
         self._jobs.clear()

@@ -10,7 +10,7 @@ import { t } from "./texts.js";
 const ROWS_A_PAGE_COUNT = 2_000;
 const ROWS_AT_ONCE_COUNT = 40;
 const OPEN_AT_ONCE_COUNT = 12;
-const PARTS = [[5, "night"], [12, "morning"], [18, "afternoon"], [22, "evening"], [24, "night"]];
+const PARTS = [[6, "night"], [12, "morning"], [18, "afternoon"], [24, "evening"]];  // as `wallet records --time`
 
 /** Return the part of the day of a moment: night, morning, afternoon or evening. */
 export function partOf(ms) {

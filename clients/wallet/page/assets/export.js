@@ -4,7 +4,7 @@ import { announce, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { formatBytes } from "./shared/format.js";
 import { follow, forget, getBytes, post, postWithPassphrase } from "./api.js";
-import { problemCard, progressOf, sentences } from "./pieces.js";
+import { dateOf, problemCard, progressOf, sentences } from "./pieces.js";
 import { chosen, drop } from "./selection.js";
 import { t } from "./texts.js";
 
@@ -26,8 +26,8 @@ export async function showExport(context) {
 
   const body = () => ({
     records: selection?.records,
-    from_ms: from.value ? new Date(`${from.value}T00:00:00`).getTime() : 0,
-    until_ms: until.value ? new Date(`${until.value}T23:59:59`).getTime() : 0,
+    from_ms: from.value ? dateOf(from.value).getTime() : 0,
+    until_ms: until.value ? dateOf(until.value, 1).getTime() : 0,
     pictures: pictures.checked,
     identity: identity.checked,
   });

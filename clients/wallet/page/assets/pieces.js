@@ -18,10 +18,10 @@ export function dayOf(ms) {
   return `${date.getFullYear()}-${String(date.getMonth() + 1).padStart(2, "0")}-${String(date.getDate()).padStart(2, "0")}`;
 }
 
-/** The first moment of a day written as 2026-11-22. */
-export function dateOf(day) {
+/** The first moment of a day written as 2026-11-22, or of one so many days later. */
+export function dateOf(day, later = 0) {
   const [year, month, date] = day.split("-").map(Number);
-  return new Date(year, month - 1, date);
+  return new Date(year, month - 1, date + later);
 }
 
 /** A purpose, a sensor or a reason in words; its code, or what the program says of it, where the catalogue has none. */

@@ -116,6 +116,16 @@ def test_never_more_are_taken_than_are_wanted_and_first_and_last_are_among_them(
     assert most == 1 or taken[-1] is tiles[-1]
 
 
+@pytest.mark.parametrize("size", [(1, 8192), (8192, 1), (64, 48), (48, 64)])
+def test_a_picture_of_any_shape_is_as_wide_as_a_tile_and_never_far_higher(size: tuple[int, int]) -> None:
+    collection = Collection()
+    collection.take(BEGAN_MS, lambda: Image.new("RGB", size, (200, 0, 0)))
+    (tile,) = collection.some(1)
+    assert tile.picture.width == contact_sheet.TILE_WIDTH_PX
+    assert 1 <= tile.picture.height <= contact_sheet.TILE_HEIGHT_MAX_PX
+    assert tile.picture.getpixel((119, 0)) == (200, 0, 0)
+
+
 def test_an_animation_keeps_the_pace_within_what_one_can_see() -> None:
     pictures = [Image.new("RGB", (240, 180), (shade, 0, 0)) for shade in (0, 80, 160, 240)]
     times = [0, 10, 210, 90_000]

@@ -27,6 +27,7 @@ class Ring(ModuleType):
         self.errors = ModuleType("keyring.errors")
         self.errors.KeyringError = type("KeyringError", (Exception,), {})  # type: ignore[attr-defined]
         self.locked = False
+        self.keeps = False
 
     def get_password(self, service: str, name: str) -> str | None:
         if self.locked:
@@ -37,6 +38,8 @@ class Ring(ModuleType):
         self.held[service, name] = passphrase
 
     def delete_password(self, service: str, name: str) -> None:
+        if self.keeps:
+            raise self.errors.KeyringError("a secret of the system")
         if (service, name) not in self.held:
             raise self.errors.KeyringError
         del self.held[service, name]
@@ -107,3 +110,15 @@ def test_an_empty_or_locked_keyring_is_refused_and_tells_no_secret(place: Path, 
     refused = run(place, "--keyring", "records")
     assert "KEYRING_UNUSABLE" in refused.stderr
     assert "secret" not in refused.stderr
+
+
+def test_what_a_locked_keyring_may_still_have_is_not_called_forgotten_or_absent(ring: Ring, place: Path) -> None:
+    ring.held["blockrobot-wallet", str((place / "default.wallet").resolve())] = "tea"
+    for trouble in ("locked", "keeps"):
+        setattr(ring, trouble, True)
+        done = run(place, "keyring", "forget")
+        assert done.exit_code == 1
+        assert "KEYRING_UNUSABLE" in done.output
+        assert "a secret" not in done.output
+        setattr(ring, trouble, False)
+    assert ring.held

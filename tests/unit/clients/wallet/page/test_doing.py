@@ -12,6 +12,7 @@ from clients.wallet.erasing import Erasing
 from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.answering import QUIET_HEADER
+from clients.wallet.page.asking import IDS_MAX_COUNT
 from clients.wallet.page.jobs import Job
 from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
@@ -207,6 +208,41 @@ async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_no
     gate.set()
     assert (await desk.page.get(f"/api/jobs/{first.name}", wait_ms=5_000, after=99))["state"] == "done"
     assert await desk.page.refused("GET", "/api/jobs/nobody") == "NOT_FOUND"
+
+
+async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_looks(desk: Desk) -> None:
+    gate, seen = asyncio.Event(), list[str]()
+
+    def make(name: str) -> Any:
+        async def work(_: Job) -> dict[str, Any]:
+            await gate.wait()
+            seen.append(name)
+            return {}
+
+        return work
+
+    jobs = desk.session.jobs
+    kinds = ("erase", "export", "verify", "consent")
+    started = [jobs.start(kind, make(kind), stoppable=kind == "export") for kind in kinds]
+    ending = asyncio.create_task(jobs.close())
+    await asyncio.sleep(0)
+    gate.set()
+    await ending
+    assert seen == ["erase", "consent"]
+    assert [job.state for job in started] == ["done", "cancelled", "cancelled", "done"]
+
+
+async def test_a_page_that_is_locked_does_not_wait_for_receipts(desk: Desk) -> None:
+    ids = await recorded(desk)
+    desk.session.ended.set()
+    done = await desk.page.do("/api/erasures", {"records": ids, "passphrase": PASSPHRASE})
+    assert done["complete"] is False
+
+
+async def test_everything_of_a_month_fits_into_one_wish(desk: Desk) -> None:
+    ids = [f"{number:032x}" for number in range(IDS_MAX_COUNT)]
+    assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids}) == "NOT_FOUND"
+    assert await desk.page.refused("POST", "/api/erasures/plan", {"records": [*ids, "00"]}) == "REQUEST_INVALID"
 
 
 async def test_a_task_that_is_done_is_not_stopped_while_the_lists_are_read_again(
