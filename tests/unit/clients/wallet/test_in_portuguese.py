@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import json
 from pathlib import Path
@@ -267,3 +268,26 @@ def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPa
     assert f"Estão em {out}." in told
     monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (Receipts((), (), ()), b""))
     assert "Não há nenhum recibo nesta carteira" in CliRunner().invoke(cli.wallet, words).output
+
+
+def steps_in_the_code() -> set[str]:
+    """Every step that a job of the page, or an export, tells in the wallet's code."""
+    found = set()
+    for path in Path(cli.__file__).parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and node.args:
+                name = node.func.attr if isinstance(node.func, ast.Attribute) else node.func.id
+                first = node.args[0]
+                if name in {"tell", "_heard", "heard"} and isinstance(first, ast.Constant):
+                    found.add(str(first.value))
+    return found
+
+
+def test_every_step_of_a_job_has_words_on_the_page() -> None:
+    steps = steps_in_the_code()
+    assert {"writing it into the ledger", "proofs of visits"} <= steps
+    assert steps | {"checking the file", "checking records"} <= {
+        key.replace("_", " ") for key in section("page.step", "pt")
+    }
+    for key, said in section("page.step", "pt").items():
+        assert said != load("en")[f"page.step.{key}"]
