@@ -71,7 +71,10 @@ async def _serve(
             where = await page.start()
             _tell(where.url, where.redirect_file, no_browser=no_browser, as_json=as_json)
             _offer_links(page, as_json=as_json)
-            return await _wait_until_over(session, idle_minutes)
+            why = await _wait_until_over(session, idle_minutes)
+            if session.jobs.are_decisions_open and not as_json:
+                console.print("What you decided on the page is being finished. Ctrl-C once more: leave it as it is.")
+            return why
         finally:
             await page.stop()
             with_endings()

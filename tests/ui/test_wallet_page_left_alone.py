@@ -1,4 +1,4 @@
-"""The wallet's page when nobody is at it, and when its session is over: nothing of hers stays on the screen.
+"""The wallet's page when nobody is at it, when its session is over, and when she was told less than there is.
 
 Behind it are real contracts and proofs in this process; no network is started.
 """
@@ -10,10 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest_asyncio
+from msgspec.structs import replace
 from playwright.async_api import Page, expect
 
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
+from consensus.records.notices import encode_notice
+from network.demo_notice import demo_notice
 from pages.local_page import LocalPage
 from tests.ui.watched_page import Watch
 from tests.unit.clients.wallet.page.conftest import dress
@@ -85,3 +88,25 @@ async def test_recordings_that_come_in_keep_no_page_open_at_which_nobody_is(show
     await page.get_by_role("link", name="What happened").click()
     await expect(page.locator(".story").first).to_be_visible(timeout=SOON_MS)
     assert not shown.session.is_idle(30)
+
+
+async def test_what_the_notice_does_not_name_has_a_no_and_no_yes(shown: Shown) -> None:
+    page, chain = shown.page, shown.ward.chain
+    kept = [purpose for purpose in demo_notice().purposes if purpose.code != "care"]
+    chain.must(chain.admin, "consent", "publish_notice", encode_notice(replace(demo_notice(), purposes=kept)))
+    await page.evaluate("() => { location.hash = '#/consent'; }")
+    await page.get_by_role("button", name="I have read it").click(timeout=SOON_MS)
+    unnamed = page.locator(".choices", has_text="does not name this")
+    await expect(unnamed).to_have_count(1)
+    await expect(unnamed.locator("[data-key^=yes]").first).to_be_disabled()
+    await expect(unnamed.locator("[data-key^=no]").first).to_be_enabled()
+    await expect(page.locator(".choices:not(:has-text('does not name this')) [data-key^=yes]").first).to_be_enabled()
+
+
+async def test_every_view_stands_without_a_complaint_of_the_browser(shown: Shown) -> None:
+    page = shown.page
+    day = shown.session.snapshot.visits[0].report.records[0]
+    for place in ("story", "sharing", "erasing", "export", "inbox", f"record/{day.record_id.hex()}", "day/2026-11-22"):
+        await page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
+        await expect(page.locator("h1")).to_be_focused(timeout=SOON_MS)
+        assert await page.locator(".notice.bad").count() == 0, place

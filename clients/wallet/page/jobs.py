@@ -74,6 +74,11 @@ class Jobs:
         """Whether any job waits or runs."""
         return any(not job.is_over for job in self._jobs.values())
 
+    @property
+    def are_decisions_open(self) -> bool:
+        """Whether anything that she decided is not done yet."""
+        return any(not job.is_over and job.kind in DECISIONS for job in self._jobs.values())
+
     def start(self, kind: str, work: Work, *, stoppable: bool = False) -> Job:
         """Begin a job as soon as those before it have ended. Raises RATE_LIMITED if too many wait."""
         now = self._now_ms()

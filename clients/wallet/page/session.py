@@ -91,12 +91,14 @@ class PageSession:
         return self
 
     async def __aexit__(self, *exception: object) -> None:
-        if self._watching is not None:
-            self._watching.cancel()
-            await asyncio.gather(self._watching, return_exceptions=True)
-        await self.jobs.close()
-        self.clips.forget_all()
-        self._clear_folder()
+        try:
+            if self._watching is not None:
+                self._watching.cancel()
+                await asyncio.gather(self._watching, return_exceptions=True)
+            await self.jobs.close()
+        finally:
+            self.clips.forget_all()
+            self._clear_folder()
 
     def _clear_folder(self) -> None:
         """Delete what a page left behind: exports hold pictures."""

@@ -224,6 +224,7 @@ async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_lo
     jobs = desk.session.jobs
     kinds = ("erase", "export", "verify", "consent")
     started = [jobs.start(kind, make(kind), stoppable=kind == "export") for kind in kinds]
+    assert jobs.are_decisions_open
     ending = asyncio.create_task(jobs.close())
     await asyncio.sleep(0)
     gate.set()
