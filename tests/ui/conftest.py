@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Browser, Page, async_playwright
+from playwright.async_api import Browser, Page, async_playwright, expect
 
 from tests.ui.recorded_network import RecordedNetwork
-from tests.ui.watched_page import Pages, Watch
+from tests.ui.watched_page import TIMEOUT_MS, Pages, Watch
 
 HERE = Path(__file__).parent
 CHROMIUM_NAMES = ("chromium", "chromium-browser")
@@ -49,7 +49,8 @@ def find_chromium() -> str:
 
 @pytest_asyncio.fixture(scope="session", loop_scope="session")
 async def browser() -> AsyncIterator[Browser]:
-    """The system's Chromium, started once."""
+    """The system's Chromium, started once. What is expected may take as long as what is done: machines are slow."""
+    expect.set_options(timeout=TIMEOUT_MS)
     async with async_playwright() as playwright:
         # The tests' pages are our own, and root (in a container) has no other way to start it.
         started = await playwright.chromium.launch(

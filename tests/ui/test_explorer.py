@@ -178,6 +178,45 @@ async def test_the_page_keeps_500_headers_at_most(page: Page, recorded_network: 
     assert found <= 500
 
 
+async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session(
+    page: Page, recorded_network: RecordedNetwork
+) -> None:
+    await enter(page, recorded_network)
+    begun = """async () => {
+      const { feed } = await import('./feed.js');
+      const { api } = await import('./api.js');
+      let asked = 0;
+      api.status = () => { asked += 1; return new Promise(() => {}); };
+      feed.run();
+      feed.run();
+      return asked;
+    }"""
+    assert await page.evaluate(begun) == 0
+
+
+async def test_another_network_at_the_same_address_is_not_taken_for_the_same_chain(
+    page: Page, watch: Watch, recorded_network: RecordedNetwork
+) -> None:
+    watch.expect("status of 401")
+    await enter(page, recorded_network)
+    await page.evaluate(
+        "() => import('./api.js').then(({ api }) => { const { status } = api; "
+        "api.status = async (...asked) => ({ ...await status(...asked), chain_id: '00'.repeat(32) }); })"
+    )
+    await expect(page.locator("h1")).to_have_text("Look at the chain", timeout=20_000)
+
+
+async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_network: RecordedNetwork) -> None:
+    await enter(page, recorded_network)
+    await page.evaluate(
+        "() => import('./api.js').then(({ api }) => { "
+        "api.events = async () => ({ events: [], isAll: false, upTo: 7 }); })"
+    )
+    await go(page, "custody")
+    await expect(page.locator("main .notice")).to_contain_text("you see nothing after block 7")
+    await expect(page.get_by_role("link", name="Go on from there")).to_have_attribute("href", "#/custody/7")
+
+
 async def test_a_block_shows_who_certified_it(page: Page, recorded_network: RecordedNetwork) -> None:
     place = await refuse_something(recorded_network)
     await enter(page, recorded_network, f"block/{place['height']}")

@@ -15,6 +15,7 @@ class Feed extends EventTarget {
   headers = [];
   status = null;
   problem = null;
+  #isRunning = false;
 
   /** The height of the newest header that is here; -1 if there is none. */
   get last() {
@@ -31,12 +32,27 @@ class Feed extends EventTarget {
     return this.problem?.status === 401 || this.problem?.status === 403;
   }
 
-  /** Follow the chain until the page is closed or the session is over; may be called again then. */
+  /** Follow the chain until the page is closed or the session is over; may be called again then. One loop runs at a time. */
   async run() {
+    if (this.#isRunning) return;
+    this.#isRunning = true;
+    try {
+      await this.#follow();
+    } finally {
+      this.#isRunning = false;
+    }
+  }
+
+  async #follow() {
+    const chain = this.status?.chain_id;
     let retryMs = RETRY_FIRST_MS;
     for (;;) {
       try {
         this.status = await api.status(this.last, WAIT_MS);
+        if (chain && this.status.chain_id !== chain) {
+          location.reload(); // another network answers here now: nothing of the former is true of it
+          return;
+        }
         await this.catchUp();
         this.#tell(null);
         retryMs = RETRY_FIRST_MS;
@@ -71,7 +87,7 @@ class Feed extends EventTarget {
       const first = this.headers[0].height;
       const from = Math.max(0, first - PAGE_COUNT, this.last - KEPT_COUNT + 1);
       const answer = await api.headers(from, first - from);
-      if (!answer.headers.length || this.headers[0].height !== first) return;
+      if (!answer.headers.length || this.headers[0]?.height !== first) return;
       this.headers.unshift(...answer.headers);
       this.headers.splice(0, this.headers.length - KEPT_COUNT);
     }

@@ -14,10 +14,19 @@ export async function custodyPage({ args: [first] }) {
   const [names, erasures, accesses, records] = await Promise.all([custodianNames(), api.events({ from, contract: "erasure" }), api.events({ from, contract: "access" }), api.events({ from, contract: "records" })]);
   return sheet("Custody",
     "What robots recorded lies with custodians, as ciphertext. The chain holds a commitment to it, and what custodians did: what they released, what they refused, which keys they destroyed. A key on the chain stands for one visit; whose it was, the chain does not say.",
+    cutOff([erasures, accesses, records]),
     card("In short", summary(from, erasures.events, accesses.events, records.events)),
     card("Erasures", h("p", { class: "quiet" }, "An erasure is complete once every custodian has destroyed its keys and said so."), table("Erasures, newest first", ["block", "what happened", "by", "more"], newest(erasures.events).map((event) => erasureRow(event, names)), "No erasure in these blocks.")),
     card("Releases and refusals", table("Access, newest first", ["block", "what happened", "by", "more"], newest(accesses.events).map((event) => accessRow(event, names)), "Nobody asked for records in these blocks.")),
     from > earliest && h("p", {}, go(`custody/${Math.max(earliest, from - 4 * WINDOW_BLOCKS)}`, "Look further back")));
+}
+
+/** Say so where there is more than was read: from the oldest on, so what is missing is newer. */
+function cutOff(parts) {
+  const cut = parts.filter((part) => !part.isAll).map((part) => part.upTo);
+  if (!cut.length) return null;
+  const upTo = Math.min(...cut);
+  return h("p", { class: "notice warn" }, `More happened in these blocks than is read at once: of some of it you see nothing after block ${number(upTo)}. `, go(`custody/${upTo}`, "Go on from there"));
 }
 
 function newest(events) {
