@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from clients.bundle import documents as doc
 from clients.bundle import layout
+from clients.bundle.consent_receipts import CheckedReceipt
 from clients.bundle.container import BundleReader
 from clients.bundle.frames import ABSENT, ERASED, UNDRAWABLE, is_same_file
 from clients.bundle.proving import (
@@ -33,9 +34,13 @@ from clients.bundle.proving import (
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.primitives.keys import recover
+from consensus.records.consent_receipts import REFUSED, WITHDRAWN
+from consensus.records.consents import GIVEN
 
 VISITS_MAX_COUNT = 9_999
 TEXT_MAX_CHARS = 500
+RECEIPTED = frozenset((GIVEN, REFUSED, WITHDRAWN))
+"""Words on consent of which there are receipts that both sides sign; of an objection there is none."""
 _OWN_CODES = frozenset(("BUNDLE_INVALID", "BUNDLE_UNPROVEN", "BUNDLE_OTHER_CHAIN"))
 _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError, RecursionError)
 
@@ -60,6 +65,7 @@ class Verdict:
     accesses: int
     erasures: int
     signers: tuple[bytes, ...]
+    signed: tuple[CheckedReceipt, ...]
 
     @property
     def records(self) -> list[doc.RecordDocument]:
@@ -207,17 +213,30 @@ class _Check:
         states: list[doc.StateProofs] = []
         while layout.state_proofs_name(len(states) + 1) in self._reader and len(states) < VISITS_MAX_COUNT:
             states.append(self._read(layout.state_proofs_name(len(states) + 1), doc.StateProofs))
-        return Proofs(
+        proofs = Proofs(
             chain=self._read(layout.CHAIN_PROOFS, doc.ChainProofs),
             person=self._read(person, doc.StateProofs) if person in self._reader else None,
             visits=tuple(states),
             receipts=self._read(layout.CONSENT_PROOFS, doc.ReceiptProofs),
             openings=self._read(layout.RECORD_OPENINGS, doc.RecordOpenings),
-            keys=self._read(layout.KEY_HISTORY, doc.KeyHistory) if version == doc.FORMAT_VERSION_WITH_KEYS else None,
+            keys=self._read_extra(version, layout.KEY_HISTORY, doc.KeyHistory, layout.DOCUMENT_MAX_BYTES),
+            signed=self._read_extra(
+                version, layout.SIGNED_RECEIPTS, doc.SignedReceipts, layout.SIGNED_RECEIPTS_MAX_BYTES
+            ),
         )
+        if proofs.version != version:
+            detail = f"The bundle calls itself version {version}, and has neither former keys nor consent receipts."
+            raise BlockRobotError("BUNDLE_INVALID", detail)
+        return proofs
 
-    def _read(self, name: str, kind: type[doc.D]) -> doc.D:
-        return doc.read_document(name, self._reader.read(name, layout.DOCUMENT_MAX_BYTES), kind)
+    def _read_extra(self, version: int, name: str, kind: type[doc.D], limit_bytes: int) -> doc.D | None:
+        """Return a document that only version 2 has, and not always."""
+        if version != doc.FORMAT_VERSION_EXTENDED or name not in self._reader:
+            return None
+        return self._read(name, kind, limit_bytes)
+
+    def _read(self, name: str, kind: type[doc.D], limit_bytes: int = layout.DOCUMENT_MAX_BYTES) -> doc.D:
+        return doc.read_document(name, self._reader.read(name, limit_bytes), kind)
 
     def _check_signatures(self, chain_id: bytes, manifest: bytes, proven: Proven) -> None:
         signed = self._read(layout.SIGNATURES, doc.Signatures).signatures
@@ -274,6 +293,7 @@ class _Check:
             accesses=sum(len(facts.accesses) for facts in proven.visits),
             erasures=sum(len(facts.erasures) for facts in proven.visits),
             signers=proven.signers,
+            signed=proven.signed,
         )
 
 
@@ -308,6 +328,7 @@ def unproved(verdict: Verdict) -> list[str]:
         if others:
             lines.append(f"that {name_visits(others)} of the member that it names: no sealed note in the file shows it")
         lines.append("that the history of consents is complete; what holds now is proved")
+        lines += _unsigned(verdict)
         if consents.last_word_height > max((word.height for word in consents.history), default=0):
             lines.append(f"what was said last about consent, in block {consents.last_word_height}")
     missing = sum(max(0, visit.missing) for visit in verdict.visits)
@@ -316,4 +337,17 @@ def unproved(verdict: Verdict) -> list[str]:
     lines.append(
         "when the bundle was made, what was asked for, and why anything is missing: the exporter's word, signed"
     )
+    return lines
+
+
+def _unsigned(verdict: Verdict) -> list[str]:
+    """Return what consent receipts leave open."""
+    if not verdict.signed:
+        return []
+    lines = ["that she read the notices that her consent receipts name, or that she said nothing else"]
+    receipted = {each.word.txid.hex() for each in verdict.signed}
+    words = [word for word in verdict.consents.history if word.kind in RECEIPTED]
+    count = sum(word.transaction not in receipted for word in words)
+    if count:
+        lines.append(f"under which notice {count} of her words on consent were said: no receipt by both sides is here")
     return lines

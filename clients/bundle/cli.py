@@ -68,6 +68,7 @@ def _told(path: Path, verdict: Verdict) -> dict[str, Any]:
         "member": verdict.consents.member,
         "visits_of_member": list(verdict.visits_of_member),
         "consent_receipts": len(verdict.consents.history),
+        "signed_consent_receipts": [_receipt_json(receipt) for receipt in verdict.signed],
         "signed_by": [key.hex() for key in verdict.signers],
         "stated_problems": [
             {"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in manifest.problems
@@ -138,6 +139,7 @@ def _lines(verdict: Verdict) -> list[str]:
     if verdict.consents.member:
         words = f"{told['consent_receipts']} words on consent with their receipts"
         lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
+        lines += _signed_lines(told["signed_consent_receipts"])
         if verdict.visits_of_member:
             named = name_visits(verdict.visits_of_member)
             lines.append(f"  - {named} of that member: robots sealed records to the key that it registered")
@@ -147,6 +149,22 @@ def _lines(verdict: Verdict) -> list[str]:
         lines.append("Missing, as its exporter says:")
         lines += [f"  - {_plain(each.record_id) or 'all'}: {_plain(each.sentence)}" for each in manifest.problems]
     return lines
+
+
+def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:
+    """Return what is said of the receipts that both sides signed; all in a bundle are by who registered her."""
+    if not rows:
+        return []
+    whose = f"by her and by {_plain(rows[0]['organisation'])}, which registered her"
+    said = "receipt of consent is signed" if len(rows) == 1 else "receipts of consent are signed"
+    first = f"  - {len(rows)} {said} by both sides, {whose}, and say what the ledger says:"
+    return [first, *(f"      {_plain(_receipt_line(row))}" for row in rows)]
+
+
+def _receipt_line(row: dict[str, Any]) -> str:
+    what, sensors = ", ".join(row["purposes"]) or "everything", ", ".join(row["sensors"]) or "every sensor"
+    notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
+    return f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
 
 
 def _receipt_json(receipt: CheckedReceipt) -> dict[str, Any]:
@@ -183,10 +201,7 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
     console.print(f"Against which network: {_plain(genesis.network)} ({anchor})")
     console.print(f"  genesis hash  {genesis.block_id.hex()}")
     for row in rows:
-        what, sensors = ", ".join(row["purposes"]) or "everything", ", ".join(row["sensors"]) or "every sensor"
-        notice = "no notice" if row["notice_version"] is None else f"notice {row['notice_version']}"
-        line = f"{_moment(row['time_ms'])}  {row['status']}: {what} by {sensors} (block {row['height']}, {notice})"
-        console.print(_plain(line))
+        console.print(_plain(_receipt_line(row)))
     by_other = "" if all(row["is_registrars"] for row in rows) else _NOT_BY_REGISTRAR
     console.print(
         "Not proved: who the person is, for the file names her by a random handle; that she read the notice;"

@@ -39,20 +39,6 @@ _VERSIONS_END = (1 << 32) - 1  # the next version has a key too
 _FORM_ERRORS = (KeyError, TypeError, AttributeError, ValueError, IndexError, OverflowError, RecursionError)
 
 
-class ReceiptEntry(doc.Document, frozen=True):
-    """One receipt: its bytes as a text, both signatures, and all that proves it. `person_signature` may be empty only
-    between the organisation's signature and hers.
-    """
-
-    document: str
-    controller_key: str
-    controller_signature: str
-    person_signature: str
-    transaction: str
-    proof: doc.ReceiptProof
-    state: doc.StateProofs
-
-
 class ReceiptFile(doc.Document, frozen=True):
     """A file of receipts of one person on one chain. `genesis` is the genesis file's text, `epochs` as in a bundle."""
 
@@ -60,7 +46,7 @@ class ReceiptFile(doc.Document, frozen=True):
     version: int
     genesis: str
     epochs: list[str]
-    receipts: list[ReceiptEntry]
+    receipts: list[doc.ReceiptEntry]
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +91,9 @@ def read_reference(document: bytes) -> tuple[str, int]:
     return organisation, version
 
 
-def check_entry(chain: ProvedChain, genesis: Genesis, entry: ReceiptEntry, *, signed: bool = True) -> CheckedReceipt:
+def check_entry(
+    chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, signed: bool = True
+) -> CheckedReceipt:
     """Check one receipt against the chain. `signed` False: the person has not signed it yet.
 
     Raises CONSENT_RECEIPT_INVALID for whatever does not follow from its proofs.
@@ -120,7 +108,7 @@ def check_entry(chain: ProvedChain, genesis: Genesis, entry: ReceiptEntry, *, si
         raise BlockRobotError("CONSENT_RECEIPT_INVALID", f"It has an unknown form ({error!r:.80}).") from None
 
 
-def _check(chain: ProvedChain, genesis: Genesis, entry: ReceiptEntry, *, signed: bool) -> CheckedReceipt:
+def _check(chain: ProvedChain, genesis: Genesis, entry: doc.ReceiptEntry, *, signed: bool) -> CheckedReceipt:
     document = entry.document.encode()
     transaction = decode_transaction(doc.read_bytes(_NAME, entry.transaction))
     transaction.verify_sender()
@@ -177,7 +165,7 @@ def _notice(
     return published
 
 
-def encode_file(genesis: Genesis, epochs: Sequence[str], entries: Sequence[ReceiptEntry]) -> bytes:
+def encode_file(genesis: Genesis, epochs: Sequence[str], entries: Sequence[doc.ReceiptEntry]) -> bytes:
     """Return a file of receipts."""
     content = ReceiptFile(FORMAT, FORMAT_VERSION, genesis_to_json(genesis), list(epochs), list(entries))
     return msgspec.json.format(msgspec.json.encode(content), indent=1) + b"\n"

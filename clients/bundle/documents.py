@@ -15,9 +15,10 @@ from consensus.errors import BlockRobotError
 
 FORMAT = "blockrobot-export"
 FORMAT_VERSION = 1
-FORMAT_VERSION_WITH_KEYS = 2
-"""Version 2 has one document more, `proofs/keys.json`. A bundle that does not need it is written as version 1."""
-FORMAT_VERSIONS = (FORMAT_VERSION, FORMAT_VERSION_WITH_KEYS)
+FORMAT_VERSION_EXTENDED = 2
+"""Version 2 has `proofs/keys.json`, or `proofs/receipts.json` and `data/receipts.json`, or all three besides. A bundle
+that needs none of them is written as version 1."""
+FORMAT_VERSIONS = (FORMAT_VERSION, FORMAT_VERSION_EXTENDED)
 
 
 class Document(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -86,6 +87,28 @@ class KeyHistory(Document, frozen=True):
     """How the person came to her present keys, in the order of the chain: which sealing keys were hers before."""
 
     steps: list[KeyChange]
+
+
+class ReceiptEntry(Document, frozen=True):
+    """One consent receipt: its bytes as a text, both signatures, and all that proves it.
+
+    `state` proves the node that signed, the member, the version of the notice that was in force and the next one.
+    `person_signature` may be empty only between the organisation's signature and hers.
+    """
+
+    document: str
+    controller_key: str
+    controller_signature: str
+    person_signature: str
+    transaction: str
+    proof: ReceiptProof
+    state: StateProofs
+
+
+class SignedReceipts(Document, frozen=True):
+    """The consent receipts that both sides signed, in the order of the chain."""
+
+    receipts: list[ReceiptEntry]
 
 
 class RecordOpening(Document, frozen=True):
@@ -383,6 +406,34 @@ class ConsentsDocument(Document, frozen=True):
     history: list[ConsentWordDocument]
 
 
+class SignedReceiptDocument(Document, frozen=True):
+    """One consent receipt: what it says in `receipt` (fields of ISO/IEC TS 27560), who signed, and the notice it names.
+
+    Both signed the bytes of `receipt` as JSON with sorted keys, without spaces, ASCII only. `notice_version` is 0 and
+    `notice_hash` empty where no notice was in force.
+    """
+
+    transaction: str
+    status: str
+    height: int
+    time_ms: int
+    organisation: str
+    node: str
+    notice_version: int
+    notice_hash: str
+    controller_key: str
+    controller_signature: str
+    person_key: str
+    person_signature: str
+    receipt: Any
+
+
+class SignedReceiptsDocument(Document, frozen=True):
+    """data/receipts.json: the consent receipts that the person's organisation and she herself signed."""
+
+    receipts: list[SignedReceiptDocument]
+
+
 DOCUMENTS: tuple[tuple[str, type[Document]], ...] = (
     ("manifest.json", Manifest),
     ("signatures.json", Signatures),
@@ -397,7 +448,12 @@ DOCUMENTS: tuple[tuple[str, type[Document]], ...] = (
     ("proofs/consents.json", ReceiptProofs),
     ("proofs/records.json", RecordOpenings),
 )
-DOCUMENTS_WITH_KEYS: tuple[tuple[str, type[Document]], ...] = (*DOCUMENTS, ("proofs/keys.json", KeyHistory))
+DOCUMENTS_EXTENDED: tuple[tuple[str, type[Document]], ...] = (
+    *DOCUMENTS,
+    ("data/receipts.json", SignedReceiptsDocument),
+    ("proofs/keys.json", KeyHistory),
+    ("proofs/receipts.json", SignedReceipts),
+)
 
 
 def write_document(document: Document) -> bytes:
@@ -429,7 +485,7 @@ def read_bytes(name: str, text: str) -> bytes:
 
 def make_schema(version: int) -> dict[str, Any]:
     """Return the JSON Schema (2020-12) of a version's documents: `$defs` by type, `x-files` says which file has which."""
-    documents = DOCUMENTS if version == FORMAT_VERSION else DOCUMENTS_WITH_KEYS
+    documents = DOCUMENTS if version == FORMAT_VERSION else DOCUMENTS_EXTENDED
     kinds = [kind for _, kind in documents]
     _, components = msgspec.json.schema_components(kinds, ref_template="#/$defs/{name}")
     return {

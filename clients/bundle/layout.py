@@ -16,14 +16,17 @@ ACCESS = "data/access.json"
 ERASURES = "data/erasures.json"
 RIGHTS = "data/rights.json"
 CONSENTS = "data/consents.json"
+TOLD_RECEIPTS = "data/receipts.json"
 CHAIN_PROOFS = "proofs/chain.json"
 CONSENT_PROOFS = "proofs/consents.json"
 KEY_HISTORY = "proofs/keys.json"
+SIGNED_RECEIPTS = "proofs/receipts.json"
 RECORD_OPENINGS = "proofs/records.json"
 
 DOCUMENT_MAX_BYTES = 64 * 1024 * 1024
 PROOFS_MAX_BYTES = 256 * 1024 * 1024
 """All documents under proofs/ together: a verifier holds them in memory."""
+SIGNED_RECEIPTS_MAX_BYTES = 32 * 1024 * 1024
 RENDITION_MAX_BYTES = CIPHERTEXT_MAX_BYTES
 PICTURE_MAX_BYTES = 64 * 1024 * 1024
 BACKGROUND_MAX_BYTES = 16 * 1024 * 1024

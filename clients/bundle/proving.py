@@ -13,8 +13,10 @@ from typing import Any
 from clients.bundle import documents as doc
 from clients.bundle import layout, telling
 from clients.bundle.chain_proofs import ProvedChain, ProvedReceipt
+from clients.bundle.consent_receipts import CheckedReceipt
 from clients.bundle.frames import FrameSource, Piece, walk_frames
 from clients.bundle.key_history import prove_sealing_keys
+from clients.bundle.signed_receipts import prove_signed, require_told, tell_signed
 from clients.bundle.texts import README_TEXT, player_page
 from clients.bundle.visits import VisitFacts, read_visit
 from consensus.errors import BlockRobotError
@@ -28,7 +30,9 @@ Heard = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Proofs:
-    """The documents under proofs/. `person` is None where the bundle leaves out who she is; `keys`, where none changed."""
+    """The documents under proofs/. `person` is None where the bundle leaves out who she is; `keys`, where none changed;
+    `signed`, where it has no consent receipts.
+    """
 
     chain: doc.ChainProofs
     person: doc.StateProofs | None
@@ -36,11 +40,13 @@ class Proofs:
     receipts: doc.ReceiptProofs
     openings: doc.RecordOpenings
     keys: doc.KeyHistory | None = None
+    signed: doc.SignedReceipts | None = None
 
     @property
     def version(self) -> int:
         """The version of the format that has these documents."""
-        return doc.FORMAT_VERSION if self.keys is None else doc.FORMAT_VERSION_WITH_KEYS
+        is_plain = self.keys is None and self.signed is None
+        return doc.FORMAT_VERSION if is_plain else doc.FORMAT_VERSION_EXTENDED
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +59,8 @@ class Proven:
     texts: telling.Texts
     signers: tuple[bytes, ...]
     """Whose signatures the bundle has to have: the visits' owner keys, in order, and the member key."""
+    signed: tuple[CheckedReceipt, ...]
+    told_receipts: doc.SignedReceiptsDocument | None
 
 
 def schema_text(version: int) -> bytes:
@@ -64,7 +72,7 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     """Check everything but the frames. Raises BUNDLE_INVALID, BUNDLE_UNPROVEN, PROOF_*, CERTIFICATE_INVALID, ENCODING_*."""
     chain = ProvedChain(genesis, proofs.chain.epochs)
     receipts = [chain.receipt(layout.CONSENT_PROOFS, proof) for proof in proofs.receipts.receipts]
-    consents, sealing, member = _prove_person(chain, genesis, proofs, receipts)
+    consents, sealing, member, signed = _prove_person(chain, genesis, proofs, receipts)
     openings = {doc.read_bytes(layout.RECORD_OPENINGS, row.record_id): row for row in proofs.openings.records}
     visits = tuple(
         read_visit(chain.state(layout.state_proofs_name(number), proof), openings, sealing)
@@ -80,25 +88,32 @@ def prove(genesis: Genesis, proofs: Proofs) -> Proven:
     texts = telling.open_corrections(visits, proofs.openings.corrections)
     if texts and not member:
         raise BlockRobotError("BUNDLE_INVALID", "The bundle opens corrections without saying whose.")
-    return Proven(chain, consents, visits, texts, tuple(signers))
+    told = None if proofs.signed is None else tell_signed(proofs.signed, signed)
+    return Proven(chain, consents, visits, texts, tuple(signers), signed, told)
 
 
 def _prove_person(
     chain: ProvedChain, genesis: Genesis, proofs: Proofs, receipts: Sequence[ProvedReceipt]
-) -> tuple[doc.ConsentsDocument, tuple[bytes, ...], bytes]:
-    """Return the consents, the person's sealing keys and her member key; nothing where she is left out."""
+) -> tuple[doc.ConsentsDocument, tuple[bytes, ...], bytes, tuple[CheckedReceipt, ...]]:
+    """Return the consents, the person's sealing keys, her member key and her consent receipts; nothing where she is left
+    out.
+    """
     if proofs.person is None:
-        if receipts or proofs.keys is not None:
+        if receipts or proofs.keys is not None or proofs.signed is not None:
             raise BlockRobotError(
                 "BUNDLE_INVALID", "The bundle holds receipts of consent or keys without saying whose."
             )
-        return telling.NO_PERSON, (), b""
+        return telling.NO_PERSON, (), b"", ()
     proved = chain.state(layout.state_proofs_name(0), proofs.person)
     member, state = telling.read_person(proved)
     sealing: tuple[bytes, ...] = (state["sealing"],)
     if proofs.keys is not None:
         sealing = prove_sealing_keys(chain, genesis, proofs.keys, member, state)
-    return telling.tell_consents(proved, receipts), sealing, member
+    signed = () if proofs.signed is None else prove_signed(chain, genesis, proofs.signed, state)
+    consents = telling.tell_consents(proved, receipts, {each.word.member for each in signed})
+    if proofs.signed is not None:
+        require_told(proofs.signed, signed, consents)
+    return consents, sealing, member, signed
 
 
 def walk_visits(
@@ -141,6 +156,8 @@ def tell_all(proven: Proven, visits: Sequence[doc.VisitDocument]) -> list[tuple[
         (layout.RIGHTS, telling.tell_rights(proven.visits, proven.texts)),
         (layout.CONSENTS, proven.consents),
     ]
+    if proven.told_receipts is not None:
+        parts.append((layout.TOLD_RECEIPTS, proven.told_receipts))
     return [(layout.PLAYER, player_page(pictures)), *((name, doc.write_document(part)) for name, part in parts)]
 
 
@@ -153,6 +170,8 @@ def proof_files(proofs: Proofs) -> list[tuple[str, bytes]]:
     parts += [(layout.CONSENT_PROOFS, proofs.receipts), (layout.RECORD_OPENINGS, proofs.openings)]
     if proofs.keys is not None:
         parts.append((layout.KEY_HISTORY, proofs.keys))
+    if proofs.signed is not None:
+        parts.append((layout.SIGNED_RECEIPTS, proofs.signed))
     return [(name, doc.write_document(part)) for name, part in parts]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import Any
 
 from clients.bundle import documents as doc
@@ -216,8 +216,12 @@ def read_person(proved: Mapping[bytes, ProvedValue]) -> tuple[bytes, dict[str, A
     return members[0], state
 
 
-def tell_consents(proved: Mapping[bytes, ProvedValue], receipts: Sequence[ProvedReceipt]) -> doc.ConsentsDocument:
-    """Return who the person is, what she consents to now, and what she said before. Raises BUNDLE_UNPROVEN."""
+def tell_consents(
+    proved: Mapping[bytes, ProvedValue], receipts: Sequence[ProvedReceipt], former: Set[bytes] = frozenset()
+) -> doc.ConsentsDocument:
+    """Return who the person is, what she consents to now, and what she said before, also by member keys that are proved
+    to have been hers (`former`). Raises BUNDLE_UNPROVEN.
+    """
     member, state = read_person(proved)
     choices = read_choices(proved[CHOICES + state["handle"]].value)
     return doc.ConsentsDocument(
@@ -235,7 +239,7 @@ def tell_consents(proved: Mapping[bytes, ProvedValue], receipts: Sequence[Proved
             )
             for (purpose, sensor), steps in sorted(choices.items())
         ],
-        history=[_tell_word(member, receipt) for receipt in _in_order(receipts)],
+        history=[_tell_word(former | {member}, receipt) for receipt in _in_order(receipts)],
     )
 
 
@@ -246,14 +250,14 @@ def _in_order(receipts: Sequence[ProvedReceipt]) -> Sequence[ProvedReceipt]:
     return receipts
 
 
-def _tell_word(member: bytes, proof: ProvedReceipt) -> doc.ConsentWordDocument:
+def _tell_word(members: Set[bytes], proof: ProvedReceipt) -> doc.ConsentWordDocument:
     """Return the one word on consent of a transaction. Raises BUNDLE_UNPROVEN if it is another's, or none."""
     told = [
         (event.name, decode_value(event.data))
         for event in proof.receipt.events
         if event.contract == CONSENT and event.name in WORDS
     ]
-    if len(told) != 1 or told[0][1]["member"] != member or not proof.receipt.ok:
+    if len(told) != 1 or told[0][1]["member"] not in members or not proof.receipt.ok:
         raise BlockRobotError("BUNDLE_UNPROVEN", "A receipt is no word of this person on consent.")
     ((kind, data),) = told
     return doc.ConsentWordDocument(

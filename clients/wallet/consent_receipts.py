@@ -13,7 +13,8 @@ import msgspec
 
 from clients.bundle import telling
 from clients.bundle.chain_proofs import ProvedChain
-from clients.bundle.consent_receipts import CheckedReceipt, ReceiptEntry, check_entry, read_reference, state_keys
+from clients.bundle.consent_receipts import CheckedReceipt, check_entry, read_reference, state_keys
+from clients.bundle.documents import ReceiptEntry
 from clients.sdk.answers import Answer, read_answer, read_hex
 from clients.sdk.connections import NodeAddress
 from clients.sdk.contract_events import Place, read_events
@@ -76,7 +77,8 @@ class ConsentReceipts:
         entry = msgspec.structs.replace(entry, person_signature=own.hex())
         self._check(entry, signed=True)
         content.receipts.append(msgspec.json.encode(entry))
-        content.receipts_due.remove(txid)
+        if txid in content.receipts_due:  # two tasks of the wallet's page may have asked for it
+            content.receipts_due.remove(txid)
         if checked.word.status == GIVEN and checked.published is not None:
             version = checked.published.row.version
             if not said_elsewhere:
@@ -171,7 +173,7 @@ class ConsentReceipts:
         elsewhere = set()
         if search:
             known = {self._check(each, signed=True).word.txid for each in self._kept()}
-            for txid in await self._find_words():
+            for txid in await self.find_words():
                 if txid not in known and txid not in content.receipts_due:
                     content.receipts_due.append(txid)
                     elsewhere.add(txid)
@@ -196,7 +198,7 @@ class ConsentReceipts:
         except (msgspec.DecodeError, UnicodeDecodeError):
             raise BlockRobotError("CONSENT_RECEIPT_INVALID", "A kept receipt was written by another version.") from None
 
-    async def _find_words(self) -> list[bytes]:
+    async def find_words(self) -> list[bytes]:
         """Return the transactions in which this wallet's member key registered or spoke of consent, oldest first.
 
         Who registered without consenting said nothing of it: the node tells, and it is no longer due.

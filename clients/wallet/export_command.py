@@ -154,6 +154,7 @@ def bundle_json(out: Path, verdict: Verdict) -> dict[str, Any]:
         "accesses": verdict.accesses,
         "erasures": verdict.erasures,
         "consent_receipts": len(verdict.consents.history),
+        "signed_consent_receipts": len(verdict.signed),
         "proved_until_height": verdict.as_of_height,
         "genesis_id": verdict.manifest.genesis_id,
         "problems": [{"record_id": each.record_id, "code": each.code, "sentence": each.sentence} for each in problems],

@@ -18,6 +18,7 @@ from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_
 from clients.bundle.writing import Contents
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.proof_collecting import PersonProofs, collect_person, collect_visit
+from clients.wallet.receipt_collecting import collect_receipts
 from clients.wallet.viewing import STATUS_CORRUPTED, RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
@@ -161,10 +162,12 @@ class Exporting:
             self._heard("proofs of visits", number, len(plan.visits))
         # A visit that was found by its new key alone has another number in the wallet than on the chain.
         visits.sort(key=lambda pair: int(pair[1].values[VISIT + pair[0].visit.owner]["sequence"]))
-        person = PersonProofs(None, (), ())
+        person, signed = PersonProofs(None, (), ()), None
         if plan.wanted.identity:
-            person = await collect_person(wallet)
-            self._problems += person.problems
+            held = await collect_receipts(wallet, self._heard)
+            person = await collect_person(wallet, held.pairs)
+            self._problems += [*held.problems, *person.problems]
+            signed = held.document()
         openings = [
             opening
             for chosen, proofs in visits
@@ -185,6 +188,7 @@ class Exporting:
             receipts=doc.ReceiptProofs(list(person.receipts)),
             openings=doc.RecordOpenings(openings, corrections),
             keys=person.keys,
+            signed=signed,
         )
         problems = tuple(sorted(self._problems, key=lambda each: (each.record_id, each.code, each.sentence)))
         return Contents(

@@ -11,7 +11,9 @@ from typing import Any
 
 from clients.bundle import documents as doc
 from clients.bundle import telling, visits
+from clients.bundle.consent_receipts import CheckedReceipt
 from clients.bundle.key_history import CONTRACT, REGISTERED, ROTATED, own_steps, read_step
+from clients.bundle.signed_receipts import is_registering
 from clients.sdk.answers import EvidenceDocument, FinalityDocument, read_finality, read_hex
 from clients.sdk.blocks import read_transaction
 from clients.sdk.contract_events import Place, read_events
@@ -23,6 +25,9 @@ from consensus.block import FinalityProof, Header
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
 from consensus.primitives.keys import PrivateKey
+
+Signed = Sequence[tuple[CheckedReceipt, doc.ReceiptEntry]]
+"""Consent receipts that were checked, each with what proves it."""
 
 
 @dataclass
@@ -109,7 +114,7 @@ class PersonProofs:
     keys: doc.KeyHistory | None = None
 
 
-async def collect_person(wallet: Wallet) -> PersonProofs:
+async def collect_person(wallet: Wallet, signed: Signed = ()) -> PersonProofs:
     """Read the person's registration, her choices, and the receipts of what she said. Raises NOT_REGISTERED."""
     await wallet.require_registered()
     member = wallet.keys.identity
@@ -120,7 +125,7 @@ async def collect_person(wallet: Wallet) -> PersonProofs:
     if row is None:
         raise BlockRobotError("NOT_REGISTERED")
     await collector.read([telling.CHOICES + row["handle"], telling.LAST_WORD + row["handle"]])
-    receipts, problems = await _collect_words(wallet, member)
+    receipts, problems = await _collect_words(wallet, member, signed)
     sealing, keys = [row["sealing"]], None
     if len(wallet.eras) > 1:
         sealing, keys, more = await _collect_keys(wallet, row["sealing"])
@@ -161,8 +166,14 @@ async def _identity_events(wallet: Wallet, member: PrivateKey) -> list[tuple[byt
     return found
 
 
-async def _collect_words(wallet: Wallet, member: PrivateKey) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
-    """Find what the member said on consent among what all said, and fetch the proof of each word."""
+async def _collect_words(
+    wallet: Wallet, member: PrivateKey, signed: Signed
+) -> tuple[list[doc.ReceiptProof], list[doc.Problem]]:
+    """Find what the member said on consent among what all said, and fetch the proof of each word.
+
+    Words with a signed receipt are proved as that proves them: a node may have forgotten them, or know only what was
+    said by her present key.
+    """
     words: dict[bytes, int] = {}
     place: Place | None = None
     problems: list[doc.Problem] = []
@@ -178,15 +189,23 @@ async def _collect_words(wallet: Wallet, member: PrivateKey) -> tuple[list[doc.R
             place = page.next
     except BlockRobotError as error:
         problems.append(doc.Problem("", error.code, f"The history of your consents could not be read: {error.detail}"))
-    found: list[FinalReceipt] = []
+    found: list[tuple[int, int, doc.ReceiptProof]] = [
+        (each.word.height, each.word.index, entry.proof) for each, entry in signed if not is_registering(entry)
+    ]
+    held = {each.word.txid for each, _ in signed}
     for txid, height in words.items():
+        if txid in held:
+            continue
         try:
-            found.append(await wallet.network.wait_final(txid, lane=member.public_key))
+            receipt = await wallet.network.wait_final(txid, lane=member.public_key)
         except BlockRobotError as error:
             sentence = f"The receipt of what you said on consent in block {height} could not be had: {error.detail}"
             problems.append(doc.Problem("", error.code, sentence))
-    found.sort(key=lambda receipt: (receipt.height, receipt.index))
-    return [receipt_proof(receipt, receipt.evidence) for receipt in found if receipt.evidence is not None], problems
+            continue
+        if receipt.evidence is not None:
+            found.append((receipt.height, receipt.index, receipt_proof(receipt, receipt.evidence)))
+    found.sort(key=lambda each: each[:2])
+    return [proof for _, _, proof in found], problems
 
 
 def receipt_proof(receipt: FinalReceipt, evidence: EvidenceDocument) -> doc.ReceiptProof:

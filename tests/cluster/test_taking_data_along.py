@@ -128,6 +128,7 @@ async def test_a_bundle_outlives_the_network_it_is_from(network: NetworkUnderTes
     assert told["erasures"] == 1
     assert told["accesses"] == 1
     assert told["consent_receipts"] == 2
+    assert [row["status"] for row in told["signed_consent_receipts"]] == ["given", "given", "withdrawn"]
     assert not any("in block" in line for line in told["not_proved"])
     with zipfile.ZipFile(bundle) as packed:
         (erasure,) = json.loads(packed.read("data/erasures.json"))["erasures"]

@@ -10,10 +10,14 @@ from typing import Any
 
 import msgspec
 
+from clients.bundle import documents as doc
+from clients.bundle.consent_receipts import read_reference, state_keys
 from clients.sdk.answers import ProofsAnswer, read_answer
 from clients.sdk.connections import NodeAddress
 from clients.sdk.trust import ProvedState
+from clients.wallet.proof_collecting import StateCollector, receipt_proof
 from consensus.primitives.keys import PrivateKey
+from consensus.records.consent_receipts import sign_as_person
 from consensus.records.notices import Notice, encode_notice
 from node.api.documents import ConsentReceiptAnswer
 from node.api.routes.notices import PUBLIC_PREFIXES
@@ -102,3 +106,21 @@ class NoticeWard(Ward):
 
     def publish(self, notice: Notice) -> None:
         self.chain.must(self.chain.admin, "consent", "publish_notice", encode_notice(notice))
+
+
+async def entry_of(ward: NoticeWard, key: PrivateKey, txid: bytes) -> doc.ReceiptEntry:
+    """The receipt of anybody's word, as her own wallet would have it."""
+    issued = ward.network.issuer.issue(ward.network.ledger, txid, key.public_key)
+    final = await ward.network.wait_final(txid)
+    collector = StateCollector(ward.wallet, key)
+    await collector.read(state_keys(issued.key, key.public_key, *read_reference(issued.document)))
+    assert final.evidence is not None
+    return doc.ReceiptEntry(
+        document=issued.document.decode(),
+        controller_key=issued.key.hex(),
+        controller_signature=issued.signature.hex(),
+        person_signature=sign_as_person(key, issued.document, issued.signature).hex(),
+        transaction=issued.transaction.hex(),
+        proof=receipt_proof(final, final.evidence),
+        state=collector.document(),
+    )

@@ -226,6 +226,8 @@ class ShortWire:
             if height == self.pruned_height:
                 raise BlockRobotError("BLOCK_PRUNED")
             return json.dumps({"block": encode(self.chain.blocks[height - 1]).hex()}).encode()
+        if path == "/v1/consent-receipts":  # a wire that signs them is in receipting.py
+            raise BlockRobotError("CONSENT_WORD_MISSING")
         assert (method, path) == ("GET", "/v1/events/page")
         wanted = given["query"]
         first = tuple(map(int, wanted.get("from", "0:0").split(":")))
