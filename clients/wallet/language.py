@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -96,6 +96,11 @@ def code_text(table: str, code: str, *, language: str | None = None) -> str:
     """Return how a code of the chain is shown (`code.TABLE.CODE`); one that no text is for is shown as it is."""
     key = f"code.{table}.{code}"
     return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
+
+
+def purposes_text(purposes: Sequence[str], *, language: str | None = None) -> str:
+    """Return how purposes are shown, one after the other."""
+    return ", ".join(code_text("purpose", code, language=language) for code in purposes)
 
 
 def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, text
+from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, purposes_text, text
 from clients.wallet.naming import VISIT, find_named
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -229,14 +229,14 @@ def describe_event(kind: str, data: dict[str, Any], language: str | None = None)
 def _values_of(kind: str, data: dict[str, Any], language: str | None) -> dict[str, object]:
     """Return what is put into the words for an entry."""
     values: dict[str, object] = dict(data)
-    for name in ("ground", "reason", "risk", "recipient", "outcome"):
+    for name in ("ground", "purpose", "reason", "risk", "recipient", "outcome"):
         if name in data:
             values[name] = code_text(name, data[name], language=language)
     for name in ("breach_id", "grant_id", "grant"):
         if name in data:
             values["name"] = data[name].hex()[:12]
     if kind == "objected":
-        values["purposes"] = ", ".join(data["purposes"])
+        values["purposes"] = purposes_text(data["purposes"], language=language)
     if kind == "corrected":
         values |= {"number": data["number"] + 1, "kind": code_text("correction", data["kind"], language=language)}
     records = data.get("records")

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
-from clients.wallet.language import text
+from clients.wallet.language import purposes_text, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.wallet import Wallet
@@ -167,7 +167,7 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
         rows = [said_json(said) for said in words]
         print_json({"ok": True, "purposes": list(purposes), "from_height": height, "visits": rows})
         return
-    console.print(text("rights.objected", purposes=", ".join(purposes), height=height, count=len(words)))
+    console.print(text("rights.objected", purposes=purposes_text(purposes), height=height, count=len(words)))
     console.print("  " + text("rights.objected_next"))
 
 

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from clients.sdk.terminal import console
-from clients.wallet.language import code_text, text
+from clients.wallet.language import code_text, purposes_text, text
 from clients.wallet.opening import show_moment
 from clients.wallet.standing import VisitRights
 from consensus.records.lost_keys import LOST_KEY_REASONS
@@ -63,7 +63,7 @@ def standing_lines(standing: VisitRights, language: str | None = None) -> list[s
         kept = say("standing.kept", moment=show_moment(row["until_ms"])) if row["until_ms"] else ""
         lines.append(say(key, count=count, ground=code_text("ground", row["ground"], language=language), kept=kept))
     if standing.objections:
-        lines.append(say("standing.objected", purposes=", ".join(standing.objections)))
+        lines.append(say("standing.objected", purposes=purposes_text(standing.objections, language=language)))
     if standing.corrections_count:
         lines.append(say("standing.corrections", number=standing.corrections_count))
     return lines

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from clients.wallet.auditing import AuditEntry
-from clients.wallet.language import code_text, text
+from clients.wallet.language import code_text, purposes_text, text
 from clients.wallet.rights import describe_event
 
 _BY_ROBOT = frozenset({"visit_opened", "recorded", "visit_closed"})
@@ -88,8 +88,10 @@ def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
         "count": len(records) if isinstance(records, list) else records,
         "custodian": data.get("custodian_name", ""),
         "pictures": data.get("destroyed_frames", 0),
-        "purposes": ", ".join(data.get("purposes", [])),
+        "purposes": purposes_text(data.get("purposes", []), language=language),
     }
+    if "purpose" in data:
+        values["purpose"] = code_text("purpose", data["purpose"], language=language)
     try:
         return text(f"page.story.{_variant(entry)}", language=language, **values)
     except (KeyError, TypeError, IndexError):

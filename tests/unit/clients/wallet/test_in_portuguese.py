@@ -25,6 +25,7 @@ from clients.wallet.standing_words import standing_lines
 from consensus.errors import BlockRobotError
 from consensus.records import rights as codes
 from consensus.records.lost_keys import LOST_KEY_REASONS
+from consensus.records.purposes import PURPOSES
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 from tests.unit.clients.wallet.test_rights import Saying
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
@@ -90,7 +91,10 @@ def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> N
     assert officers.startswith("Dois encarregados em conjunto mandaram apagar 1 gravação deste encontro em ")
     assert "chave perdida. A pessoa perdeu a sua chave para sempre" in officers
     assert restricted.startswith("O uso de 2 gravações deste encontro está limitado (não está certo): só você as vê, e")
-    assert (objected, corrected) == ("Opôs-se a que seja entregue para: research.", "Correções suas sobre ele: 2.")
+    assert (objected, corrected) == (
+        "Opôs-se a que seja entregue para: investigação (research).",
+        "Correções suas sobre ele: 2.",
+    )
     assert standing_lines(STANDING, "en")[3:] == [
         "You objected to its release for: research.",
         "It has 2 corrections of yours.",
@@ -114,7 +118,7 @@ def test_the_audit_names_what_happened_in_portuguese_and_tells_a_program_the_cod
         (
             "granted",
             {"grant_id": BREACH, "records": 2, "purpose": "care"},
-            "2 gravações para care, partilha b1b1b1b1b1b1",
+            "2 gravações para cuidados (care), partilha b1b1b1b1b1b1",
         ),
         ("grant_revoked", {"grant_id": BREACH}, "partilha b1b1b1b1b1b1"),
         (
@@ -137,6 +141,7 @@ def test_what_an_entry_says_beyond_its_kind_is_in_portuguese(kind: str, data: di
 @pytest.mark.parametrize(
     ("table", "known"),
     [
+        ("purpose", PURPOSES),
         ("ground", codes.GROUNDS),
         ("correction", codes.CORRECTIONS),
         ("risk", codes.RISKS),
