@@ -148,6 +148,18 @@ async def test_a_wallet_that_cannot_be_written_keeps_no_export_back(
     assert set(codes(verdict)) == {"FILE_UNUSABLE"}
 
 
+async def test_a_receipt_that_came_and_could_not_be_stored_goes_along(
+    ward: NoticeWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full_once_it_is_there() -> None:
+        if len(ward.wallet.store.content.receipts) == 4:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(ward.wallet.store, "save", full_once_it_is_there)
+    verdict = await export(ward, tmp_path / "mine.zip")
+    assert (len(verdict.signed), codes(verdict)) == (4, [])
+
+
 async def test_a_ledger_whose_events_cannot_be_read_is_said(
     ward: NoticeWard, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
