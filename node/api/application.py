@@ -64,12 +64,25 @@ class _Gate:
             raise BlockRobotError("SESSION_EXPIRED", "The token does not have the form of one.")
         return self._sessions.resolve(bytes.fromhex(text))
 
+    def _session_if_any(self, route: Route, request: web.Request) -> Session | None:
+        """Return the session of who shows one where anybody may ask: he need not wait behind strangers of his address."""
+        if not route.access.needs_session:
+            return None
+        try:
+            session = self._session_of(request)
+            route.access.check(session)
+        except BlockRobotError:
+            return None
+        return session
+
     def _authorise(self, route: Route, request: web.Request) -> Session | None:
         session: Session | None = None
         try:
             if route.access.asks_session(is_public=self._services.public_explorer):
                 session = self._session_of(request)
                 route.access.check(session)
+            else:
+                session = self._session_if_any(route, request)
         except BlockRobotError:
             # A caller who fails to identify is a caller without a session, and pays like one.
             self._limiter.take(request.remote or "")

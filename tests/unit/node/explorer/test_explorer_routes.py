@@ -16,13 +16,15 @@ from aiohttp.test_utils import TestClient, TestServer
 from consensus.block import Receipt
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
+from consensus.session import sign_session
 from consensus.transaction import sign_transaction
 from contracts.vm.faults import VM_CODES
 from node.api import create_api, rate_limit, server
 from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
 from node.api.services import RoundPlace
 from node.snapshot.making import header_of_block
-from tests.unit.node.api.small_network import NOW_MS, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
+from tests.unit.node.api.small_network import NOW_MS, OWNER, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
 
 Client = TestClient[web.Request, web.Application]
 EVIDENCE = {"kind": "vote", "epoch": 0, "round": 7, "height": 3, "first_id": bytes(32), "second_id": bytes([1] * 32)}
@@ -236,6 +238,28 @@ async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_
         async with TestClient(TestServer(application)) as client:
             codes = [(await client.get(path)).status for _ in range(3)]
         assert codes == [200, 429, 429], path
+
+
+async def test_a_member_is_not_slowed_down_with_the_strangers_of_her_address(
+    public: Public, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tokens = [await session_of(public, key) for key in (SUBJECT, OWNER)]
+    monkeypatch.setattr(rate_limit, "LOOPBACK_BURST_COUNT", 0.0)
+    codes = [
+        (await public.client.get("/v1/explorer/status", headers={"Authorization": f"Bearer {token}"})).status
+        for token in (*tokens, "00" * 32)
+    ]
+    assert codes == [200, 429, 429]
+
+
+async def session_of(public: Public, key: PrivateKey) -> str:
+    """Open a session as a client does; return its token."""
+    body = {"public_key": key.public_key.hex()}
+    challenge = (await (await public.client.post("/v1/session-challenges", json=body)).json())["challenge"]
+    chain_id = public.node.ledger.genesis.chain_id
+    signature = sign_session(key, chain_id, public.node.services.node_name, bytes.fromhex(challenge))
+    shown = {**body, "challenge": challenge, "signature": signature.hex()}
+    return str((await (await public.client.post("/v1/sessions", json=shown)).json())["token"])
 
 
 async def test_who_waits_for_blocks_without_a_session_takes_half_of_the_places_at_most(
