@@ -17,7 +17,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import text
+from clients.wallet.language import code_text, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
@@ -213,7 +213,8 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
     if len(looks) > LOOKS_SHOWN:
         console.print(text("inbox.more_looks", count=len(looks) - LOOKS_SHOWN))
     for entry in looks[-LOOKS_SHOWN:]:
-        told = {"moment": show_moment(entry.time_ms), "count": entry.data["records"], "purpose": entry.data["purpose"]}
+        purpose = code_text("purpose", entry.data["purpose"])
+        told = {"moment": show_moment(entry.time_ms), "count": entry.data["records"], "purpose": purpose}
         names = {"name": entry.owner.hex()[:12], "grant": entry.data["grant"].hex()[:12]}
         console.print(text("inbox.look", **told, **names))
 

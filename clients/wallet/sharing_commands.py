@@ -17,7 +17,7 @@ import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
+from clients.wallet.language import DEFAULT_LANGUAGE, code_text, language_in_use, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
@@ -278,7 +278,7 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
             records=text("count.records", count=len(grant.records)),
             visit=share_.visit.owner.hex()[:12],
             name=share_.name,
-            purpose=grant.purpose,
+            purpose=code_text("purpose", grant.purpose),
             end=ends[_status(share_, now_ms)],
         )
     ]

@@ -331,10 +331,11 @@ def test_shares_their_end_and_ones_handle_are_told_in_portuguese_and_json_is_the
     name = told["shares"][0]["grant_id"][:12]
     lines = pessoas.run(ann, "shares").output
     assert f"{name}  1 gravação do encontro {visit.owner.hex()[:12]}, com Dr Weber (identificador " in lines
-    assert "para care: até " in lines
+    assert "para cuidados (care): até " in lines
     assert "ninguém viu" in lines
     pessoas.run(pessoas.doctor, "look", name, "--out", tmp_path / "shared")
     assert ": 1 gravação pode ser obtida" in pessoas.run(ann, "shares").output
+    assert "para cuidados (care) (partilha " in pessoas.run(ann, "inbox").output
     ended = pessoas.run(ann, "revoke", name).output
     assert "Terminado: 1 gravação já não está partilhada com Dr Weber (identificador " in ended
     assert "Foi vista antes." in ended
