@@ -11,6 +11,7 @@ from typing import Any
 
 from clients.sdk.notices import organisation_of_card, public_values
 from clients.sdk.trust import ProvedState
+from clients.wallet.language import text
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.notices import (
@@ -24,8 +25,6 @@ from consensus.records.notices import (
     version_key,
 )
 from consensus.records.vouchers import decode_card_code
-
-NONE_PUBLISHED = "has published no privacy notice: ask at its desk what is done with your data before you consent."
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +60,14 @@ class Told:
         known = [purpose.code for purpose in self.published.notice.purposes]
         missing = ", ".join(repr(code) for code in purposes if not self.names(code))
         if missing:
-            text = f"The notice of {self.organisation} (version {self.version}) does not name {missing}."
-            raise BlockRobotError("PURPOSE_NOT_TOLD", f"{text} It names: {', '.join(known)}.")
+            told = f"The notice of {self.organisation} (version {self.version}) does not name {missing}."
+            raise BlockRobotError("PURPOSE_NOT_TOLD", f"{told} It names: {', '.join(known)}.")
 
     def lines(self) -> list[str]:
         """Return it for people: the words, without what changed."""
         if self.published is None:
-            return [f"{self.organisation} {NONE_PUBLISHED}"]
-        head = f"What {self.organisation} tells you (version {self.version}, proved on the chain):"
+            return [text("notice.none_published", organisation=self.organisation)]
+        head = text("notice.head", organisation=self.organisation, version=self.version)
         return [head, *(f"  {line}" for line in tell_notice(self.published.notice))]
 
     def as_json(self) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from clients.wallet import cli, consent_commands, records_command, rights_comman
 from clients.wallet.consent_receipts import Receipts
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.linking import tell_linked, tell_linked_moves
+from clients.wallet.notices import Told
 from clients.wallet.rights import describe_event
 from clients.wallet.rotating import Rotating
 from clients.wallet.rotating_commands import words_lines
@@ -296,3 +297,9 @@ def test_every_step_of_a_job_has_words_on_the_page() -> None:
     }
     for key, said in section("page.step", "pt").items():
         assert said != load("en")[f"page.step.{key}"]
+
+
+def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    (told,) = Told("hospital", None, 7).lines()
+    assert told.startswith("hospital não publicou nenhum aviso de privacidade: pergunte no balcão")
