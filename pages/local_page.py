@@ -37,7 +37,15 @@ PROBLEM_TYPE = "application/problem+json"
 
 _log = logging.getLogger("pages.local")
 _SAFE_METHODS = frozenset({"GET", "HEAD"})
+LINK_NOTE = "This link works once."
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
+Describe = Callable[[BlockRobotError], tuple[str, str]]
+"""What happened and the next step, in the language of who opens the page."""
+
+
+def describe_plainly(error: BlockRobotError) -> tuple[str, str]:
+    """Return what happened and the next step as the catalogue has them."""
+    return error.detail, error.next_step
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +69,7 @@ class LocalPage:
     """A page served on this machine for the user who started it. Use `start` and `stop`, or `async with`.
 
     `idle_minutes`: after so long without a request every session ends (0: never). `now_ms` is a monotonic clock.
+    `language`, `link_note` and `describe`: what is said before the page itself speaks, where that is not English.
     """
 
     def __init__(
@@ -72,11 +81,17 @@ class LocalPage:
         title: str,
         idle_minutes: int = 0,
         now_ms: Callable[[], int] = lambda: time.monotonic_ns() // 1_000_000,
+        language: str = "en",
+        link_note: str = LINK_NOTE,
+        describe: Describe = describe_plainly,
     ) -> None:
         self._assets = assets
         self._shared = Assets(PAGES_ASSETS)
         self._folder = redirect_folder
         self._title = title
+        self._language = language
+        self._link_note = link_note
+        self._describe = describe
         self._idle_ms = idle_minutes * 60_000
         self._now_ms = now_ms
         self._sessions: dict[str, int] = {}
@@ -128,7 +143,10 @@ class LocalPage:
         """Write a new redirect file and return its path; the former one opens nothing any more."""
         await self._drop_link()
         token = secrets.token_urlsafe(TOKEN_BYTES)
-        path = await asyncio.to_thread(write_redirect, self._folder, f"{self._origin}/#{token}", self._title)
+        target = f"{self._origin}/#{token}"
+        path = await asyncio.to_thread(
+            write_redirect, self._folder, target, self._title, language=self._language, note=self._link_note
+        )
         self._link = _Link(token, path, self._now_ms() + LINK_LIFETIME_MS)
         return path
 
@@ -149,13 +167,13 @@ class LocalPage:
                 self._require_session(request)
             response = await handler(request)
         except BlockRobotError as error:
-            response = problem_response(error)
+            response = problem_response(error, self._describe)
         except web.HTTPException as error:
             code = {404: "ROUTE_UNKNOWN", 405: "METHOD_NOT_ALLOWED", 413: "REQUEST_TOO_LARGE"}.get(error.status)
-            response = problem_response(BlockRobotError(code or "REQUEST_INVALID"))
+            response = problem_response(BlockRobotError(code or "REQUEST_INVALID"), self._describe)
         except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
             _log.error("unexpected fault in %s: %s", request.match_info.route.resource, type(error).__name__)
-            response = problem_response(BlockRobotError("INTERNAL"))
+            response = problem_response(BlockRobotError("INTERNAL"), self._describe)
         if not response.prepared:
             response.headers.update(LOCAL_HEADERS)
         return response
@@ -218,15 +236,16 @@ class _Link:
     attempts: int = 0
 
 
-def problem_response(error: BlockRobotError) -> web.Response:
+def problem_response(error: BlockRobotError, describe: Describe = describe_plainly) -> web.Response:
     """Return a refusal as a problem document (RFC 9457), with its code and next step."""
+    detail, next_step = describe(error)
     document = {
         "type": f"urn:blockrobot:error:{error.code}",
         "title": error.entry.meaning,
         "status": error.entry.status,
         "code": error.code,
-        "detail": error.detail,
-        "next_step": error.next_step,
+        "detail": detail,
+        "next_step": next_step,
         "retryable": error.entry.retryable,
     }
     return web.Response(status=error.entry.status, body=json.dumps(document).encode(), content_type=PROBLEM_TYPE)
@@ -243,15 +262,15 @@ async def read_object(request: web.Request) -> dict[str, Any]:
     return body
 
 
-def write_redirect(folder: Path, target: str, title: str) -> Path:
+def write_redirect(folder: Path, target: str, title: str, *, language: str = "en", note: str = LINK_NOTE) -> Path:
     """Write the file that sends a browser to `target`, and return its path. Only its owner can read it."""
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     path = folder / f"open-{secrets.token_hex(8)}.html"
-    address, words = html.escape(target, quote=True), html.escape(title)
+    address, words, said = html.escape(target, quote=True), html.escape(title), html.escape(note)
     text = (
-        f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{words}</title>'
+        f'<!doctype html><html lang="{language}"><meta charset="utf-8"><title>{words}</title>'
         f'<meta name="referrer" content="no-referrer"><meta http-equiv="refresh" content="0; url={address}">'
-        f'<p><a href="{address}">Open {words}</a>. This link works once.</p></html>\n'
+        f'<p><a href="{address}">{words}</a>. {said}</p></html>\n'
     )
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     with os.fdopen(descriptor, "w", encoding="utf-8") as file:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from clients.wallet.language import describe_error, language_in_use, text
 from clients.wallet.page import (
     clip_routes,
     consent_routes,
@@ -20,7 +21,6 @@ from pages.local_page import LocalPage
 from pages.serving import Assets
 
 ASSETS = Path(__file__).parent / "assets"
-TITLE = "Your wallet"
 _PARTS = (
     reading_routes,
     clip_routes,
@@ -40,7 +40,16 @@ def monotonic_ms() -> int:
 def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms) -> LocalPage:
     """Return the page of an open wallet, not yet listening. `now_ms` is the clock by which a link expires."""
     routes = [each for part in _PARTS for each in part.routes(session)]
-    return LocalPage(Assets(ASSETS), routes, redirect_folder=session.folder, title=TITLE, now_ms=now_ms)
+    return LocalPage(
+        Assets(ASSETS),
+        routes,
+        redirect_folder=session.folder,
+        title=text("page.link.title"),
+        now_ms=now_ms,
+        language=language_in_use(),
+        link_note=text("page.link.once"),
+        describe=describe_error,
+    )
 
 
 def page_folder(wallet_file: Path) -> Path:

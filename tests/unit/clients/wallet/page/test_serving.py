@@ -14,11 +14,14 @@ from click.testing import CliRunner
 
 from clients.wallet import serve_command
 from clients.wallet.cli import wallet as wallet_command
+from clients.wallet.language import LANGUAGE_VARIABLE, load
+from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.serve_command import ENDINGS
 from clients.wallet.wallet import Wallet
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk, dress
 from tests.unit.clients.wallet.shared_ward import SharedWard
+from tests.wallet_page_client import WalletPage
 
 Run = Any
 
@@ -84,6 +87,20 @@ def test_a_program_is_told_the_file_and_a_person_without_a_browser_too(run: Run,
     assert told["url"].startswith("http://127.0.0.1:")
     assert "#" not in told["url"]
     assert ".ann.page" in run("--no-browser").output
+
+
+async def test_who_comes_by_an_old_link_is_told_so_in_her_language(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LANGUAGE_VARIABLE, "pt")
+    served = make_page(desk.session)
+    where = await served.start()
+    assert 'lang="pt"' in where.redirect_file.read_text(encoding="utf-8")
+    assert "uma só vez" in where.redirect_file.read_text(encoding="utf-8")
+    async with WalletPage(where.redirect_file) as page:
+        status, problem = await page.ask("POST", "/session", {"token": page.token})
+    await served.stop()
+    assert (status, problem["code"]) == (401, "PAGE_LINK_INVALID")
+    assert problem["detail"] == load("pt")["errors.PAGE_LINK_INVALID.meaning"]
+    assert problem["next_step"] == load("pt")["errors.PAGE_LINK_INVALID.next_step"]
 
 
 def test_a_wrong_passphrase_opens_no_page(run: Run, opened: list[str]) -> None:
