@@ -114,12 +114,17 @@ class Share:
 
     @property
     def name(self) -> str:
-        """For whom it is, in words."""
+        """For whom it is, in words, in the language of the command that runs."""
+        return self.name_in(None)
+
+    def name_in(self, language: str | None) -> str:
+        """Return for whom it is, in words, in a language."""
         if self.given is None:
-            return text("shares.forgotten")
-        start = self.given.handle.hex()[:12]
-        label = self.given.label
-        return text("shares.named", label=label, handle=start) if label else text("shares.member", handle=start)
+            return text("shares.forgotten", language=language)
+        start, label = self.given.handle.hex()[:12], self.given.label
+        if not label:
+            return text("shares.member", language=language, handle=start)
+        return text("shares.named", language=language, label=label, handle=start)
 
 
 def _same_name(label: str, name: str) -> bool:

@@ -81,7 +81,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
             ],
             "remains": [text(f"page.erase.remains{number}", language=language) for number in (1, 2, 3)],
             "warnings": [text("page.erase.joined", language=language, count=visits)] if visits > 1 else [],
-            "recipients": [told_share(share, now_ms) for share in recipients],
+            "recipients": [told_share(share, now_ms, language) for share in recipients],
         }
     )
 
@@ -96,13 +96,13 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     await session.gate.require(passphrase)
 
     async def work(job: Job) -> dict[str, Any]:
-        return await _erase_and_follow(session, job, entries, frames)
+        return await _erase_and_follow(session, job, entries, frames, language_of(request))
 
     return accepted(session.jobs.start("erase", work))
 
 
 async def _erase_and_follow(
-    session: PageSession, job: Job, entries: list[RecordEntry], frames: list[int]
+    session: PageSession, job: Job, entries: list[RecordEntry], frames: list[int], language: str
 ) -> dict[str, Any]:
     wallet = session.wallet
     job.tell("writing it into the ledger")
@@ -122,7 +122,7 @@ async def _erase_and_follow(
     return {
         "complete": is_complete,
         "erasures": [told_erasure(each) for each in found],
-        "recipients": [told_share(share, now_ms) for share in recipients],
+        "recipients": [told_share(share, now_ms, language) for share in recipients],
         "sentence": "It is erased everywhere."
         if is_complete
         else "It is asked for, and not confirmed by all yet: custodians go on by themselves.",

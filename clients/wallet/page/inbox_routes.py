@@ -7,6 +7,7 @@ from typing import Any
 from aiohttp import web
 
 from clients.wallet.inbox_commands import read_inbox, receipt_json, receipt_lines
+from clients.wallet.language import DEFAULT_LANGUAGE
 from clients.wallet.page.answering import answer_json, language_of, route
 from clients.wallet.page.reading_routes import told_erasure
 from clients.wallet.page.session import PageSession
@@ -27,11 +28,11 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
     looks = [
         {
             "time_ms": look.time_ms,
-            "who": share.name,
+            "who": share.name_in(language),
             "records": look.records_count,
             "visit": share.visit.owner.hex(),
             "grant_id": share.grant.grant_id.hex(),
-            "sentence": f"{share.name} asked for {look.records_count} records that you share.",
+            "sentence": f"{share.name_in(DEFAULT_LANGUAGE)} asked for {look.records_count} records that you share.",
         }
         for share in snapshot.shares()
         for look in share.looks

@@ -246,7 +246,7 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
             "standing": visit["standing"],
             "standing_lines": visit["standing_lines"],
             **_neighbours(part, entry),
-            "shares": [told_share(share, now_ms) for share in shares],
+            "shares": [told_share(share, now_ms, language_of(request)) for share in shares],
             "events": _events(session, trail, language_of(request)),
             "clip": session.clips.with_record(entry.record_id),
         }
@@ -295,19 +295,19 @@ async def _story(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"total": len(trail), "next": str(end) if end < len(trail) else None, "events": events})
 
 
-def told_share(share: Share, now_ms: int) -> dict[str, Any]:
+def told_share(share: Share, now_ms: int, language: str) -> dict[str, Any]:
     """Return one grant for the page."""
     grant = share.grant
-    more = {"who": share.name, "purpose_sentence": PURPOSES.get(grant.purpose, grant.purpose)}
+    more = {"who": share.name_in(language), "purpose_sentence": PURPOSES.get(grant.purpose, grant.purpose)}
     return share_json(share, now_ms) | more | {"lines": share_lines(share, now_ms)}
 
 
-async def _shares(session: PageSession, _request: web.Request) -> web.Response:
-    now_ms = session.now_ms()
+async def _shares(session: PageSession, request: web.Request) -> web.Response:
+    now_ms, language = session.now_ms(), language_of(request)
     people = {given.handle: given.label for given in session.wallet.store.content.given_grants}
     return answer_json(
         {
-            "shares": [told_share(share, now_ms) for share in session.snapshot.shares()],
+            "shares": [told_share(share, now_ms, language) for share in session.snapshot.shares()],
             "people": [{"handle": handle.hex(), "name": label} for handle, label in people.items()],
         }
     )

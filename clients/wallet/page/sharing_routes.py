@@ -7,7 +7,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import PageSession
@@ -91,11 +91,12 @@ async def _share(session: PageSession, request: web.Request) -> web.Response:
     wish = _read_wish(asked, session.now_ms())
     asked.end()
     await session.gate.require(passphrase)
+    language = language_of(request)
 
     async def work(job: Job) -> dict[str, Any]:
         await session.read(fresh=True)
         sharing, grantee, entries = await wish.find(session.wallet, session.snapshot)
-        done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell)
+        done = await share_each(sharing, entries, grantee, wish.purpose, wish.until_ms, job.tell, language=language)
         count = sum(len(shared.records) for shared in done)
         return {"shared": [shared_json(shared) for shared in done], "sentence": f"{count} records are shared."}
 

@@ -13,7 +13,7 @@ from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.answering import QUIET_HEADER
 from clients.wallet.page.asking import IDS_MAX_COUNT
-from clients.wallet.page.jobs import Job
+from clients.wallet.page.jobs import Job, Jobs
 from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
 from network.demo_notice import demo_notice
@@ -124,6 +124,10 @@ async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk
     (shown,) = (await desk.page.get("/api/shares"))["shares"]
     assert (shown["grant_id"], shown["status"], shown["name"]) == (made["grant_id"], "open", "Dr Weber")
     assert [row["shared"] for row in (await desk.page.get("/api/records"))["records"]] == [1, 1]
+    whom = wish["with"][:12]
+    for language, who in (("pt", f"Dr Weber (identificador {whom})"), ("en", f"Dr Weber (handle {whom})")):
+        desk.page.headers["Accept-Language"] = language
+        assert (await desk.page.get("/api/shares"))["shares"][0]["who"] == who
     await desk.page.do(f"/api/shares/{made['grant_id']}/revoke")
     (shown,) = (await desk.page.get("/api/shares"))["shares"]
     assert shown["status"] == "revoked"
@@ -210,8 +214,11 @@ async def test_tasks_wait_for_each_other_and_can_be_stopped_while_they_change_no
     assert await desk.page.refused("GET", "/api/jobs/nobody") == "NOT_FOUND"
 
 
-async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_looks(desk: Desk) -> None:
+async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_looks() -> None:
     gate, seen = asyncio.Event(), list[str]()
+
+    async def read() -> None:
+        seen.append("read")
 
     def make(name: str) -> Any:
         async def work(_: Job) -> dict[str, Any]:
@@ -221,16 +228,18 @@ async def test_a_page_that_ends_finishes_what_she_decided_and_stops_what_only_lo
 
         return work
 
-    jobs = desk.session.jobs
-    kinds = ("erase", "export", "verify", "consent")
+    jobs = Jobs(asyncio.Lock(), lambda: 0, read)
+    kinds = ("export", "erase", "verify", "consent")
     started = [jobs.start(kind, make(kind), stoppable=kind == "export") for kind in kinds]
+    await asyncio.sleep(0)
+    assert started[0].state == "running"
     assert jobs.are_decisions_open
     ending = asyncio.create_task(jobs.close())
     await asyncio.sleep(0)
     gate.set()
     await ending
     assert seen == ["erase", "consent"]
-    assert [job.state for job in started] == ["done", "cancelled", "cancelled", "done"]
+    assert [job.state for job in started] == ["cancelled", "done", "cancelled", "done"]
 
 
 async def test_a_page_that_is_locked_does_not_wait_for_receipts(desk: Desk) -> None:
