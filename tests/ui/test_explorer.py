@@ -194,6 +194,21 @@ async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session
     assert await page.evaluate(begun) == 0
 
 
+async def test_a_node_that_stands_still_is_told_though_its_connections_are_open(
+    page: Page, recorded_network: RecordedNetwork
+) -> None:
+    await enter(page, recorded_network)
+    await page.evaluate(
+        "() => { const patient = AbortSignal.timeout.bind(AbortSignal); "
+        "AbortSignal.timeout = (ms) => patient(ms / 20); AbortSignal.patient = patient; }"
+    )
+    await page.route("**/v1/explorer/status*", lambda _: None)
+    await expect(page.locator("#state")).to_contain_text("not connected")
+    await page.unroute_all(behavior="ignoreErrors")
+    await page.evaluate("() => { AbortSignal.timeout = AbortSignal.patient; }")
+    await expect(page.locator("#state")).to_contain_text("session until")
+
+
 async def test_another_network_at_the_same_address_is_not_taken_for_the_same_chain(
     page: Page, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:

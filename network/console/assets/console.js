@@ -8,6 +8,7 @@ import { createFaults, showProblem } from "./faults.js";
 import { createStage } from "./stage.js";
 
 const RETRY_MS = 2000;
+const ANSWER_MS = 20000; // the server holds an answer back for five seconds at most
 const root = document.getElementById("root");
 
 function bar(name, ...buttons) {
@@ -77,7 +78,7 @@ async function follow(parts, first) {
   const lost = document.querySelector(".lost");
   for (;;) {
     try {
-      const answer = await fetchJson(`./api/now?after=${sequence}&events=${number}`);
+      const answer = await fetchJson(`./api/now?after=${sequence}&events=${number}`, { signal: AbortSignal.timeout(ANSWER_MS) });
       if (lost.firstChild) replace(lost);
       sequence = answer.sequence;
       number = answer.events.at(-1)?.number ?? number;
@@ -86,6 +87,7 @@ async function follow(parts, first) {
         shape = changed;
         parts.stage.setNetwork(answer.network);
         parts.faults.setNetwork(answer.network);
+        parts.events.setNetwork(answer.network);
       }
       show(parts, answer);
     } catch (problem) {

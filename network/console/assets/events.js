@@ -6,7 +6,7 @@ import { KINDS, ROUTINE_KINDS } from "./words.js";
 
 const SHOWN_COUNT = 200;
 
-/** {element, set(events), add(events), showUntil(ms or null)}; onPick(event) makes the times buttons. */
+/** {element, set(events), add(events), setNetwork, showUntil(ms or null)}; onPick(event) makes the times buttons. */
 export function createEvents({ network, onPick }) {
   const state = { events: [], kinds: new Set(Object.keys(KINDS).filter((kind) => !ROUTINE_KINDS.includes(kind))), node: "", text: "", until: null, count: SHOWN_COUNT };
   const list = h("ol", { class: "events", reversed: true });
@@ -21,7 +21,7 @@ export function createEvents({ network, onPick }) {
       again();
     } }), name));
   const select = h("select", { id: "events-node", onchange: (event) => { state.node = event.target.value; again(); } },
-    h("option", { value: "" }, "all nodes"), network.nodes.map((node) => h("option", { value: node.name }, node.name)));
+    nodeOptions(network));
   const search = h("input", { id: "events-text", type: "search", oninput: (event) => { state.text = event.target.value.toLowerCase(); again(); } });
   const element = h("div", {},
     h("fieldset", { class: "chips no-print" }, h("legend", { class: "visually-hidden" }, "Kinds of events"), kinds),
@@ -38,7 +38,16 @@ export function createEvents({ network, onPick }) {
       draw();
     },
     showUntil(ms) { state.until = ms; draw(); },
+    setNetwork(changed) {
+      replace(select, nodeOptions(changed));
+      if (changed.nodes.some((node) => node.name === state.node)) select.value = state.node;
+      else { state.node = ""; again(); }
+    },
   };
+}
+
+function nodeOptions(network) {
+  return [h("option", { value: "" }, "all nodes"), ...network.nodes.map((node) => h("option", { value: node.name }, node.name))];
 }
 
 function show(state, list, said, more, onPick) {

@@ -6,6 +6,7 @@ export const KEPT_COUNT = 500;
 const FIRST_COUNT = 200;
 const PAGE_COUNT = 100;
 const WAIT_MS = 5_000;
+const ANSWER_MS = 10_000; // a node that stands still keeps its connections open and answers nothing
 const PAUSE_MS = 200;
 const PUBLIC_PAUSE_MS = 1_000;
 const RETRY_FIRST_MS = 1_000;
@@ -48,7 +49,7 @@ class Feed extends EventTarget {
     let retryMs = RETRY_FIRST_MS;
     for (;;) {
       try {
-        this.status = await api.status(this.last, WAIT_MS);
+        this.status = await api.status(this.last, WAIT_MS, AbortSignal.timeout(WAIT_MS + ANSWER_MS));
         if (chain && this.status.chain_id !== chain) {
           location.reload(); // another network answers here now: nothing of the former is true of it
           return;
@@ -73,7 +74,7 @@ class Feed extends EventTarget {
     if (this.last + 1 < least) this.headers = [];
     let next = Math.max(0, this.last + 1, least);
     while (next <= head) {
-      const answer = await api.headers(next, PAGE_COUNT);
+      const answer = await api.headers(next, PAGE_COUNT, AbortSignal.timeout(ANSWER_MS));
       if (!answer.headers.length) return;
       this.headers.push(...answer.headers);
       this.headers.splice(0, this.headers.length - KEPT_COUNT);
