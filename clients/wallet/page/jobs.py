@@ -60,6 +60,10 @@ class Job:
         self.changed = asyncio.Event()
 
 
+async def _read_no_more() -> None:
+    """Stands for the reading after a job once nobody looks at the page: the network may be away, and nobody waits."""
+
+
 class Jobs:
     """The jobs of one page. `lock` is held while one runs, and while `after` is awaited, whatever became of it."""
 
@@ -143,6 +147,7 @@ class Jobs:
 
     async def close(self) -> None:
         """Stop what only looks; wait for what she decided, so that no half of it is taken for the whole."""
+        self._after = _read_no_more
         open_jobs = [job for job in self._jobs.values() if job.task is not None and not job.is_over]
         for job in open_jobs:
             if job.task is not None and job.kind not in DECISIONS:
