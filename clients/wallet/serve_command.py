@@ -17,8 +17,10 @@ import click
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
 from clients.wallet.claiming import claim_wallet
 from clients.wallet.keystore import Keystore
+from clients.wallet.language import text
 from clients.wallet.opening import read_passphrase, tell_member_gone
 from clients.wallet.page.page import make_page, page_folder
+from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
 from clients.wallet.wallet import Wallet
 from consensus.genesis import Genesis
@@ -73,7 +75,7 @@ async def _serve(
             _offer_links(page, as_json=as_json)
             why = await _wait_until_over(session, idle_minutes)
             if session.jobs.are_decisions_open and not as_json:
-                console.print("What you decided on the page is being finished. Ctrl-C once more: leave it as it is.")
+                console.print(text("serve.finishing"))
             return why
         finally:
             await page.stop()
@@ -89,11 +91,10 @@ def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:
         sys.stdout.flush()
         return
     if opened:
-        console.print(f"Your wallet is open in your browser, at {url}")
-        console.print(f"  If you do not see it, open this file there (it works once, for two minutes): {file}")
+        console.print(text("serve.opened", url=url, file=file))
     else:
-        console.print(f"Open this file in your browser; it works once, for two minutes:\n  {file}")
-    console.print("Keep this window open. Enter: a new link. Ctrl-C: end.")
+        console.print(text("serve.open_it", file=file))
+    console.print(text("serve.keep"))
 
 
 def _offer_links(page: LocalPage, *, as_json: bool) -> None:
@@ -103,7 +104,7 @@ def _offer_links(page: LocalPage, *, as_json: bool) -> None:
     making: set[asyncio.Task[None]] = set()
 
     async def offer() -> None:
-        console.print(f"A new link; it works once, for two minutes:\n  {await page.new_link()}")
+        console.print(text("serve.new_link", file=await page.new_link()))
 
     def heard() -> None:
         if not sys.stdin.readline():
@@ -138,5 +139,5 @@ async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
         except TimeoutError:
             if not session.is_idle(idle_minutes):
                 continue
-            return f"Nobody has used the page for {idle_minutes} minutes: it is closed. Your keys are locked again."
-        return "The page is closed. Your keys are locked again."
+            return text("serve.idle", minutes=idle_minutes)
+        return text("serve.closed")

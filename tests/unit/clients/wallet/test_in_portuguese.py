@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, consent_commands, records_command, rights_commands, rotating_commands
+from clients.wallet import cli, consent_commands, records_command, rights_commands, rotating_commands, serve_command
 from clients.wallet.consent_receipts import Receipts
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.linking import tell_linked, tell_linked_moves
@@ -303,3 +303,14 @@ def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
     (told,) = Told("hospital", None, 7).lines()
     assert told.startswith("hospital não publicou nenhum aviso de privacidade: pergunte no balcão")
+
+
+def test_where_the_page_is_stands_in_portuguese(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    serve_command._tell("http://127.0.0.1:1", tmp_path / "abrir.html", no_browser=True, as_json=False)
+    first, second, third = capsys.readouterr().out.splitlines()
+    assert first == "Abra este ficheiro no seu navegador; funciona uma só vez, durante dois minutos:"
+    assert second.strip() == str(tmp_path / "abrir.html")
+    assert third.startswith("Deixe esta janela aberta.")
