@@ -92,7 +92,7 @@ async def test_a_contract_is_asked_and_called_from_the_command_line(network: Net
     code, refused = await blockrobot(
         network, "contract", "call", "settings", "propose", "colour", "1", "--as", "hospital"
     )
-    assert (code, refused["code"]) == (1, "SETTING_UNKNOWN")
+    assert (code, refused["code"]) == (4, "SETTING_UNKNOWN")
     traced = await must(network, "contract", "trace", refused["txid"], "--as", "hospital")
     assert (traced["code"], traced["gas_used"]) == (refused["code"], refused["gas_used"])
     assert traced["steps"][-1]["line"] == refused["line"]
