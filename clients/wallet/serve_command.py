@@ -140,4 +140,6 @@ async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
             if not session.is_idle(idle_minutes):
                 continue
             return text("serve.idle", minutes=idle_minutes)
+        if session.was_given_up:
+            return text("serve.given_up", tries=ATTEMPTS_MAX_COUNT)
         return text("serve.closed")

@@ -68,7 +68,9 @@ class PageSession:
         self.lock = asyncio.Lock()
         self.ended = asyncio.Event()
         self.jobs = Jobs(self.lock, now_ms, self.read)
-        self.gate = PassphraseGate(wallet.store, now_ms, self.ended.set)
+        self.gate = PassphraseGate(wallet.store, now_ms, self._give_up)
+        self.was_given_up = False
+        """Whether it ended because the passphrase was wrong too often."""
         self.clips = Clips()
         self.exports: dict[str, KeptFile] = {}
         self.snapshot = Snapshot()
@@ -108,6 +110,10 @@ class PageSession:
         self.folder.mkdir(mode=_PRIVATE_FOLDER, parents=True, exist_ok=True)
 
     # Use
+
+    def _give_up(self) -> None:
+        self.was_given_up = True
+        self.ended.set()
 
     def note_use(self, ago_ms: int = 0) -> None:
         """Remember that somebody used the page, so long ago."""

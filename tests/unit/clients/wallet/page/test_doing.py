@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from clients.wallet import serve_command
 from clients.wallet.erasing import Erasing
 from clients.wallet.page import erasing_routes
 from clients.wallet.page import session as sessions
@@ -145,6 +146,7 @@ async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(de
         assert not desk.session.ended.is_set()
         await desk.page.refused("POST", "/api/shares", wish | {"passphrase": "guess"})
     assert desk.session.ended.is_set()
+    assert "10 wrong passphrases" in await serve_command._wait_until_over(desk.session, 30)
 
 
 async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(
