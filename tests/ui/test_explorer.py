@@ -221,6 +221,17 @@ async def test_another_network_at_the_same_address_is_not_taken_for_the_same_cha
     await expect(page.locator("h1")).to_have_text("Look at the chain", timeout=20_000)
 
 
+async def test_a_time_beyond_all_calendars_is_shown_as_the_number_that_it_is(
+    page: Page, recorded_network: RecordedNetwork
+) -> None:
+    await enter(page, recorded_network)
+    shown = "[1e30, 2n ** 63n].map((ms) => moment(ms).textContent)"
+    assert await page.evaluate(f"() => import('./pieces.js').then(({{ moment }}) => {shown})") == [
+        "1e+30 ms",
+        "9223372036854775808 ms",
+    ]
+
+
 async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_network: RecordedNetwork) -> None:
     await enter(page, recorded_network)
     await page.evaluate(

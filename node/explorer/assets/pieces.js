@@ -38,7 +38,9 @@ export function fullHex(text) {
   return h("span", {}, h("span", { class: "mono" }, text), navigator.clipboard ? button : null);
 }
 
+/** A moment; what others wrote on the chain may be beyond all calendars, and stays a number. */
 export function moment(ms) {
+  if (!(Math.abs(Number(ms)) <= 8.64e15)) return h("span", { class: "mono" }, `${ms} ms`);
   return h("time", { datetime: new Date(ms).toISOString(), title: new Date(ms).toISOString() }, formatTime(ms));
 }
 
