@@ -108,12 +108,18 @@ class DecodedSnapshot:
         return None if head is None else head.header_bytes
 
     def head(self, height: int) -> BlockHead | None:
-        """Return a finalized block's header and how many transactions it holds, without looking at these."""
+        """Return a finalized block's header and how many transactions it holds, without looking at these.
+
+        Raises STORAGE_DAMAGED.
+        """
         block = self._snapshot.block(height)
         if block is None:
             kept = self._snapshot.kept_header(height)
             return None if kept is None else BlockHead(kept, None)
-        shape = _read_shape(block)
+        try:
+            shape = _read_shape(block)
+        except msgspec.MsgspecError:
+            raise BlockRobotError("STORAGE_DAMAGED", f"The ledger's block {height} is none.") from None
         return BlockHead(shape.header_bytes, len(shape.transactions))
 
     def block_height(self, block_id: bytes) -> int | None:

@@ -7,13 +7,14 @@ import socket
 from collections.abc import AsyncIterator, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from aiohttp import ClientSession, web
 from aiohttp.test_utils import TestClient, TestServer
 
 from consensus.block import Receipt
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode, encode_value
 from consensus.primitives.hashing import sha256
 from consensus.primitives.keys import PrivateKey
@@ -23,7 +24,9 @@ from contracts.vm.faults import VM_CODES
 from node.api import create_api, rate_limit, server
 from node.api.refusal_meanings import MACHINE_MEANINGS, explain_refusal
 from node.api.services import RoundPlace
+from node.interface import DecodedSnapshot
 from node.snapshot.making import header_of_block
+from node.storage.ledger_store import LedgerSnapshot
 from tests.unit.node.api.small_network import NOW_MS, OWNER, PRODUCERS, SUBJECT, SmallLedger, SmallNode, flat
 
 Client = TestClient[web.Request, web.Application]
@@ -226,6 +229,15 @@ async def test_what_anybody_may_ask_reads_each_block_once_and_looks_into_no_tran
     read.clear()
     await public.ask("status")
     assert read == [5]
+
+
+def test_a_block_that_is_damaged_on_the_medium_is_said_to_be() -> None:
+    class Damaged:
+        def block(self, _height: int) -> bytes:
+            return b"\x93\xc4"
+
+    with pytest.raises(BlockRobotError, match="block 7"):
+        DecodedSnapshot(cast("LedgerSnapshot", Damaged())).head(7)
 
 
 async def test_strangers_who_ask_too_much_are_slowed_down_at_every_route_of_the_explorer(
