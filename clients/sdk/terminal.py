@@ -14,6 +14,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -36,6 +37,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 console = Console(highlight=False, soft_wrap=True)
 
 _SAYING_KEY = "blockrobot.say_error"
+_ANSWERS_KEY = "blockrobot.answers"
 
 
 def home_folder() -> Path:
@@ -95,10 +97,40 @@ def _stopped_by_interrupt() -> Iterator[None]:
             signal.signal(signal.SIGINT, before)
 
 
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """The words for yes and no of the person's language, what stands behind a question, and what is said to neither."""
+
+    yes: frozenset[str]
+    no: frozenset[str]
+    hint: str
+    again: str
+
+
+def let_answer(context: click.Context, answers: Answers) -> None:
+    """Let questions of the command that runs be answered in these words."""
+    context.meta[_ANSWERS_KEY] = answers
+
+
 def ask(question: str, *, err: bool = False) -> None:
     """Ask yes or no at the terminal, also within the event loop. Raises Abort for no, and at the first Ctrl-C."""
+    context = click.get_current_context(silent=True)
+    answers = None if context is None else context.meta.get(_ANSWERS_KEY)
     with _stopped_by_interrupt():
-        click.confirm(question, abort=True, err=err)
+        if answers is None:
+            click.confirm(question, abort=True, err=err)
+        elif not _is_yes(question, answers, err=err):
+            raise click.Abort
+
+
+def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
+    while True:
+        said = click.prompt(f"{question} {answers.hint}", default="", show_default=False, err=err).strip().casefold()
+        if said in answers.yes:
+            return True
+        if not said or said in answers.no:
+            return False
+        click.echo(answers.again, err=err)
 
 
 def ask_for(text: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import home_folder, load_genesis, say_errors
+from clients.sdk.terminal import Answers, home_folder, let_answer, load_genesis, say_errors
 from clients.wallet.claiming import claim_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
@@ -37,6 +37,8 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
     say_errors(ctx, say_error)
+    words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again")]
+    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), words[2], words[3]))
 
 
 def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:

@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 
 import click
 
-from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.language import purposes_text, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
@@ -263,7 +263,7 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     if not yes:
         if not sys.stdin.isatty():
             raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
-        click.confirm(text("rights.ask_wrong_person", no_officer=text("rights.no_officer")), abort=True)
+        ask(text("rights.ask_wrong_person", no_officer=text("rights.no_officer")))
 
     async def action(opened: Wallet) -> Said:
         (chosen,) = choose(await opened.records(), (), (visit,))
