@@ -150,13 +150,13 @@ def publish_while_she_reads(desk: Desk, monkeypatch: pytest.MonkeyPatch, *notice
     """As at a terminal: a version comes while each of the first questions waits for an answer."""
     waiting = list(notices)
 
-    def read(*_: Any, **__: Any) -> bool:
+    def read(*_: Any, **__: Any) -> str:
         if waiting:
             desk.ward.publish(waiting.pop(0))
-        return True
+        return "y"
 
     monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
-    monkeypatch.setattr("click.confirm", read)
+    monkeypatch.setattr("click.prompt", read)
 
 
 def test_a_version_that_comes_while_she_reads_is_not_the_one_that_she_consents_under(
@@ -334,7 +334,7 @@ def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: p
     desk.ward.publish(demo_notice())
     monkeypatch.setattr(notice_commands, "is_at_terminal", lambda: True)
     asked: list[Any] = []
-    monkeypatch.setattr("click.confirm", lambda *_, **more: asked.append(more["err"]))
+    monkeypatch.setattr("click.prompt", lambda *_, **more: asked.append(more["err"]) or "y")
     result = run("register", desk.code, "--purpose", "care", "--json")
     assert (asked, json.loads(result.stdout)["ok"]) == ([True], True)
     assert "Responsible:" in result.stderr
