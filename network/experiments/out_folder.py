@@ -30,6 +30,7 @@ _PART_FILES = re.compile(
     "|".join(
         (
             r"pictures/[a-z0-9-]+/[0-9a-f]{16,64}/\d{8,}\.(?:depth\.png|png|rgb\.png|rgb\.jpg|label\.json|wav)",
+            r"pictures/[a-z0-9-]+/(?:[0-9a-f]{16,64}/|visit-[0-9a-f]{12}-)(?:contact-sheet\.png|animation\.gif)",
             r"wallets/[a-z0-9-]+\.(?:passphrase|wallet|words|uid)",
             r"wallets/\.(?:wallet-\w+|[a-z0-9-]+\.wallet\.lock)",
             r"robots/robot/(?:client\.pin|robot\.keys|robot\.lock|roster\.sealed|open-visits|\.tmp-open-visits)",
