@@ -14,7 +14,7 @@ from consensus.errors import BlockRobotError
 
 REFUSED_IN_A_ROW_MAX_COUNT = 300
 
-_SOURCE_FAULTS = frozenset({"BAG_DAMAGED"})
+_SOURCE_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"})
 
 
 class Inputs:

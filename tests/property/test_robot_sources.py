@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from clients.robot.events import Frame, Refused, Sighting
 from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
-from clients.robot.sources.recording import Message, Recording
+from clients.robot.sources.feed import Message
+from clients.robot.sources.recording import Recording
 from clients.robot.sources.rosbag import BagSource
 from consensus.errors import BlockRobotError
 from tests.unit.clients.robot.sources.recordings import START_MS, Topic, image, record, stamp, storage_file
@@ -110,7 +111,7 @@ def codes_of(path: Path) -> set[str]:
         opened = Recording(path)
         for message in opened.messages(list(opened.topics)):
             try:
-                opened.decode(message)
+                opened.types.decode(message)
             except BlockRobotError as error:
                 codes.add(error.code)
     except BlockRobotError as error:

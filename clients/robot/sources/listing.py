@@ -7,10 +7,12 @@ the UIDs of people's tags.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, Protocol
 
 from clients.robot.messages import SIGHTING_TYPE
 from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, could_be_colour, could_be_depth, encoding_of
-from clients.robot.sources.recording import Recording, TopicFigures, own_types
+from clients.robot.sources.message_types import MessageTypes, own_types
+from clients.robot.sources.recording import TopicFigures
 from clients.robot.sources.topics import STRING_TYPE
 
 LISTED_MAX_COUNT = 12
@@ -19,6 +21,18 @@ TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "ti
 TAG_NAMES = ("rfid", "tag", "epc", "uhf", "nfc")
 LABEL_NAMES = ("emotion", "label", "mood", "affect", "state", "expression", "sentiment")
 AUDIO_NAMES = ("audio", "sound", "mic", "speech", "voice", "wav")
+
+
+class Holding(Protocol):
+    """What holds messages on topics: a recording, or a sample of what is on the air."""
+
+    topics: dict[str, TopicFigures]
+
+    def types_of(self, type_name: str) -> MessageTypes:
+        """Return the types among which messages of a type are explained."""
+
+    def first(self, topic: str) -> Any:
+        """Return the first message of a topic that can be decoded, None if there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +49,12 @@ class Listed:
         return not self.could_be and self.figures.type not in own_types().types
 
 
-def list_topics(recording: Recording) -> list[Listed]:
+def list_topics(recording: Holding) -> list[Listed]:
     """Return every topic of a recording by name, with what it could be."""
     return [_listed(recording, figures) for _, figures in sorted(recording.topics.items())]
 
 
-def describe(recording: Recording) -> str:
+def describe(recording: Holding) -> str:
     """Return what a recording holds as one sentence, for the detail of a refusal."""
     listed = list_topics(recording)
     shown = [
@@ -55,7 +69,7 @@ def describe(recording: Recording) -> str:
     return f"It has {'; '.join(shown) or 'no topic'}{more}."
 
 
-def _listed(recording: Recording, figures: TopicFigures) -> Listed:
+def _listed(recording: Holding, figures: TopicFigures) -> Listed:
     name, kind = figures.name.lower(), figures.type
     if kind in (IMAGE_TYPE, COMPRESSED_TYPE):
         first = recording.first(figures.name)
@@ -67,7 +81,8 @@ def _listed(recording: Recording, figures: TopicFigures) -> Listed:
     if kind == SIGHTING_TYPE:
         return Listed(figures, ("tags",), "")
     guesses = []
-    fields = {field.lower() for field in recording.field_names(kind)} | {_last(path) for path in recording.paths(kind)}
+    types = recording.types_of(kind)
+    fields = {field.lower() for field in types.field_names(kind)} | {_last(path) for path in types.paths(kind)}
     words = kind.lower()
     if ((kind == STRING_TYPE or fields & set(TAG_FIELDS)) and _speaks(name + words, TAG_NAMES)) or fields & {
         "epc",
@@ -89,7 +104,7 @@ def _speaks(text: str, words: tuple[str, ...]) -> bool:
     return any(word in text for word in words)
 
 
-def draft_topics(recording: Recording, listed: list[Listed]) -> str:
+def draft_topics(recording: Holding, listed: list[Listed]) -> str:
     """Return the text of a topics file made of the guesses; the user checks it. Fields are guessed by their names."""
     lines = ["# Drafted from what the recording looks like: check every line.", ""]
     depth = [item.figures.name for item in listed if "depth" in item.could_be]
@@ -109,7 +124,7 @@ def draft_topics(recording: Recording, listed: list[Listed]) -> str:
     return "\n".join(lines)
 
 
-def next_steps(recording: Recording, listed: list[Listed]) -> list[str]:
+def next_steps(recording: Holding, listed: list[Listed]) -> list[str]:
     """Return what the user must say that no draft can: in which field the tag's UID stands, or of which topic.
 
     Topics of unknown meaning are named as long as none is of tags for certain.
@@ -127,8 +142,8 @@ def next_steps(recording: Recording, listed: list[Listed]) -> list[str]:
     return told + [_unexplained_step(recording, item.figures) for item in unexplained[:LISTED_MAX_COUNT]]
 
 
-def _unexplained_step(recording: Recording, figures: TopicFigures) -> str:
-    if not recording.knows(figures.type):
+def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
+    if not recording.types_of(figures.type).knows(figures.type):
         return (
             f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings, put "
             "the type's text into the topics file under [definitions], and name topic and fields under [[tags]]."
@@ -142,9 +157,9 @@ def _unexplained_step(recording: Recording, figures: TopicFigures) -> str:
     )
 
 
-def _drafted_guess(recording: Recording, figures: TopicFigures) -> list[str]:
+def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
     """Return a table of tags for a topic of which it is not known what it holds; to be put behind marks."""
-    if not recording.knows(figures.type):
+    if not recording.types_of(figures.type).knows(figures.type):
         return [
             f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings,",
             "put the type's text under [definitions], and name the topic and its fields under [[tags]].",
@@ -159,26 +174,26 @@ def _drafted_guess(recording: Recording, figures: TopicFigures) -> list[str]:
     ]
 
 
-def _guess_epc(recording: Recording, type_name: str, *, sure: bool = False) -> str:
+def _guess_epc(recording: Holding, type_name: str, *, sure: bool = False) -> str:
     """Return the field that is called as UIDs are; if there is none and it need not be `sure`, the first of text."""
     paths = _own_paths(recording, type_name)
     named = next((path for word in _FIELD_WORDS["epc"] for path in paths if _last(path) == word), "")
     if named or sure:
         return named
-    return next((path for path in paths if recording.is_text(type_name, path)), "")
+    return next((path for path in paths if recording.types_of(type_name).is_text(type_name, path)), "")
 
 
-def _own_paths(recording: Recording, type_name: str) -> list[str]:
-    return [path for path in recording.paths(type_name) if not path.startswith("header.")]
+def _own_paths(recording: Holding, type_name: str) -> list[str]:
+    return [path for path in recording.types_of(type_name).paths(type_name) if not path.startswith("header.")]
 
 
-def _shown(recording: Recording, type_name: str) -> str:
+def _shown(recording: Holding, type_name: str) -> str:
     paths = _own_paths(recording, type_name)
     more = f" and {len(paths) - FIELDS_SHOWN_MAX_COUNT} more" if len(paths) > FIELDS_SHOWN_MAX_COUNT else ""
     return ", ".join(paths[:FIELDS_SHOWN_MAX_COUNT]) + more
 
 
-def _drafted_fields(recording: Recording, type_name: str, epc: str = "") -> list[str]:
+def _drafted_fields(recording: Holding, type_name: str, epc: str = "") -> list[str]:
     paths = _own_paths(recording, type_name)
     found = {}
     for setting, words in _FIELD_WORDS.items():

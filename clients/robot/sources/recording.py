@@ -6,18 +6,17 @@ says so at the end: `messages` then raises BAG_DAMAGED after the last whole mess
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.interfaces import Connection, MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
-from clients.robot.messages import typestore
+from clients.robot.sources.feed import Message
+from clients.robot.sources.message_types import MessageTypes, own_types, types_with
 from clients.robot.sources.salvage import BrokenOffError, Channel, Found, scan_file
 from consensus.errors import BlockRobotError
 
@@ -26,12 +25,6 @@ ROS1_SUFFIXES = (".bag", ".bag.active")
 """The second is what a ROS 1 recorder leaves that was killed."""
 
 SUFFIXES = (*ROS1_SUFFIXES, *STORAGE_SUFFIXES)
-
-
-@functools.cache
-def own_types() -> Typestore:
-    """Return the built-in types, made once; never to be changed."""
-    return typestore()
 
 
 @dataclass(slots=True)
@@ -45,18 +38,8 @@ class TopicFigures:
     types: set[str] = field(default_factory=set)
 
 
-@dataclass(frozen=True, slots=True)
-class Message:
-    """One message as it stands in the recording; `Recording.decode` makes sense of it."""
-
-    topic: str
-    type: str
-    at_ns: int
-    data: bytes
-
-
 class Recording:
-    """A recording that was looked into once: `topics` by name, and `broken`, which says what is wrong with it.
+    """A recording that was looked into once: `topics` by name, their `types`, and `broken`, which says what is wrong.
 
     `definitions` gives the text of types that the recording does not define. Raises BAG_DAMAGED when nothing in it
     can be read, and TOPICS_INVALID when a definition makes no sense.
@@ -67,7 +50,8 @@ class Recording:
         self.broken = ""
         self.topics: dict[str, TopicFigures] = {}
         self._ros1 = path.name.endswith(ROS1_SUFFIXES)
-        self._types = _with_definitions(definitions) if definitions else own_types()
+        self._known = types_with(definitions or {})
+        self.types = MessageTypes(self._known, ros1=self._ros1)
         self._salvage: list[Path] = []
         try:
             self._look_by_index()
@@ -89,56 +73,16 @@ class Recording:
         except Exception as error:  # a truncated or flipped chunk fails in many ways
             raise self._damaged() from error
 
-    def decode(self, message: Message) -> Any:
-        """Return a message as an object with the fields of its type. Raises FRAME_INVALID, reason `undecodable`."""
-        read = self._types.deserialize_ros1 if self._ros1 else self._types.deserialize_cdr
-        try:
-            return read(message.data, message.type)
-        except Exception as error:
-            detail = f"A message of {message.topic} is no {message.type}."
-            raise BlockRobotError("FRAME_INVALID", detail, reason="undecodable") from error
-
-    def knows(self, type_name: str) -> bool:
-        """Tell whether messages of a type can be decoded."""
-        return type_name in self._types.types
-
-    def field_names(self, type_name: str) -> list[str]:
-        """Return the names of a type's own fields, none if it is not known."""
-        if not self.knows(type_name):
-            return []
-        return [name for name, _ in self._types.fielddefs[type_name][1]]
-
-    def paths(self, type_name: str, deep: int = 3) -> list[str]:
-        """Return the paths of a type's plain fields: `epc`, `tags[].epc`. Bytes are one value, a UID perhaps."""
-        found = []
-        for name, (kind, what) in self._types.fielddefs[type_name][1] if self.knows(type_name) else ():
-            each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
-            inner = what[0] if each else (kind, what)
-            path = name + ("[]" if each and inner != (Nodetype.BASE, ("uint8", 0)) else "")
-            if inner[0] is Nodetype.NAME:
-                further = self.paths(str(inner[1]), deep - 1) if deep > 1 else []
-                found += [f"{path}.{rest}" for rest in further if path.count("[]") + rest.count("[]") < 2]
-            else:
-                found.append(path)
-        return found
-
-    def is_text(self, type_name: str, path: str) -> bool:
-        """Tell whether a path of `paths` leads to text, or to a list of texts."""
-        part, _, rest = path.partition(".")
-        for name, (kind, what) in self._types.fielddefs[type_name][1] if self.knows(type_name) else ():
-            if name == part.removesuffix("[]"):
-                inner = what[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, what)
-                if rest:
-                    return inner[0] is Nodetype.NAME and self.is_text(str(inner[1]), rest)
-                return bool(inner[0] is Nodetype.BASE and inner[1][0] == "string")
-        return False
+    def types_of(self, type_name: str) -> MessageTypes:  # noqa: ARG002 - a recording has one set for all
+        """Return the types among which messages of a type are explained."""
+        return self.types
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic that can be decoded, None if there is none."""
         try:
             for message in self.messages([topic]):
                 try:
-                    return self.decode(message)
+                    return self.types.decode(message)
                 except BlockRobotError:
                     continue
         except BlockRobotError:
@@ -212,8 +156,8 @@ class Recording:
             except Exception:  # noqa: BLE001 - a spoilt definition; its topic is then one of an unknown type
                 self.broken = self.broken or f"Its definition of {name} is damaged."
         if any(figures.type not in store.fielddefs for figures in self.topics.values()):
-            store.register({name: what for name, what in self._types.fielddefs.items() if name not in store.fielddefs})
-        self._types = store
+            store.register({name: what for name, what in self._known.fielddefs.items() if name not in store.fielddefs})
+        self.types = MessageTypes(store, ros1=self._ros1)
 
     def _damaged(self) -> BlockRobotError:
         detail = self.broken or "It is damaged or not a recording."
@@ -234,16 +178,6 @@ def _parse(name: str, definition: MessageDefinition) -> Any:
     for part in definition.data.split(rule)[1:]:
         types.update(get_types_from_idl(part.partition("\n")[2]))
     return types
-
-
-def _with_definitions(definitions: Mapping[str, str]) -> Typestore:
-    store = typestore()
-    for name, text in definitions.items():
-        try:
-            store.register(get_types_from_msg(text, name))
-        except Exception as error:
-            raise BlockRobotError("TOPICS_INVALID", f"The definition of {name} makes no sense.") from error
-    return store
 
 
 def _storage_files(path: Path) -> list[Path]:

@@ -6,32 +6,23 @@ BAG_DAMAGED after everything before the break. Must never write anything.
 
 from __future__ import annotations
 
-import struct
-import wave
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from clients.robot.events import AudioClip, ColourFrame, Depth, Frame, Label, Refused, SourceEvent
-from clients.robot.sources.field_map import header_ms, read_path
-from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE, decode_colour, decode_depth, refuse
+from clients.robot.events import Depth, Refused, SourceEvent
+from clients.robot.sources.decoding import MessageReader, info_topic, read_focal_px, wrong_type
+from clients.robot.sources.feed import Message
+from clients.robot.sources.images import decode_depth
 from clients.robot.sources.listing import describe
-from clients.robot.sources.recording import Message, Recording
-from clients.robot.sources.source import NS_PER_MS, Clock, happened_ms, play_events
-from clients.robot.sources.topics import AudioTopic, LabelTopic, TagTopic, Topics
+from clients.robot.sources.recording import Recording
+from clients.robot.sources.source import Clock, happened_ms, play_events
+from clients.robot.sources.topics import Topics
 from consensus.errors import BlockRobotError
 
 EMPTY_FRAMES_READ_MAX_COUNT = 300
 EMPTY_FRAMES_MAX_COUNT = 64
 EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
-LABEL_MAX_CHARS = 256
-AUDIO_MAX_MS = 10_000
-AUDIO_MAX_BYTES = 900_000
-FOCAL_MIN_PX, FOCAL_MAX_PX = 20.0, 10_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +52,7 @@ class BagSource:
         self._recording = Recording(path, self._topics.definitions)
         self._check_topics()
         self._wanted = self._topics.wanted
-        self._tags = {tags.topic: tags for tags in self._topics.tags}
-        self._sequences = dict.fromkeys(_NAMES, 0)
+        self._reader = MessageReader(self._topics)
         figures = self._recording.topics
         self.frame_count = figures[self._topics.depth].count
         self.sighting_count = sum(figures[tags.topic].count for tags in self._topics.tags)
@@ -86,12 +76,8 @@ class BagSource:
         """The focal length that the user names, or the one of the CameraInfo beside the depth topic."""
         if self._topics.focal_px is not None:
             return self._topics.focal_px
-        beside = self._topics.depth.rpartition("/")[0] + "/camera_info"
-        if beside not in self._recording.topics:
-            return None
-        matrix = getattr(self._recording.first(beside), "k", getattr(self._recording.first(beside), "K", (0.0,)))
-        told = float(matrix[0])
-        return told if FOCAL_MIN_PX <= told <= FOCAL_MAX_PX else None
+        beside = info_topic(self._topics)
+        return read_focal_px(self._recording.first(beside)) if beside in self._recording.topics else None
 
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first usable event happens at `start_ms`."""
@@ -117,56 +103,17 @@ class BagSource:
 
     def events(self) -> Iterator[SourceEvent]:
         """Yield frames (numbered from 0), sightings and senses as recorded, and a `Refused` for each bad message."""
-        self._sequences = dict.fromkeys(_NAMES, 0)
+        self._reader = MessageReader(self._topics)
         for message in self._recording.messages(self._wanted):
             yield from self.events_of(message)
 
     def events_of(self, message: Message) -> list[SourceEvent]:
         """Return what one message says: its events, or a `Refused`."""
-        kind = self._wanted[message.topic]
-        try:
-            return list(self._read(kind, message))
-        except BlockRobotError as error:
-            if error.code != "FRAME_INVALID":
-                raise
-            reason = str(error.context.get("reason", "size"))
-            return [Refused(message.at_ns // NS_PER_MS + self.shift_ms, _NAMES[kind], reason)]
+        return self._reader.read(message, self._recording.types, shift_ms=self.shift_ms)
 
     def play(self, clock: Clock | None = None) -> AsyncIterator[SourceEvent]:
         """Yield the same events, each no earlier than `clock` says it was recorded. Shift the timeline first."""
         return play_events(self.events(), clock)
-
-    def _read(self, kind: str, message: Message) -> Iterator[SourceEvent]:
-        content = self._recording.decode(message)
-        recorded_ms = message.at_ns // NS_PER_MS
-        stamped = header_ms(content) if self._topics.clock == "stamp" else None
-        at_ms = recorded_ms if stamped is None else stamped
-        received_ms = recorded_ms + self.shift_ms
-        if kind == "tags":
-            yield from self._sightings(self._tags[message.topic], content, at_ms, received_ms)
-            return
-        if kind == "depth":
-            event: SourceEvent = Frame(at_ms + self.shift_ms, self._sequences[kind], decode_depth(content), received_ms)
-        else:
-            event = self._sense(kind, content, at_ms + self.shift_ms, received_ms)
-        self._sequences[kind] += 1
-        yield event
-
-    def _sense(self, kind: str, content: Any, at_ms: int, received_ms: int) -> SourceEvent:
-        sequence = self._sequences[kind]
-        if kind == "rgb":
-            return ColourFrame(at_ms, sequence, decode_colour(content), self._topics.rgb_registered, received_ms)
-        if kind == "labels":
-            assert self._topics.labels is not None
-            return _label(self._topics.labels, content, at_ms, sequence, received_ms)
-        assert self._topics.audio is not None
-        return _audio(self._topics.audio, content, at_ms, sequence, received_ms)
-
-    def _sightings(self, tags: TagTopic, content: Any, at_ms: int, received_ms: int) -> Iterator[SourceEvent]:
-        sightings, reasons = tags.map.read(content, at_ms, self.shift_ms, received_ms)
-        yield from sightings
-        for reason in reasons:
-            yield Refused(received_ms, "sighting", reason)
 
     def _depths(self, recording: Recording, topic: str, seconds: tuple[float, float] | None) -> list[Depth]:
         """Return the usable frames of a topic that are of the first one's size, within `seconds` if given.
@@ -185,7 +132,7 @@ class BagSource:
                         break
                     continue
                 try:
-                    depth = decode_depth(recording.decode(message))
+                    depth = decode_depth(recording.types.decode(message))
                 except BlockRobotError:
                     continue
                 if frames and depth.shape != frames[0].shape:
@@ -213,7 +160,7 @@ class BagSource:
 
     def _check_topics(self) -> None:
         found = self._recording.topics
-        for topic, kind in self._topics.wanted.items():
+        for topic in self._topics.wanted:
             if topic not in found:
                 if self.broken:
                     raise BlockRobotError("BAG_DAMAGED", f"{self.path.name} breaks off before {topic}. {self.broken}")
@@ -221,65 +168,14 @@ class BagSource:
             types = found[topic].types
             if len(types) > 1:
                 raise _missing(f"Topic {topic} carries several types: {', '.join(sorted(types))}.", self._recording)
-            if kind in ("depth", "rgb") and not types <= {IMAGE_TYPE, COMPRESSED_TYPE}:
-                raise _missing(f"Topic {topic} carries {found[topic].type}, which is no image.", self._recording)
-            if not self._recording.knows(found[topic].type):
+            wrong = wrong_type(self._topics, topic, found[topic].type)
+            if wrong:
+                raise _missing(wrong, self._recording)
+            if not self._recording.types.knows(found[topic].type):
                 raise BlockRobotError(
                     "TOPICS_INVALID",
                     f"The recording does not define {found[topic].type}: put its text under [definitions].",
                 )
-        for tags in self._topics.tags:
-            if tags.type and found[tags.topic].type != tags.type:
-                raise _missing(
-                    f"Topic {tags.topic} carries {found[tags.topic].type}, not {tags.type}.", self._recording
-                )
-
-
-_NAMES = {"depth": "frame", "tags": "sighting", "rgb": "rgb", "labels": "label", "audio": "audio"}
-
-
-def _label(topic: LabelTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> Label:
-    text = read_path(content, topic.text)
-    if not isinstance(text, str) or not 0 < len(text.strip()) <= LABEL_MAX_CHARS:
-        raise refuse("field", "A label is no text, empty, or too long.")
-    told = read_path(content, topic.confidence) if topic.confidence else None
-    if told is not None and not (isinstance(told, float | int) and 0 <= float(told) <= 1):
-        raise refuse("field", "A label's confidence is no share from 0 to 1.")
-    return Label(at_ms, sequence, text.strip(), None if told is None else float(told), received_ms)
-
-
-def _audio(topic: AudioTopic, content: Any, at_ms: int, sequence: int, received_ms: int) -> AudioClip:
-    """Return samples as they stand, or those of a WAV file."""
-    data = _sound_bytes(read_path(content, topic.data))
-    rate, channels = topic.rate_hz, topic.channels
-    if data.startswith(b"RIFF"):
-        try:
-            with wave.open(BytesIO(data)) as file:
-                if file.getsampwidth() != 2:
-                    raise refuse("encoding", "The sound is not of 16 bits.")
-                rate, channels = file.getframerate(), file.getnchannels()
-                data = file.readframes(file.getnframes())
-        except (wave.Error, EOFError, struct.error) as error:
-            raise refuse("undecodable", "The sound file is damaged.") from error
-    if not data or len(data) % (2 * channels) or rate <= 0:
-        raise refuse("size", "The sound is empty, or not of whole samples.")
-    clip = AudioClip(at_ms, sequence, data, rate, channels, received_ms)
-    if clip.ends_ms - clip.at_ms > AUDIO_MAX_MS or len(data) > AUDIO_MAX_BYTES:
-        raise refuse("size", "A stretch of sound is longer than ten seconds, or larger than 900 kB.")
-    return clip
-
-
-def _sound_bytes(samples: Any) -> bytes:
-    """Return bytes, an array of octets or 16-bit samples, or a list of octets, as they stand in the message."""
-    if isinstance(samples, bytes | bytearray):
-        found = bytes(samples)
-    elif isinstance(samples, np.ndarray) and samples.dtype.kind in "iu" and samples.dtype.itemsize <= 2:
-        found = samples.tobytes()
-    elif isinstance(samples, list) and all(type(one) is int and 0 <= one <= 255 for one in samples):
-        found = bytes(samples)
-    else:
-        raise refuse("field", "The sound is no bytes and no 16-bit samples.")
-    return found
 
 
 def _missing(sentence: str, recording: Recording) -> BlockRobotError:

@@ -63,7 +63,9 @@ def test_topics_are_counted_and_read_in_order_of_time(recording: Path) -> None:
     assert code == ""
     assert [at_ns for _, at_ns, _ in found] == sorted(at_ns for _, at_ns, _ in found)
     assert len(found) == 2 * COUNT
-    assert [opened.decode(message).data for message in opened.messages(["/tags"])] == [f"tag {i}" for i in range(COUNT)]
+    assert [opened.types.decode(message).data for message in opened.messages(["/tags"])] == [
+        f"tag {i}" for i in range(COUNT)
+    ]
 
 
 @pytest.mark.parametrize("share", [0.35, 0.6, 0.9])
@@ -107,7 +109,7 @@ def test_what_a_killed_ros1_recorder_leaves_is_read_to_its_end(tmp_path: Path) -
     opened = Recording(active)
     found, _ = read_all(opened)
     assert len(found) == 40
-    assert opened.decode(next(opened.messages(["/tags"]))).data == "tag 0"
+    assert opened.types.decode(next(opened.messages(["/tags"]))).data == "tag 0"
 
 
 @pytest.mark.parametrize("place", [0.3, 0.5, 0.8])
@@ -152,11 +154,11 @@ def test_types_that_the_recording_does_not_define_are_taken_from_the_user(tmp_pa
     with sqlite3.connect(storage_file(path)) as base:
         base.execute("DELETE FROM message_definitions")
     base.close()
-    assert not Recording(path).knows("my_msgs/msg/Tag")
+    assert not Recording(path).types.knows("my_msgs/msg/Tag")
     opened = Recording(path, DEFINITION)
     (message,) = opened.messages(["/tags"])
-    assert opened.decode(message).epc == "E1"
-    assert opened.paths("my_msgs/msg/Tag") == ["epc", "power[]", "raw", "names[]"]
+    assert opened.types.decode(message).epc == "E1"
+    assert opened.types.paths("my_msgs/msg/Tag") == ["epc", "power[]", "raw", "names[]"]
 
 
 def test_a_definition_that_makes_no_sense_is_refused(tmp_path: Path) -> None:
@@ -169,5 +171,5 @@ def test_a_message_of_another_type_is_undecodable(recording: Path) -> None:
     opened = Recording(recording)
     message = next(opened.messages(["/tags"]))
     with pytest.raises(BlockRobotError) as refused:
-        opened.decode(type(message)(message.topic, IMAGE, message.at_ns, message.data))
+        opened.types.decode(type(message)(message.topic, IMAGE, message.at_ns, message.data))
     assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", "undecodable")

@@ -1,0 +1,123 @@
+"""What the types of messages look like: those that ROS has, our own, and what a recording or a live graph defines.
+
+Must never show what a message says: only types are described here.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from clients.robot.messages import typestore
+from clients.robot.sources.feed import Message
+from consensus.errors import BlockRobotError
+
+DEFINITION_MAX_CHARS = 256 * 1024
+
+
+@functools.cache
+def own_types() -> Typestore:
+    """Return the built-in types, made once; never to be changed."""
+    return typestore()
+
+
+def types_with(definitions: Mapping[str, str]) -> Typestore:
+    """Return the built-in types and those that the user defines. Raises TOPICS_INVALID for one that makes no sense."""
+    if not definitions:
+        return own_types()
+    store = typestore()
+    for name, text in definitions.items():
+        try:
+            store.register(get_types_from_msg(text, name))
+        except Exception as error:
+            raise BlockRobotError("TOPICS_INVALID", f"The definition of {name} makes no sense.") from error
+    return store
+
+
+class MessageTypes:
+    """Types by name, and messages of them in one serialisation: ROS 1's own, or CDR."""
+
+    def __init__(self, store: Typestore, *, ros1: bool) -> None:
+        self._store = store
+        self._ros1 = ros1
+
+    def decode(self, message: Message) -> Any:
+        """Return a message as an object with the fields of its type. Raises FRAME_INVALID, reason `undecodable`."""
+        read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
+        try:
+            return read(message.data, message.type)
+        except Exception as error:
+            detail = f"A message of {message.topic} is no {message.type}."
+            raise BlockRobotError("FRAME_INVALID", detail, reason="undecodable") from error
+
+    def knows(self, type_name: str) -> bool:
+        """Tell whether messages of a type can be decoded."""
+        return type_name in self._store.types
+
+    def field_names(self, type_name: str) -> list[str]:
+        """Return the names of a type's own fields, none if it is not known."""
+        return [name for name, _ in self._fields(type_name)]
+
+    def paths(self, type_name: str, deep: int = 3) -> list[str]:
+        """Return the paths of a type's plain fields: `epc`, `tags[].epc`. Bytes are one value, a UID perhaps."""
+        found = []
+        for name, (kind, what) in self._fields(type_name):
+            each = kind in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+            inner = what[0] if each else (kind, what)
+            path = name + ("[]" if each and inner != (Nodetype.BASE, ("uint8", 0)) else "")
+            if inner[0] is Nodetype.NAME:
+                further = self.paths(str(inner[1]), deep - 1) if deep > 1 else []
+                found += [f"{path}.{rest}" for rest in further if path.count("[]") + rest.count("[]") < 2]
+            else:
+                found.append(path)
+        return found
+
+    def is_text(self, type_name: str, path: str) -> bool:
+        """Tell whether a path leads to text, or to a list of texts."""
+        part, _, rest = path.partition(".")
+        for name, (kind, what) in self._fields(type_name):
+            if name == part.removesuffix("[]"):
+                inner = what[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, what)
+                if rest:
+                    return inner[0] is Nodetype.NAME and self.is_text(str(inner[1]), rest)
+                return bool(inner[0] is Nodetype.BASE and inner[1][0] == "string")
+        return False
+
+    def _fields(self, type_name: str) -> list[Any]:
+        return list(self._store.fielddefs[type_name][1]) if self.knows(type_name) else []
+
+
+class LearntTypes:
+    """What a live feed's types look like: as the feed tells, else as the user's definitions or ROS itself say.
+
+    Each type's definition stands for itself, with the types in it: two nodes may disagree about one that both use.
+    """
+
+    def __init__(self, known: Typestore, *, ros1: bool) -> None:
+        self._ros1 = ros1
+        self._known = MessageTypes(known, ros1=ros1)
+        self._learnt: dict[str, tuple[str, MessageTypes]] = {}
+
+    def learn(self, type_name: str, definition: str) -> bool:
+        """Take the newest definition of a type; return whether it makes sense. What is not one is as if never told."""
+        if type_name in self._learnt and self._learnt[type_name][0] == definition:
+            return True
+        try:
+            store = get_typestore(Stores.EMPTY)
+            if len(definition) > DEFINITION_MAX_CHARS:
+                return False
+            store.register(get_types_from_msg(definition, type_name))
+        except Exception:  # noqa: BLE001 - a stranger's text fails in many ways
+            self._learnt.pop(type_name, None)
+            return False
+        self._learnt[type_name] = (definition, MessageTypes(store, ros1=self._ros1))
+        return True
+
+    def of(self, type_name: str) -> MessageTypes:
+        """Return the types to decode a message of this type with, by what is known of it now."""
+        return self._learnt[type_name][1] if type_name in self._learnt else self._known
