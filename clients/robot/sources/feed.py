@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
-from clients.robot.events import Sighting
+from clients.robot.events import Refused, Sighting
 from consensus.errors import BlockRobotError
 
 CLOSE_MAX_S = 5.0
@@ -44,6 +44,15 @@ class Listener(Protocol):
 
     def sight(self, sighting: Sighting) -> None:
         """Take one reading of a tag from a reader that needs no decoding."""
+
+    def refuse(self, refused: Refused) -> None:
+        """Take note of what came and could not be used even as a message or a reading; it is counted like any other."""
+
+    def miss(self, topic: str, count: int) -> None:
+        """Learn that the middleware lost so many messages of a topic on the way, by gaps in a publisher's numbers."""
+
+    def presence(self, part: str, *, here: bool) -> None:
+        """Learn that a part of the feed, a reader or a topic's only publisher, is gone for now, or is back."""
 
     def fail(self, error: BlockRobotError) -> None:
         """Learn that the feed is gone for good (FEED_LOST): what came before is worked through, and the run ends."""
