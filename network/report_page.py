@@ -71,7 +71,8 @@ def table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[str]], 
     lines = ["".join(f"<td{kind}>{cell}</td>" for kind, cell in zip(mark, row, strict=True)) for row in rows]
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return (
-        f'<div class="scroll"><table class="list"><caption>{text(caption)}</caption>'
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{text(caption)}">'
+        f'<table class="list"><caption>{text(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 
@@ -121,9 +122,12 @@ def bar(value: float, longest: float, series: int) -> str:
     )
 
 
-def drawing(svg: str, *, alternative: str) -> str:
-    """Return a drawing (an SVG document) as part of the page, on white, with words for who cannot see it."""
+def drawing(svg: str, *, name: str, alternative: str) -> str:
+    """Return a drawing (an SVG document) as part of the page, on white, with words for who cannot see it.
+
+    `name` is what the part of the page is called that holds it and can be scrolled.
+    """
     plain = _COMMENTS.sub("", _TITLES.sub("", _XML_HEAD.sub("<svg", svg, count=1)))
     plain = re.sub(r'\s(?:role|aria-label)="[^"]*"', "", plain)
     named = plain.replace("<svg", f'<svg role="img" aria-label="{text(alternative)}"', 1)
-    return f'<div class="scroll paper">{named}</div>'
+    return f'<div class="scroll paper" tabindex="0" role="region" aria-label="{text(name)}">{named}</div>'

@@ -171,9 +171,10 @@ def _map(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None) -
         f"Process map: {len(graph.activities)} activities and the {len(graph.pairs)} ways from one to the next. "
         "The tables under Statistics say the same in figures."
     )
+    drawing_html = drawing(drawn or draw_svg(graph), name="Process map", alternative=alternative)
     return (
         "<p>Each arrow: how often the second came directly after the first in the same frame (for the same owner), and "
-        f"how long after on average.</p>{drawing(drawn or draw_svg(graph), alternative=alternative)}{note}"
+        f"how long after on average.</p>{drawing_html}{note}"
     )
 
 

@@ -12,7 +12,7 @@ export function createNodes({ network, onNode }) {
   let facts = new Map(network.nodes.map((node) => [node.name, node]));
   let rows = new Map();
   let selected = null;
-  const element = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Nodes" },
+  const element = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "All nodes" },
     h("table", { class: "list nodes" }, h("caption", { class: "visually-hidden" }, "All nodes"),
       h("thead", {}, h("tr", {},
         COLUMNS.map(([name, isNumber]) => h("th", { scope: "col", class: isNumber ? "number" : undefined }, name)))), body));
@@ -74,7 +74,7 @@ function showState(cell, node) {
 export function createLinks({ network }) {
   const body = h("tbody", {});
   let names = network.nodes.map((node) => node.name);
-  const element = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Links" },
+  const element = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "All links" },
     h("table", { class: "list" }, h("caption", { class: "visually-hidden" }, "All links, one direction a row"),
       h("thead", {}, h("tr", {}, ["from", "to", "state"].map((name) => h("th", { scope: "col" }, name)),
         ["sent /s", "arrive /s", "kB/s"].map((name) => h("th", { scope: "col", class: "number" }, name)), h("th", { scope: "col" }, "what arrives, frames /s"))), body));

@@ -7,7 +7,7 @@ const NARROW_COUNT = 6;
 
 /** {element, update(rounds)}: rounds oldest first. */
 export function createRounds({ network, isNarrow }) {
-  const place = h("div", { class: "scroll" });
+  const place = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Rounds, oldest first" });
   let shown = [];
   let names = network.nodes.filter((node) => node.producer).map((node) => node.name);
   const draw = () => replace(place, shown.length ? table(shown.slice(-(isNarrow.matches ? NARROW_COUNT : WIDE_COUNT)), names)

@@ -68,7 +68,7 @@ const TOKENS = /("""[\s\S]*?"""|"(?:\\.|[^"\\\n])*"|'(?:\\.|[^'\\\n])*')|(#[^\n]
 
 /** The source with a number before each line; the line that the address names is marked. */
 function sourceView(source, marked) {
-  const list = h("ol", { class: "source", tabindex: "0", role: "region", "aria-label": "Source with line numbers" });
+  const list = h("ol", {});
   let current = newLine(list, 1, marked);
   let count = 1;
   const add = (text, kind) => {
@@ -84,7 +84,7 @@ function sourceView(source, marked) {
     last = found.index + found[0].length;
   }
   add(source.trimEnd().slice(last), "");
-  return list;
+  return h("div", { class: "source", tabindex: "0", role: "region", "aria-label": "Source with line numbers" }, list);
 }
 
 function newLine(list, index, marked) {
