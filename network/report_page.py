@@ -62,8 +62,18 @@ def _section(number: int, section: Section) -> str:
     return f'<section{kind} aria-labelledby="part-{number}">{heading}{section.body}</section>'
 
 
-def table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[str]], *, numbers_from: int = 1) -> str:
-    """Return a table whose cells are HTML already; columns from `numbers_from` on are set to the right."""
+def table(
+    caption: str,
+    headings: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    *,
+    numbers_from: int = 1,
+    stacked: bool = False,
+) -> str:
+    """Return a table whose cells are HTML already; columns from `numbers_from` on are set to the right.
+
+    `stacked`: on a narrow screen the last cell of a row stands below the others.
+    """
     mark = ["" if place < numbers_from else ' class="number"' for place in range(len(headings))]
     head = "".join(
         f'<th scope="col"{kind}>{cell or _unseen("what")}</th>' for kind, cell in zip(mark, headings, strict=True)
@@ -72,7 +82,7 @@ def table(caption: str, headings: Sequence[str], rows: Sequence[Sequence[str]], 
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{text(caption)}">'
-        f'<table class="list"><caption>{text(caption)}</caption>'
+        f'<table class="list{" stacked" if stacked else ""}"><caption>{text(caption)}</caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 

@@ -11,10 +11,11 @@ from typing import Any
 
 from network.demo.checks import CheckList
 from network.demo.story import DemoState
+from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, say_quantiles, say_reasons
 from network.report_page import Section, badge, build_report, gallery, picture, table, text, tiles
 
 PICTURES_A_PERSON_COUNT = 4
-_FRAMES = {"published": "frames of the camera", "kept": "kept", "withheld": "withheld", "lost": "lost"}
+_TILES = ("published", "kept", "withheld", "lost")
 
 
 def build_summary(checks: CheckList, state: DemoState, *, nodes: int, store: str, out: Path) -> dict[str, Any]:
@@ -59,25 +60,22 @@ def _tiles(summary: dict[str, Any]) -> str:
     frames = summary["frames"]
     held = sum(bool(check["ok"]) for check in summary["checks"])
     figures = [(f"{held} of {len(summary['checks'])}", "checks held")]
-    figures += [(f"{frames[key]:,}", words) for key, words in _FRAMES.items() if key in frames]
+    figures += [(f"{frames[key]:,}", FRAMES[key]) for key in _TILES if key in frames]
     figures.append((f"{summary['blocks']:,}", "blocks"))
     return tiles(figures)
 
 
 def _checks_table(checks: list[dict[str, Any]]) -> str:
     rows = [[badge(ok=check["ok"]), text(check["name"]), text(check["detail"])] for check in checks]
-    return table("Each check, and what was seen", ["", "Check", "Seen"], rows, numbers_from=3)
+    return table("Each check, and what was seen", ["", "Check", "Seen"], rows, numbers_from=3, stacked=True)
 
 
 def _figures_table(summary: dict[str, Any]) -> str:
     rows: list[tuple[str, Any]] = []
     for name, value in summary["frames"].items():
-        reasons = isinstance(value, dict)
-        told = ", ".join(f"{key} {count}" for key, count in value.items()) or "none" if reasons else value
-        rows.append((f"frames {name.replace('_', ' ')}", told))
+        rows.append((FRAMES.get(name, name), say_reasons(value) if isinstance(value, dict) else f"{value:,}"))
     for name, values in summary["latency_ms"].items():
-        told = ", ".join(f"{key} {value}" for key, value in values.items())
-        rows.append((f"{name.replace('_', ' ')} (ms)", told))
+        rows.append((f"{LATENCIES.get(name, name)} (ms)", say_quantiles(values)))
     rows += [
         ("blocks", summary["blocks"]),
         ("transactions", summary["transactions"]),
@@ -94,8 +92,7 @@ def _pictures(state: DemoState) -> str:
     for patient, pictures in state.pictures.items():
         step = max(1, len(pictures) // PICTURES_A_PERSON_COUNT)
         for path in pictures[::step][:PICTURES_A_PERSON_COUNT]:
-            name = patient.replace("patient-a", "patient A").replace("patient-b", "patient B")
-            label = f"{name}, frame {int(path.stem)}"
+            label = f"{name_person(patient)}, frame {int(path.stem)}"
             alternative = f"{label}: her silhouette alone on the recorded empty corridor, distance in colours"
             figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
     return gallery(figures) if figures else "<p>There are no pictures.</p>"
@@ -103,7 +100,11 @@ def _pictures(state: DemoState) -> str:
 
 def _trail(state: DemoState) -> str:
     rows = [
-        [text(entry["kind"].replace("_", " ")), text(entry["record_id"][:12] or "the visit"), text(entry["height"])]
+        [
+            text(EVENTS.get(entry["kind"], entry["kind"])),
+            text(entry["record_id"][:12] or "the visit"),
+            text(entry["height"]),
+        ]
         for entry in state.audit
     ]
     return table("Everything that happened to her records, in order", ["What", "Record", "Block"], rows, numbers_from=2)

@@ -25,6 +25,7 @@ from network.demo.leader_kill import LeaderKill, kill_and_restart_leader
 from network.demo.processes import LongCommand, run_command
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
+from network.demo.words import name_person, say_events, say_reasons, say_refusal
 from network.staging import Stage
 
 RECORDING_TIMEOUT_S = 150.0
@@ -204,11 +205,10 @@ class Demo:
             detail=f"covered {frames['covered']} = kept {frames['kept']} + withheld {frames['withheld']}",
         )
         share = frames["withheld"] / max(1, frames["covered"])
-        reasons = ", ".join(f"{reason} {count}" for reason, count in frames["withheld_reasons"].items()) or "none"
         self.checks.add(
             "at most 30 % were withheld, each with its reason",
             ok=share <= WITHHELD_MAX_SHARE and sum(frames["withheld_reasons"].values()) == frames["withheld"],
-            detail=f"{100 * share:.1f} %: {reasons}",
+            detail=f"{100 * share:.1f} %: {say_reasons(frames['withheld_reasons'])}",
         )
 
     async def look(self) -> None:
@@ -220,7 +220,7 @@ class Demo:
             closed = all(visit["closed"] for visit in listed["visits"])
             frames = sum(row["frames"] for row in self.state.records[patient])
             self.checks.add(
-                f"{patient} finds all her records",
+                f"{name_person(patient)} finds all her records",
                 ok=bool(self.state.records[patient]) and missing == 0 and closed,
                 detail=f"{len(self.state.records[patient])} records, {frames} pictures, none missing",
             )
@@ -229,14 +229,14 @@ class Demo:
             statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
             self.state.pictures[patient] = sorted(out.glob("*/*[0-9].png"))
             self.checks.add(
-                f"{patient} opens and verifies them",
+                f"{name_person(patient)} opens and verifies them",
                 ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
                 detail=f"{statuses.count('ok')} pictures, against a header proven final from the genesis file",
             )
             own = sorted(out.glob("*/*.depth.png"))
             worst, judged = await asyncio.to_thread(worst_foreign_share, self.scenario, own, patient)
             self.checks.add(
-                f"{patient}'s pictures show nobody else",
+                f"{name_person(patient)}'s pictures show nobody else",
                 ok=judged > 0 and worst <= FOREIGN_PIXELS_MAX_SHARE,
                 detail=f"{judged} pictures taken while others stood in view; "
                 f"at most {100 * worst:.3f} % of their pixels in any",
@@ -250,13 +250,13 @@ class Demo:
         self.checks.add(
             "patient B's wallet cannot tell which records are A's, nor fetch them",
             ok=not own & set(foreign) and refused == "RECORD_NOT_FOUND",
-            detail=f"no record of A's opens to B's view key; asking for one is answered {refused or 'with the record'}",
+            detail=f"no record of A's opens to B's view key; asking for one is answered {say_refusal(refused)}",
         )
         probe = await self.stage.wallet("patient-b", "probe", foreign[0])
         self.checks.add(
             "custodians refuse A's records to B",
             ok=set(probe["refusals"].values()) <= {"NOT_PERMITTED", "ACCESS_NOT_GRANTED"} and bool(probe["refusals"]),
-            detail="; ".join(f"{name}: {code}" for name, code in probe["refusals"].items()),
+            detail="; ".join(f"{name}: {say_refusal(code)}" for name, code in probe["refusals"].items()),
         )
 
     async def tamper(self) -> None:
@@ -313,7 +313,7 @@ class Demo:
         self.checks.add(
             "nothing of it can be had any more",
             ok=refused in {"RECORD_NOT_FOUND", "CLIP_ERASED"},
-            detail=f"asking for it again is answered {refused or 'with the record'}",
+            detail=f"asking for it again is answered {say_refusal(refused)}",
         )
         await self._hunt(traces)
         listed_b = await self.stage.wallet("patient-b", "records")
@@ -370,7 +370,7 @@ class Demo:
         self.checks.add(
             "A's audit trail tells all of it, in order",
             ok=-1 not in firsts and firsts == sorted(firsts) and heights == sorted(heights),
-            detail=f"{len(kinds)} entries: {', '.join(dict.fromkeys(kinds))}",
+            detail=f"{len(kinds)} entries: {say_events(kinds)}",
         )
         await self._check_agreement()
 

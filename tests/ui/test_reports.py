@@ -12,6 +12,7 @@ import pytest
 from playwright.async_api import Page
 
 from consensus.errors import BlockRobotError
+from network.demo.checks import CheckList
 from network.demo.report import build_summary, write_report
 from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.page import build_index, build_page
@@ -81,6 +82,28 @@ async def test_the_demonstrations_report_opens_from_disk_and_is_readable_by_ever
     assert await page.locator("main").get_by_text("Every check held.").is_visible()
     text = re.sub(r"data:image/png;base64,[^\"]*", "", report.read_text(encoding="utf-8"))
     assert len(text.encode()) < PAGE_MAX_BYTES
+
+
+async def test_on_a_narrow_screen_no_words_of_a_check_are_cut_off(page: Page, tmp_path: Path) -> None:
+    known = state(tmp_path)
+    found = CheckList(listener=lambda check: None)
+    found.add(
+        "custodians refuse A's records to B", ok=True, detail=f"node-1: “{'refused ' * 20}” ({'NOT_PERMITTED' * 4})"
+    )
+    write_report(tmp_path, build_summary(found, known, nodes=4, store="sqlite", out=tmp_path), known)
+    await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    await page.goto((tmp_path / "report.html").as_uri())
+    cell = page.locator("table.stacked tbody td").last
+    box = await cell.bounding_box()
+    assert box is not None
+    assert box["x"] >= 0
+    assert box["x"] + box["width"] <= NARROW[0]
+    assert (
+        await page.evaluate(
+            "() => [...document.querySelectorAll('.scroll')].filter((e) => e.scrollWidth > e.clientWidth).length"
+        )
+        == 0
+    )
 
 
 async def test_a_check_that_failed_is_seen_at_once(page: Page, tmp_path: Path) -> None:
