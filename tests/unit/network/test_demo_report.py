@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from clients.robot.hiding.hider import Reason
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill
 from network.demo.processes import parse_answer
 from network.demo.report import PICTURES_A_PERSON_COUNT, build_summary, write_report
 from network.demo.story import DemoState
+from network.demo.words import REASONS, name_person, say_events, say_refusal
 
 
 def checks(*held: bool) -> CheckList:
@@ -126,3 +128,27 @@ def test_a_child_that_says_nothing_readable_is_a_fault_that_names_it(output: byt
     assert caught.value.code == "INTERNAL"
     assert "wallet view" in caught.value.detail
     assert "last line" in caught.value.detail
+
+
+def test_the_report_says_in_words_what_programs_name_by_codes(tmp_path: Path) -> None:
+    known = state(tmp_path)
+    known.summary["frames"] |= {"covered": 10, "withheld_reasons": {"no-silhouette": 3}}
+    summary = build_summary(checks(True), known, nodes=4, store="sqlite", out=tmp_path)
+    write_report(tmp_path, summary, known)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    for words in (
+        "3: she was near, but not in the picture",
+        "half within 12.5, 95 of 100 within 40.0",
+        "the robot met her",
+    ):
+        assert words in page
+    for code in ("no-silhouette", "p50", "visit_opened", "withheld_reasons", "patient-a"):
+        assert code not in page
+
+
+def test_every_reason_and_kind_of_event_has_its_words() -> None:
+    assert set(REASONS) == set(Reason)
+    assert say_refusal("RECORD_NOT_FOUND") == "“You have no such record” (RECORD_NOT_FOUND)"
+    assert (say_refusal(None), say_refusal("NEW_CODE")) == ("with the record", "“refused” (NEW_CODE)")
+    assert say_events(["recorded", "recorded", "unheard_of"]) == "recorded, unheard_of"
+    assert [name_person(alias) for alias in ("patient-a", "visitor-1")] == ["patient A", "visitor-1"]

@@ -1,0 +1,77 @@
+"""What the demonstration calls in plain words what programs name by a code. Must never hide a code it does not know."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from consensus.errors import CATALOGUE
+
+REASONS = {
+    "ambiguous": "it was not sure who is to be seen",
+    "contact": "people touched each other",
+    "merged": "people could not be told apart",
+    "occluded": "somebody or something stood before her",
+    "no-silhouette": "she was near, but not in the picture",
+    "no-distance": "the reader gave no distance",
+    "disordered": "the frame came out of order",
+    "moved": "the robot had moved",
+    "not-alone": "she was not alone",
+    "not-matched": "nobody in the picture was known to be her",
+}
+EVENTS = {
+    "visit_opened": "the robot met her",
+    "recorded": "recorded",
+    "visit_closed": "the visit ended",
+    "access_requested": "she asked to look",
+    "access_released": "a custodian handed it out",
+    "access_refused": "a custodian refused",
+    "verdict": "she checked it",
+    "erasure_requested": "she asked to erase",
+    "erasure_receipted": "a custodian confirmed the erasure",
+    "erasure_complete": "erased everywhere",
+    "expired": "erased by expiry",
+}
+FRAMES = {
+    "published": "frames of the camera",
+    "covered": "frames near a patient's tag",
+    "kept": "kept",
+    "withheld": "withheld",
+    "withheld_reasons": "withheld because",
+    "lost": "lost",
+}
+LATENCIES = {
+    "frame_to_final": "from the end of pairing to the final record",
+    "decided_to_final": "from the decision to keep it to the final record",
+    "arrival_to_final": "from a frame's arrival to its final record",
+    "submit_to_final": "from handing a transaction in to its being final",
+}
+_QUANTILES = {"p50": "half within", "p95": "95 of 100 within", "max": "all within"}
+
+
+def name_person(alias: str) -> str:
+    """Return what a person of the demonstration is called: `patient A`."""
+    kind, _, letter = alias.partition("-")
+    return f"{kind} {letter.upper()}" if kind == "patient" and len(letter) == 1 else alias
+
+
+def say_refusal(code: str | None) -> str:
+    """Return how an answer is told: a refusal by its meaning and its code; None is the thing itself."""
+    if code is None:
+        return "with the record"
+    meaning = CATALOGUE[code].meaning.rstrip(".") if code in CATALOGUE else "refused"
+    return f"“{meaning}” ({code})"
+
+
+def say_reasons(counts: Mapping[str, int]) -> str:
+    """Return how many frames were withheld for which reason."""
+    return ", ".join(f"{count}: {REASONS.get(reason, reason)}" for reason, count in counts.items()) or "none"
+
+
+def say_events(kinds: Iterable[str]) -> str:
+    """Return kinds of events, each once, in order."""
+    return ", ".join(EVENTS.get(kind, kind) for kind in dict.fromkeys(kinds))
+
+
+def say_quantiles(values: Mapping[str, float]) -> str:
+    """Return how a figure is spread."""
+    return ", ".join(f"{_QUANTILES.get(name, name)} {value:,}" for name, value in values.items())
