@@ -41,9 +41,7 @@ types: $(VENV)/.develop
 	$(BIN)/mypy
 
 system-packages:
-ifneq ($(SYSTEM_PACKAGES),none)
-	@$(PYTHON) tests/system_packages.py
-endif
+	@$(PYTHON) tests/system_packages.py $(SYSTEM_PACKAGES)
 
 test: system-packages lint types
 	$(BIN)/python -m pytest -m '$(TESTS)'

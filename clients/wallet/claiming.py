@@ -18,6 +18,7 @@ from consensus.errors import BlockRobotError
 WAIT_MAX_S = 5.0
 """A command that runs at the same time is over soon; a page stays."""
 _PAUSE_S = 0.05
+_PRIVATE_FOLDER = 0o700
 
 
 @contextlib.contextmanager
@@ -25,18 +26,62 @@ def claim_wallet(
     path: Path, *, wait_s: float = WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
 ) -> Iterator[None]:
     """Hold a wallet's file while inside. Raises WALLET_BUSY if another program has it, WALLET_NOT_FOUND."""
+    require_wallet(path)
+    with _hold(path, wait_s, sleep):
+        yield
+
+
+@contextlib.contextmanager
+def claim_place(path: Path) -> Iterator[None]:
+    """Hold the place of a wallet that is to be made, and its folder. Raises WALLET_BUSY, WALLET_EXISTS."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
+    with _hold(path, 0.0, time.sleep):
+        if path.exists():
+            raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
+        try:
+            yield
+        finally:
+            if not path.exists():
+                _lock_of(path).unlink(missing_ok=True)
+
+
+def _lock_of(path: Path) -> Path:
+    return path.with_name(f".{path.name}.lock")
+
+
+def require_wallet(path: Path) -> None:
+    """Raise WALLET_NOT_FOUND where there is none, before anybody is asked for its passphrase."""
     if not path.exists():
         raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.")
-    descriptor = os.open(path.with_name(f".{path.name}.lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+
+
+@contextlib.contextmanager
+def _hold(path: Path, wait_s: float, sleep: Callable[[float], None]) -> Iterator[None]:
+    descriptor = _lock(path, wait_s, sleep)
     try:
-        for _ in range(max(1, round(wait_s / _PAUSE_S))):
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                sleep(_PAUSE_S)
-        else:
-            raise BlockRobotError("WALLET_BUSY", f"Another program has {path} open.")
         yield
     finally:
         os.close(descriptor)
+
+
+def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
+    """Return the descriptor of the lock file, held. Raises WALLET_BUSY after so long."""
+    for _ in range(max(1, round(wait_s / _PAUSE_S))):
+        descriptor = os.open(_lock_of(path), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Where no wallet came to be the file goes again; a lock on one that is gone keeps nobody out.
+            if _is_there(descriptor, path):
+                return descriptor
+            os.close(descriptor)
+        except BlockingIOError:
+            os.close(descriptor)
+            sleep(_PAUSE_S)
+    raise BlockRobotError("WALLET_BUSY", f"Another program has {path} open.")
+
+
+def _is_there(descriptor: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(descriptor), _lock_of(path).stat())
+    except FileNotFoundError:
+        return False

@@ -17,7 +17,7 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
-from clients.wallet.language import code_text, describe_error, text
+from clients.wallet.language import code_text, describe_error, purposes_text, text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
@@ -226,9 +226,8 @@ def _line(row: Choice, height: int) -> str:
     last = row.last
     mark = f"[green]{text('consent.yes')}[/green]" if row.holds else text("consent.no")
     since = show_moment(last.since_ms)
-    line = text(
-        "consent.row", purpose=row.purpose, sensor=row.sensor, status=code_text("said", last.status), moment=since
-    )
+    purpose, sensor = code_text("purpose", row.purpose), code_text("sensor", row.sensor)
+    line = text("consent.row", purpose=purpose, sensor=sensor, status=code_text("said", last.status), moment=since)
     if last.height > height:
         line += ", " + text("consent.from_block", height=last.height)
     if last.from_ms:
@@ -288,8 +287,8 @@ def _receipt_line(receipt: CheckedReceipt) -> str:
         "receipts.line",
         moment=show_moment(word.time_ms),
         status=code_text("said", word.status),
-        purposes=", ".join(word.purposes) or text("receipts.everything"),
-        sensors=", ".join(word.sensors) or text("receipts.every_sensor"),
+        purposes=purposes_text(word.purposes) or text("receipts.everything"),
+        sensors=", ".join(code_text("sensor", code) for code in word.sensors) or text("receipts.every_sensor"),
         height=word.height,
         node=receipt.node,
         organisation=receipt.organisation,

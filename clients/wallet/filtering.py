@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import click
 
+from clients.wallet.language import text
 from clients.wallet.wallet import RecordEntry, VisitReport
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.sensors import require_sensor
@@ -137,7 +138,7 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
         rows += [(place, entry) for entry in taken]
     pages_count = max(1, -(-len(rows) // per_page)) if per_page else 1
     if page > pages_count:
-        raise click.UsageError(f"There are {pages_count} pages.")
+        raise click.UsageError(text("records.no_page", page=page, count=pages_count))
     part = rows[(page - 1) * per_page : page * per_page] if per_page else rows
     visits = tuple(
         Shown(place + 1, reports[place], tuple(entry for at, entry in part if at == place and entry is not None))

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.claiming import require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
 from clients.wallet.opening import read_passphrase
@@ -43,6 +44,7 @@ def store(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot wallet keyring store
     """
     path: Path = ctx.obj[0]
+    require_wallet(path)
     backend = load_keyring()
     passphrase = read_passphrase()
     Keystore.open(path, passphrase)

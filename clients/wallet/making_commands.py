@@ -2,26 +2,54 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import click
 from nacl import pwhash
 
-from clients.sdk.terminal import ask_for, console, json_option, plain_errors, print_json
-from clients.wallet.keys import WORDS_COUNT, derive_keys, draw_words
+from clients.sdk.terminal import EXIT_FAILED, ask_for, console, json_option, plain_errors, print_json
+from clients.wallet.claiming import claim_place
+from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
 from clients.wallet.language import text
-from clients.wallet.opening import called, read_passphrase
+from clients.wallet.opening import called, read_new_passphrase
 from clients.wallet.restoring import read_words, require_distinct, restore_wallet
-from clients.wallet.rotating_commands import write_words
+from clients.wallet.rotating_commands import CHECK_TRIES_MAX_COUNT, write_words
 from consensus.errors import BlockRobotError
 
 CHECKED_COUNT = 3
 
 
-def _cost(fast: bool) -> PassphraseCost | None:
+@contextlib.contextmanager
+def _place(ctx: click.Context, path: Path, words_file: Path | None = None) -> Iterator[None]:
+    """Hold the place of a wallet that is made inside. A Ctrl-C ends the command with a word on what it left behind.
+
+    `words_file` is one that is written inside: without the wallet it goes again, since its words are nobody's.
+    """
+    was_there = words_file is not None and words_file.exists()
+    with claim_place(path):
+        try:
+            yield
+        except (click.Abort, KeyboardInterrupt):
+            if not path.exists():
+                told = text("new.stopped")
+            elif words_file is not None:
+                told = text("new.stopped_words", path=path, words_file=words_file)
+            else:
+                told = text("new.stopped_made", path=path)
+            click.echo("\n" + told, err=True)
+            ctx.exit(EXIT_FAILED)
+        finally:
+            if words_file is not None and not was_there and not path.exists():
+                words_file.unlink(missing_ok=True)
+
+
+def guess_cost(fast: bool) -> PassphraseCost | None:
+    """Return what a guess of the passphrase is to cost: the usual (None), or as little as possible for tests."""
     return PassphraseCost(pwhash.argon2id.OPSLIMIT_MIN, pwhash.argon2id.MEMLIMIT_MIN) if fast else None
 
 
@@ -32,18 +60,26 @@ def word_lines(words: str, width: int) -> list[str]:
     return ["  ".join(told[start : start + columns]).rstrip() for start in range(0, len(told), columns)]
 
 
-def check_back(words: str, count: int = CHECKED_COUNT) -> None:
-    """Ask for some of the words, drawn by chance, until each is right. Raises Abort at the first Ctrl-C."""
-    console.print("\n" + text("new.check"))
-    wanted = sorted(secrets.SystemRandom().sample(range(WORDS_COUNT), count))
+def check_back(words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
+    """Ask for some of the words, drawn by chance, until each is right or so many were wrong.
+
+    `said` is where the catalogue has what it is about. Raises WORDS_NOT_CHECKED, and Abort at the first Ctrl-C.
+    """
+    console.print("\n" + text(f"{said}.check"))
+    wanted = sorted(secrets.SystemRandom().sample(range(len(words.split())), count))
+    left = CHECK_TRIES_MAX_COUNT
     for place in wanted:
         question = text("new.check_word", number=place + 1)
         while ask_for(question).strip().lower() != words.split()[place]:
-            console.print(text("new.check_wrong", number=place + 1))
+            left -= 1
+            if not left:
+                console.print(text(f"{said}.check_failed"))
+                raise BlockRobotError("WORDS_NOT_CHECKED")
+            console.print(text("new.check_wrong", number=place + 1, count=left))
 
 
-def _hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
-    """Let the words be written down before there is a wallet that needs them."""
+def hand_over(words: str, words_file: Path | None, *, check: bool) -> None:
+    """Let the 24 words be written down: in a file, or from the terminal. Raises what `check_back` raises."""
     if words_file is not None:
         write_words(words_file, words)
         return
@@ -74,12 +110,11 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
     if words_file is None and as_json:
         raise click.UsageError("With --json the words go to a file: give --words-file.")
-    if path.exists():
-        raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
     words = draw_words()
-    passphrase = read_passphrase(confirm=True)
-    _hand_over(words, words_file, check=check)
-    Keystore.create(path, words, passphrase, _cost(fast_passphrase))
+    with _place(ctx, path, words_file):
+        passphrase = read_new_passphrase()
+        hand_over(words, words_file, check=check)
+        Keystore.create(path, words, passphrase, guess_cost(fast_passphrase))
     member = derive_keys(words).identity.public_key.hex()
     if as_json:
         print_json({"ok": True, "wallet": str(path), "member": member})
@@ -111,17 +146,18 @@ def restore(
     Example: blockrobot wallet restore --words-file words.txt
     """
     path, genesis_path = ctx.obj
-    if words_file:
-        words = words_file.read_text(encoding="utf-8")
-    elif sys.stdin.isatty():
-        words = click.prompt(text("restore.words"), hide_input=True)
-    else:
+    if words_file is None and not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask for the words: give --words-file.")
-    keys = derive_keys(words)
-    replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
-    require_distinct(read_words(words), replaced)
-    passphrase = read_passphrase(confirm=True)
-    known = restore_wallet(path, read_words(words), replaced, passphrase, _cost(fast_passphrase), genesis_path)
+    with _place(ctx, path):
+        if words_file:
+            words = words_file.read_text(encoding="utf-8")
+        else:
+            words = click.prompt(text("restore.words"), hide_input=True)
+        keys = derive_keys(words)
+        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+        require_distinct(read_words(words), replaced)
+        passphrase = read_new_passphrase()
+        known = restore_wallet(path, read_words(words), replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
     if as_json:
         member = keys.identity.public_key.hex()
         print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})

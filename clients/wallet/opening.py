@@ -16,11 +16,12 @@ from typing import Any, TypeVar
 import click
 
 from clients.sdk.terminal import Answers, home_folder, let_answer, load_genesis, say_errors
-from clients.wallet.claiming import claim_wallet
+from clients.wallet.claiming import claim_wallet, require_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import LANGUAGES, choose_language, say_error, text
 from clients.wallet.passphrase_sources import read_from_keyring
+from clients.wallet.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -31,12 +32,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _KEYRING_KEY = "blockrobot.keyring"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
+PASSPHRASE_TRIES_MAX_COUNT = 5
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
-    say_errors(ctx, say_error)
+    say_errors(ctx, _say_error)
     words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again")]
     let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), words[2], words[3]))
 
@@ -92,26 +94,74 @@ def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) ->
 
 def called(ctx: click.Context) -> str:
     """Return how the wallet was called, so that a next step can be typed as it stands: with its profile, if it has one."""
-    group = ctx.parent.params if ctx.parent is not None else {}
-    profile = group.get("profile", "default")
+    above: click.Context | None = ctx
+    while above is not None and "profile" not in above.params:
+        above = above.parent
+    profile = "default" if above is None else above.params["profile"]
     return "blockrobot wallet" if profile == "default" else f"blockrobot wallet --profile {profile}"
 
 
-def read_passphrase(*, confirm: bool = False) -> str:
-    """Return the passphrase from the file that is named for it, or ask at the terminal (twice, to `confirm`).
+def _say_error(error: BlockRobotError) -> str:
+    """Return an error as the command line tells it, its next step with the wallet's profile, as it can be typed."""
+    context = click.get_current_context(silent=True)
+    told = say_error(error)
+    return told if context is None else told.replace("blockrobot wallet ", f"{called(context)} ")
 
-    From the system's keyring, if the group was told so by `--keyring`.
+
+def read_passphrase(*, from_keyring: bool = True) -> str:
+    """Return the passphrase from the file that is named for it, or ask at the terminal.
+
+    From the system's keyring, if the group was told so by `--keyring`, and what is to be done may be done with that.
     """
     context = click.get_current_context(silent=True)
-    if context is not None and context.meta.get(_KEYRING_KEY) and not confirm:
+    if from_keyring and context is not None and context.meta.get(_KEYRING_KEY):
         return read_from_keyring(context.obj[0])
+    given = _passphrase_from_file()
+    return _ask_hidden("ask.passphrase") if given is None else given
+
+
+def read_new_passphrase() -> str:
+    """Return a passphrase for a new wallet file, from the file that is named for it or asked for twice at the terminal.
+
+    At the terminal it says what is wrong with one, five times at most, and how good the one is that it takes. Raises
+    PASSPHRASE_WEAK, PASSPHRASE_UNCONFIRMED.
+    """
+    given = _passphrase_from_file()
+    if given is not None:
+        judge_passphrase(given)
+        return given
+    click.echo(text("passphrase.wanted", count=PASSPHRASE_MIN_LETTERS), err=True)
+    refusal = BlockRobotError("PASSPHRASE_UNCONFIRMED")
+    for _ in range(PASSPHRASE_TRIES_MAX_COUNT):
+        passphrase = _ask_hidden("ask.passphrase")
+        try:
+            strength = judge_passphrase(passphrase)
+        except BlockRobotError as error:
+            count = count_letters(passphrase)
+            key = "passphrase.short" if count < PASSPHRASE_MIN_LETTERS else "passphrase.common"
+            click.echo(text(key, count=count), err=True)
+            refusal = error
+            continue
+        if _ask_hidden("ask.passphrase_again") == passphrase:
+            click.echo(text(f"passphrase.{strength.value}"), err=True)
+            return passphrase
+        click.echo(text("passphrase.different"), err=True)
+        refusal = BlockRobotError("PASSPHRASE_UNCONFIRMED")
+    raise refusal
+
+
+def _passphrase_from_file() -> str | None:
+    """Return what the file holds that is named for it, None if none is. Raises UsageError without file and terminal."""
     path = os.environ.get(_PASSPHRASE_FILE)
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
     if not sys.stdin.isatty():
         raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
-    again: bool | str = text("ask.passphrase_again") if confirm else False
-    return str(click.prompt(text("ask.passphrase"), hide_input=True, confirmation_prompt=again))
+    return None
+
+
+def _ask_hidden(key: str) -> str:
+    return str(click.prompt(text(key), hide_input=True, default="", show_default=False))
 
 
 def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
@@ -120,6 +170,7 @@ def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> 
     Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
     """
     path, genesis_path = ctx.obj
+    require_wallet(path)
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
     with claim_wallet(path):

@@ -11,7 +11,7 @@ from rich.markup import escape
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.filtering import Filter, Page, Shown, read_filter, select
 from clients.wallet.keystore import WalletContent
-from clients.wallet.language import text
+from clients.wallet.language import code_text, text
 from clients.wallet.notices import Notices
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rotating_commands import print_words, unreadable_words, words_json
@@ -77,7 +77,10 @@ def _line(entry: RecordEntry) -> str:
     meta = entry.metadata
     name = entry.record_id.hex()[: 12 if console.is_terminal and console.width < NARROW_COLUMNS else None]
     things = text(_THINGS.get(meta.sensor, "records.pictures"), count=picture_count(entry))
-    parts = [show_moment(meta.started_at_ms), f"{things} ({meta.sensor})"]
+    parts = [
+        show_moment(meta.started_at_ms),
+        text("records.by_sensor", things=things, sensor=code_text("sensor", meta.sensor)),
+    ]
     withheld = sum(count for _, count in meta.withheld)
     if withheld:
         parts.append(text("records.withheld", count=withheld))

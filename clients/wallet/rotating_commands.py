@@ -18,11 +18,12 @@ from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import text
 from clients.wallet.linking import tell_linked_moves
-from clients.wallet.opening import STOLEN_PAGE, run_opened
+from clients.wallet.opening import STOLEN_PAGE, called, run_opened
 from clients.wallet.rotating import Rotating, Transferred
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
 
+CHECK_TRIES_MAX_COUNT = 5
 SPREAD_DEFAULT_MINUTES = 10
 SPREAD_MAX_MINUTES = 7 * 24 * 60
 RECEIPTS_WAIT_S = 5.0
@@ -67,11 +68,17 @@ def _show_words(words: str, words_file: Path | None) -> None:
     console.print(words, style="bold")
     wanted = secrets.randbelow(WORDS_COUNT)
     question = "\n" + text("rotate.ask_word", number=wanted + 1)
+    left = CHECK_TRIES_MAX_COUNT
     while ask_for(question).strip().lower() != words.split()[wanted]:
-        console.print(text("rotate.wrong_word"))
+        left -= 1
+        if not left:
+            console.print(text("rotate.words_wait", command=called(click.get_current_context())))
+            raise BlockRobotError("WORDS_NOT_CHECKED")
+        console.print(text("rotate.wrong_word", count=left))
 
 
-def _ask_or_say(question: str, *, yes: bool) -> None:
+def ask_or_say(question: str, *, yes: bool) -> None:
+    """Ask yes or no unless `--yes` said so. Raises Abort for no, and UsageError where there is nobody to ask."""
     if not yes:
         if not sys.stdin.isatty():
             raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
@@ -201,7 +208,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             await opened.scan()
             if opened.member_gone:
                 raise BlockRobotError("MEMBER_NO_MORE")
-            _ask_or_say(text("rotate.ask"), yes=yes)
+            ask_or_say(text("rotate.ask"), yes=yes)
             rotating.prepare()
         if rotating.must_show:
             if words_file is None and not sys.stdin.isatty():
@@ -258,7 +265,7 @@ def leave(ctx: click.Context, yes: bool, as_json: bool) -> None:
     """
     if not as_json:
         console.print(text("leave.means"))
-    _ask_or_say(text("leave.ask"), yes=yes)
+    ask_or_say(text("leave.ask"), yes=yes)
     height = run_opened(ctx, lambda opened: Rotating(opened).leave())
     if as_json:
         print_json({"ok": True, "height": height or None})

@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
-from clients.wallet.claiming import claim_wallet
+from clients.wallet.claiming import claim_wallet, require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
 from clients.wallet.opening import read_passphrase, tell_member_gone
@@ -53,6 +53,7 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
     Example: blockrobot wallet serve
     """
     path, genesis_path = ctx.obj
+    require_wallet(path)
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
     with claim_wallet(path):

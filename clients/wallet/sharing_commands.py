@@ -83,7 +83,7 @@ def explain(entries: Sequence[RecordEntry], grantee: Grantee, purpose: str, unti
         "share.plan",
         records=text("count.records", count=len(entries)),
         things=text("count.pictures_and_sounds", count=pictures),
-        sensors=", ".join(sorted({entry.metadata.sensor for entry in entries})),
+        sensors=", ".join(code_text("sensor", code) for code in sorted({each.metadata.sensor for each in entries})),
         first=show_moment(min(entry.metadata.started_at_ms for entry in entries)),
         last=show_moment(max(entry.metadata.ended_at_ms for entry in entries)),
         grantee=name_grantee(grantee),

@@ -10,16 +10,21 @@ from pathlib import Path
 
 import pytest
 
+from clients.wallet.keystore import Keystore
 from tests.ui.typed import CONTROL, Typed, at_terminal
 
 ABANDON = " ".join(["abandon"] * 23 + ["art"])
 
 
+def type_passphrase(typed: Typed) -> None:
+    for _ in range(2):
+        typed.expect("(?im)^.*(pass|frase)[^:\r\n]*: $")
+        typed.sendline("tea and lemon cake")
+
+
 def make(home: Path, *arguments: str, language: str = "en", **terminal: object) -> Typed:
     typed = at_terminal(home, "--language", language, *arguments, **terminal)  # type: ignore[arg-type]
-    for _ in range(2):
-        typed.expect("(?i)(pass|frase)[^:]*: ")
-        typed.sendline("tea")
+    type_passphrase(typed)
     return typed
 
 
@@ -49,8 +54,89 @@ def test_ctrl_c_in_the_check_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     typed.expect(r"Word number (\d+): ")
     typed.sendintr()
+    typed.expect("Stopped. No wallet was made, and no file is left.")
     assert typed.ended() == 1
+    assert "Aborted" not in typed.rest()
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_ctrl_c_at_the_passphrase_leaves_no_wallet_and_no_words_and_says_so_in_portuguese(tmp_path: Path) -> None:
+    words = tmp_path / "words.txt"
+    typed = at_terminal(tmp_path, "--language", "pt", "new", "--words-file", str(words), "--fast-passphrase")
+    typed.expect("Frase-passe: ")
+    typed.sendintr()
+    typed.expect("Interrompido. Não se fez nenhuma carteira")
+    assert typed.ended() == 1
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_ctrl_c_while_it_is_restored_says_that_there_is_no_wallet(tmp_path: Path) -> None:
+    typed = at_terminal(tmp_path, "restore", "--fast-passphrase")
+    typed.expect("The 24 words: ")
+    typed.sendintr()
+    typed.expect("Stopped. No wallet was made")
+    assert typed.ended() == 1
+
+
+def test_wrong_words_end_after_a_while_with_no_wallet(tmp_path: Path) -> None:
+    typed = make(tmp_path, "new", "--fast-passphrase")
+    for left in ("4 tries are", "3 tries are", "2 tries are", "1 try is"):
+        typed.expect(r"Word number (\d+): ")
+        typed.sendline("wrong")
+        typed.expect(f"{left} left")
+    typed.expect(r"Word number (\d+): ")
+    typed.sendline("wrong")
+    typed.expect("No wallet was made. The words that were shown are nobody's")
+    typed.expect("WORDS_NOT_CHECKED. Next step: ")
+    assert typed.ended() == 1
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
+def test_a_weak_passphrase_is_told_why_and_asked_for_again(tmp_path: Path) -> None:
+    typed = at_terminal(tmp_path, "new", "--fast-passphrase", "--no-check")
+    typed.expect("Choose a passphrase: 15 letters or more")
+    for passphrase, why in (("a", "1 letter, too short"), ("passwordpassword1", "made of what is tried first")):
+        typed.expect("Passphrase: ")
+        typed.sendline(passphrase)
+        typed.expect(why)
+    typed.expect("Passphrase: ")
+    typed.sendline("tea and lemon cake")
+    typed.expect("once more: ")
+    typed.sendline("tea and lemon cakes")
+    typed.expect("two different ones")
+    type_passphrase(typed)
+    typed.expect("Taken. It is good")
+    assert typed.ended() == 0
+
+
+def test_five_weak_passphrases_are_enough(tmp_path: Path) -> None:
+    typed = at_terminal(tmp_path, "--language", "pt", "new", "--fast-passphrase")
+    for _ in range(5):
+        typed.expect("Frase-passe: ")
+        typed.sendline("chá")
+        typed.expect("3 letras: curta demais")
+    typed.expect("PASSPHRASE_WEAK. Próximo passo: Escolha uma mais comprida")
+    assert typed.ended() == 4
     assert list(tmp_path.rglob("*.wallet")) == []
+
+
+def test_of_two_that_make_a_wallet_at_one_place_the_second_is_refused_and_nothing_is_overwritten(
+    tmp_path: Path,
+) -> None:
+    first = make(tmp_path, "new", "--fast-passphrase")
+    first.expect("(?s)To see that")
+    words = words_shown(first)
+    (tmp_path / "words.txt").write_text(ABANDON)
+    for arguments in (("new", "--no-check"), ("restore", "--words-file", str(tmp_path / "words.txt"))):
+        second = at_terminal(tmp_path, *arguments, "--fast-passphrase")
+        second.expect("WALLET_BUSY. Next step: ")
+        assert second.ended() == 1
+    for _ in range(3):
+        first.expect(r"Word number (\d+): ")
+        first.sendline(words[int(first.match[1])])
+    assert first.ended() == 0
+    store = Keystore.open(tmp_path / "wallets" / "default.wallet", "tea and lemon cake")
+    assert store.content.words == " ".join(words[number] for number in range(1, 25))
 
 
 def test_no_check_asks_nothing_and_the_words_restore_the_wallet_in_portuguese(tmp_path: Path) -> None:
@@ -61,9 +147,7 @@ def test_no_check_asks_nothing_and_the_words_restore_the_wallet_in_portuguese(tm
     again = at_terminal(tmp_path, "--language", "pt", "--profile", "again", "restore", "--fast-passphrase")
     again.expect("As 24 palavras: ")
     again.sendline(" ".join(words[number] for number in range(1, 25)))
-    for _ in range(2):
-        again.expect("(?i)frase[^:]*: ")
-        again.sendline("tea")
+    type_passphrase(again)
     again.expect("blockrobot wallet --profile again records")
     assert again.ended() == 0
 
@@ -117,23 +201,34 @@ def test_a_damaged_wallet_is_called_so_and_left_as_it_is(home: Path, place: int)
     file.write_bytes(data)
     typed = at_terminal(home, "records")
     typed.expect("Passphrase: ")
-    typed.sendline("tea")
+    typed.sendline("tea and lemon cake")
     typed.expect("WALLET_DAMAGED. Next step: Restore the wallet from its 24 words")
     assert typed.ended() == 1
     assert file.read_bytes() == bytes(data)
 
 
 def test_a_profile_that_is_not_there_is_not_found(home: Path) -> None:
-    typed = at_terminal(home, "--profile", "nobody", "records")
-    typed.expect("Passphrase: ")
-    typed.sendline("tea")
-    typed.expect("WALLET_NOT_FOUND. Next step: Make one with `blockrobot wallet new`")
+    for command in ("records", "audit", "serve", "erasures"):
+        typed = at_terminal(home, "--profile", "nobody", command)
+        typed.expect(
+            "WALLET_NOT_FOUND. Next step: Make one with `blockrobot wallet --profile nobody new`, or get yours back"
+        )
+        typed.expect("`blockrobot wallet --profile nobody restore`")
+        assert typed.ended() == 3
+    assert not any(path.name.startswith(".nobody") for path in home.rglob("*"))
+
+
+def test_without_wallet_and_network_it_is_the_wallet_that_comes_first(tmp_path: Path) -> None:
+    typed = at_terminal(tmp_path, "records")
+    typed.expect(
+        "Make one with `blockrobot wallet new`, or get yours back from its 24 words with `blockrobot wallet restore`"
+    )
     assert typed.ended() == 3
 
 
 def test_a_network_that_nobody_reaches_is_named_with_what_to_do(home: Path) -> None:
     typed = at_terminal(home, "records")
     typed.expect("Passphrase: ")
-    typed.sendline("tea")
+    typed.sendline("tea and lemon cake")
     typed.expect("NODE_UNREACHABLE. Next step: ")
     assert typed.ended() == 1

@@ -16,16 +16,19 @@ from consensus.exit_codes import (
     EXIT_REFUSED,
     EXIT_USAGE,
     MEANINGS,
+    WRONG_OPTIONS,
     exit_code_of,
 )
 
+ENDED_OTHERWISE = {"CERTIFICATE_EXPIRED", "TRANSACTION_EXPIRED"}
+"""What is over for the network, where nobody refuses the person who typed the command."""
 REFERENCE = Path(__file__).parents[3] / "docs" / "reference"
 
 
 def test_every_error_of_the_catalogue_ends_in_a_code_that_means_something_and_none_is_done() -> None:
     codes = {code: exit_code_of(entry) for code, entry in CATALOGUE.items()}
     assert set(codes.values()) == set(MEANINGS) - {0}
-    assert {code for code, exit_code in codes.items() if exit_code == EXIT_USAGE} == {"USAGE_INVALID"}
+    assert {code for code, exit_code in codes.items() if exit_code == EXIT_USAGE} == WRONG_OPTIONS
 
 
 @pytest.mark.parametrize("code", sorted(CATALOGUE))
@@ -38,8 +41,21 @@ def test_the_exit_code_says_what_the_status_says(code: str) -> None:
         assert exit_code == EXIT_NOT_FOUND
     elif entry.status == 504:
         assert exit_code == EXIT_NOT_FINAL
+    elif code in WRONG_OPTIONS:
+        assert (entry.status, exit_code) == (400, EXIT_USAGE)
     else:
-        assert exit_code in {EXIT_FAILED, EXIT_USAGE}
+        assert exit_code == EXIT_FAILED
+
+
+@pytest.mark.parametrize("code", sorted(CATALOGUE))
+def test_the_name_of_an_error_fits_how_a_command_ends_in_it(code: str) -> None:
+    exit_code = exit_code_of(CATALOGUE[code])
+    if code.endswith("_NOT_FOUND"):
+        assert exit_code == EXIT_NOT_FOUND
+    elif code.endswith(("_REFUSED", "_PASSPHRASE_WRONG", "_EXPIRED")) and code not in ENDED_OTHERWISE:
+        assert exit_code == EXIT_REFUSED
+    elif code.endswith(("_DAMAGED", "_BUSY", "_FULL", "_EXISTS", "_UNREACHABLE", "_UNAVAILABLE")):
+        assert exit_code == EXIT_FAILED
 
 
 @pytest.mark.parametrize(
@@ -48,6 +64,11 @@ def test_the_exit_code_says_what_the_status_says(code: str) -> None:
         ("NODE_UNREACHABLE", 1),
         ("WALLET_DAMAGED", 1),
         ("WORDS_INVALID", 1),
+        ("SENSOR_UNKNOWN", 2),
+        ("PURPOSE_UNKNOWN", 2),
+        ("NAME_TOO_SHORT", 2),
+        ("SPAN_INVALID", 2),
+        ("FAULT_UNKNOWN", 2),
         ("PROOF_INVALID", 1),
         ("WALLET_NOT_FOUND", 3),
         ("CLIP_ERASED", 3),

@@ -163,9 +163,9 @@ def passphrase(home: Path, text: str) -> None:
 @pytest.fixture
 def wallet(network: Path, home: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", "")
-    passphrase(home, "tea")
+    passphrase(home, "tea and lemon cake")
     path = home / "wallets" / "default.wallet"
-    Keystore.create(path, WORDS, "tea", CHEAP)
+    Keystore.create(path, WORDS, "tea and lemon cake", CHEAP)
     return path
 
 
@@ -217,7 +217,7 @@ def test_a_new_wallet_writes_its_words_where_told_and_shows_no_secret(network: P
     assert answer["ok"]
     assert words.stat().st_mode & 0o777 == 0o600
     assert all(word not in result.output.split() for word in words.read_text(encoding="utf-8").split())
-    assert "tea" not in result.output.split()
+    assert "tea and lemon cake" not in result.output
     restored = run("wallet", "--profile", "again", "restore", "--words-file", str(words), "--fast-passphrase", "--json")
     assert json.loads(restored.stdout)["member"] == answer["member"]
 

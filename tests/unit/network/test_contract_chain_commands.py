@@ -61,7 +61,8 @@ def run(*arguments: str) -> Result:
 
 def refusal(*arguments: str) -> str:
     result = run(*arguments, "--json")
-    assert result.exit_code not in {0, 2}
+    assert result.exit_code != 0
+    assert "USAGE_INVALID" not in result.stdout
     document: dict[str, Any] = json.loads(result.stdout)
     assert document["ok"] is False
     return str(document["error"]["code"])

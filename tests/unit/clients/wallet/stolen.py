@@ -170,7 +170,7 @@ class Story:
         self.hospital, self.power = Hospital(), Power()
         self._hashes: dict[bytes, bytes] = {}
         self.path, self.words = folder / "ann.wallet", words
-        Keystore.create(self.path, words, "tea", CHEAP)
+        Keystore.create(self.path, words, "tea and lemon cake", CHEAP)
         self.chain = Chain(self.hospital, self.power)
         self.person = Holder("ann", keys=derive_keys(words))
         card = self.hospital.card("ann")
@@ -180,7 +180,7 @@ class Story:
 
     def open(self, path: Path | None = None) -> Wallet:
         """Open the wallet as a device does that was just switched on."""
-        store = Keystore.open(path or self.path, "tea")
+        store = Keystore.open(path or self.path, "tea and lemon cake")
         store.__class__ = CutStore
         store.power = self.power  # type: ignore[attr-defined]
         opened = Wallet(store, self.hospital.genesis)
@@ -190,7 +190,7 @@ class Story:
     def copy(self, name: str, words: str, former: list[str]) -> Wallet:
         """Make another wallet from words, as a thief does, or she herself on another device."""
         path = self.path.with_name(f"{name}.wallet")
-        store = Keystore.create(path, words, "tea", CHEAP)
+        store = Keystore.create(path, words, "tea and lemon cake", CHEAP)
         store.content.former = former
         store.save()
         return self.open(path)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import fcntl
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
-from clients.wallet.claiming import claim_wallet
+from clients.wallet.claiming import claim_place, claim_wallet
 from consensus.errors import BlockRobotError
 
 
@@ -52,3 +53,38 @@ def test_where_there_is_no_wallet_nothing_is_made(tmp_path: Path) -> None:
     with pytest.raises(BlockRobotError, match="WALLET_NOT_FOUND"), claim_wallet(tmp_path / "nobody.wallet"):
         pass
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_is_held_while_its_wallet_is_made_and_the_second_maker_waits_for_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "wallets" / "new.wallet"
+    with claim_place(path), pytest.raises(BlockRobotError, match="WALLET_BUSY"), claim_place(path):
+        pass
+    assert list(path.parent.iterdir()) == [], "no wallet came to be"
+
+
+def test_where_a_wallet_is_none_is_made(file: Path) -> None:
+    with pytest.raises(BlockRobotError, match="WALLET_EXISTS"), claim_place(file):
+        pass
+    assert file.read_bytes() == b"sealed"
+
+
+def test_a_lock_file_that_is_removed_before_it_is_locked_keeps_the_next_one_out(
+    file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock_it = fcntl.flock
+    removed: list[Path] = []
+
+    def lock_late(descriptor: int, how: int) -> None:
+        if not removed:
+            removed.append(file.with_name(".ann.wallet.lock"))
+            removed[0].unlink()
+        lock_it(descriptor, how)
+
+    monkeypatch.setattr(fcntl, "flock", lock_late)
+    with (
+        claim_wallet(file, sleep=lambda _: None),
+        pytest.raises(BlockRobotError, match="WALLET_BUSY"),
+        claim_wallet(file, wait_s=0, sleep=lambda _: None),
+    ):
+        pass
+    assert removed

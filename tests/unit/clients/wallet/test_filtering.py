@@ -120,7 +120,7 @@ def test_pages_hold_every_record_once_in_order_and_visits_keep_their_numbers() -
     assert found == entries
     assert {page.pages_count for page in pages} == {101}
     assert [shown.number for shown in pages[0].visits] == [1, 2, 3]
-    with pytest.raises(click.UsageError, match="101 pages"):
+    with pytest.raises(click.UsageError, match="101 pages, the last is --page 101"):
         select(reports, Filter(), 102, 50)
 
 
@@ -166,7 +166,16 @@ def test_what_fits_is_listed_and_what_does_not_is_counted(world: World, run: Cal
     assert second.upload.record_id.hex() not in paged
     assert "Page 1 of 2. The next: --page 2" in paged
     assert second.upload.record_id.hex() in run("records", "--per-page", "1", "--page", "2").output
-    assert run("records", "--page", "3", "--per-page", "1").exit_code == 2
+    beyond = run("records", "--page", "99", "--per-page", "1")
+    assert (beyond.exit_code, "there are 2 pages, the last is --page 2" in beyond.output) == (2, True)
+    assert "há 1 página, --page 1." in run("--language", "pt", "records", "--page", "99").output
+
+
+def test_sensors_are_named_in_the_language_of_the_person(world: World, run: Callable[..., Result]) -> None:
+    world.record(world.open_visit())
+    assert "(depth)" in run("records").output
+    assert "imagens, profundidade (depth)" in run("--language", "pt", "records").output
+    assert run("records", "--sensor", "lidar").exit_code == 2
 
 
 def test_a_program_gets_the_documented_fields(world: World, run: Callable[..., Result]) -> None:

@@ -269,7 +269,10 @@ def test_receipts_of_consent_are_told_in_portuguese(monkeypatch: pytest.MonkeyPa
     out = tmp_path / "recibos.json"
     words = ["--language", "pt", "consent", "receipts"]
     told = " ".join(CliRunner().invoke(cli.wallet, [*words, "--out", str(out)]).output.split())
-    assert "dado: care por todos os sensores (bloco 7, assinado por node-1 de hospital e por si, sem aviso)" in told
+    assert (
+        "dado: cuidados (care) por todos os sensores (bloco 7, assinado por node-1 de hospital e por si, sem aviso)"
+        in told
+    )
     assert "Falta, da transação abababababab: Nenhum nó da rede respondeu." in told
     assert f"Estão em {out}." in told
     monkeypatch.setattr(consent_commands, "run_opened", lambda *_: (Receipts((), (), ()), b""))

@@ -62,8 +62,8 @@ def test_files_the_wrong_way_round_are_refused_and_leave_no_wallet(desk: Desk) -
 
 def test_the_same_words_twice_are_refused(desk: Desk) -> None:
     (desk.folder / "loud.txt").write_text(OLD_WORDS.upper())
-    assert restore(desk, "twice", "new.txt", "new.txt") == (1, "WORDS_REPEATED")
-    assert restore(desk, "twice", "new.txt", "old.txt", "loud.txt") == (1, "WORDS_REPEATED")
+    assert restore(desk, "twice", "new.txt", "new.txt") == (2, "WORDS_REPEATED")
+    assert restore(desk, "twice", "new.txt", "old.txt", "loud.txt") == (2, "WORDS_REPEATED")
     assert not (desk.folder / "twice.wallet").exists()
 
 
@@ -76,6 +76,6 @@ def test_without_a_network_it_is_made_all_the_same_and_found_out_later(
     with monkeypatch.context() as cut:
         cut.setattr(desk.story.chain, "state_value", away)
         assert restore(desk, "swapped", "old.txt", "new.txt") == (0, "False")
-    assert Keystore.open(desk.folder / "swapped.wallet", "tea").content.words == OLD_WORDS
+    assert Keystore.open(desk.folder / "swapped.wallet", "tea and lemon cake").content.words == OLD_WORDS
     refused = desk.run("records", "--json", profile="swapped")
     assert json.loads(refused.stdout)["error"]["code"] == "WORDS_SWAPPED"

@@ -130,7 +130,7 @@ async def test_cut_off_at_any_moment_it_ends_as_if_it_was_not(tmp_path: Path) ->
             cuts += 1
         else:
             break
-        content = Keystore.open(story.path, "tea").content
+        content = Keystore.open(story.path, "tea and lemon cake").content
         member = story.hospital.view("identity", "member_of_handle", story.handle)["member"]
         known = [words for words in (content.words, content.next_words) if words]
         assert member in {derive_keys(words).identity.public_key for words in known}

@@ -33,7 +33,7 @@ class Desk:
         self.folder = folder
         self.words_file = folder / "new.txt"
         passphrase = folder / "passphrase"
-        passphrase.write_text("tea\n")
+        passphrase.write_text("tea and lemon cake\n")
         monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(passphrase))
         monkeypatch.setattr(opening, "load_genesis", lambda _: self.story.hospital.genesis)
         monkeypatch.setattr(opening, "Wallet", self._open)
@@ -61,7 +61,7 @@ def test_rotating_tells_what_was_done_and_what_to_keep(desk: Desk) -> None:
     assert done.exit_code == 0, done.output
     assert "1 visit has a key of your present words" in done.output
     assert "Keep the old ones too" in done.output
-    assert desk.words_file.read_text().strip() == Keystore.open(desk.story.path, "tea").content.words
+    assert desk.words_file.read_text().strip() == Keystore.open(desk.story.path, "tea and lemon cake").content.words
     assert desk.words_file.stat().st_mode & 0o777 == 0o600
     assert OLD_WORDS not in done.output
 
@@ -87,7 +87,7 @@ def test_without_a_terminal_words_go_to_a_file_and_nothing_begins_without_one(de
     assert desk.story.chain.calls == []
     assert desk.run("rotate", "--words-file", str(desk.words_file)).exit_code == 2
     assert not desk.words_file.exists()
-    assert Keystore.open(desk.story.path, "tea").content.next_words == ""
+    assert Keystore.open(desk.story.path, "tea and lemon cake").content.next_words == ""
 
 
 def test_a_file_that_is_there_already_is_not_written_over(desk: Desk) -> None:

@@ -308,7 +308,11 @@ def test_sharing_is_explained_asked_and_told_in_portuguese(pessoas: People, monk
     monkeypatch.setattr(sharing_commands, "confirm", lambda told, question, *, yes: asked.append(f"{told} {question}"))
     done = pessoas.share(record_id)
     (told,) = asked
-    for part in ("Partilha 1 gravação, 2 imagens ou sons (depth)", "Dr Weber, membro do pessoal de ward", "Cuidado e"):
+    for part in (
+        "Partilha 1 gravação, 2 imagens ou sons, profundidade (depth)",
+        "Dr Weber, membro do pessoal de ward",
+        "Cuidado e",
+    ):
         assert part in told
     for part in ("O que a outra pessoa vê", "não se pode desfazer", "não com quem", "Partilhar isto?"):
         assert part in told
