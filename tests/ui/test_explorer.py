@@ -178,6 +178,36 @@ async def test_the_page_keeps_500_headers_at_most(page: Page, recorded_network: 
     assert found <= 500
 
 
+async def test_where_clocks_differ_no_time_below_nothing_is_told(page: Page, recorded_network: RecordedNetwork) -> None:
+    place = await refuse_something(recorded_network)
+    await enter(page, recorded_network)
+    await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
+    await page.evaluate(
+        "() => import('./feed.js').then(({ feed }) => { "
+        "for (const header of feed.headers) if (header.finality_lag_ms !== null) header.finality_lag_ms = -1500; "
+        "feed.dispatchEvent(new Event('change')); })"
+    )
+    figure = page.locator(".figure").nth(2)
+    await expect(figure).to_have_text("clocks differ")
+    await expect(page.locator("main")).to_contain_text("1,500 ms or more behind that of the producer")
+    await go(page, f"block/{place['height']}")
+    await expect(page.locator("dt", has_text="final after").locator("+ dd")).to_contain_text("clocks differ")
+    assert "-1,500" not in await page.locator("main").inner_text()
+
+
+async def test_what_the_page_remembers_is_bounded_by_bytes(page: Page, recorded_network: RecordedNetwork) -> None:
+    await enter(page, recorded_network)
+    block = {"block": "00" * 500_000}
+    await page.route("**/v1/blocks/*", lambda route: route.fulfill(json=block))
+    memory = await page.evaluate(
+        "async () => { const { api, memory } = await import('./api.js'); "
+        "for (let height = 1; height <= 40; height += 1) await api.block(1e6 + height); return memory(); }"
+    )
+    assert 1 <= memory["count"] < 40
+    assert memory["bytes"] <= memory["most"] == 8 << 20
+    await page.unroute_all(behavior="wait")
+
+
 async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:

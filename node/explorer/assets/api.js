@@ -5,7 +5,10 @@ import { decode, encodeList } from "./msgpack.js";
 
 const V1 = "../v1";
 const SIGNED = /^in=([0-9a-f]{66})\.([0-9a-f]{64})\.([0-9a-f]{130})$/;
+const REMEMBERED_MAX_BYTES = 8 << 20;
+const BYTES_A_CHAR = 2;
 const remembered = new Map();
+let rememberedBytes = 0;
 
 /** How the page got in: `kind` is member, public or none. */
 export const entry = { kind: "none", endsMs: 0, reason: null };
@@ -53,15 +56,32 @@ export async function enter() {
   }
 }
 
-/** Remember an answer that does not change; the last 300 of them. */
+/** Ask for what does not change, and remember it: the answers that were used last, as far as there is room for them. */
 async function once(path) {
-  if (!remembered.has(path)) {
-    const answer = await fetchJson(path);
-    remembered.set(path, answer);
-    if (remembered.size > 300) remembered.delete(remembered.keys().next().value);
+  const known = remembered.get(path);
+  if (known) {
+    remembered.delete(path);
+    remembered.set(path, known);
+    return known.answer;
   }
-  return remembered.get(path);
+  const answer = await fetchJson(path);
+  remember(path, answer, BYTES_A_CHAR * JSON.stringify(answer).length);
+  return answer;
 }
+
+function remember(path, answer, bytes) {
+  if (bytes > REMEMBERED_MAX_BYTES) return;
+  rememberedBytes += bytes - (remembered.get(path)?.bytes ?? 0);
+  remembered.set(path, { answer, bytes });
+  for (const [oldest, { bytes: size }] of remembered) {
+    if (rememberedBytes <= REMEMBERED_MAX_BYTES) return;
+    remembered.delete(oldest);
+    rememberedBytes -= size;
+  }
+}
+
+/** What is remembered, and its limit: {count, bytes, most}. */
+export const memory = () => ({ count: remembered.size, bytes: rememberedBytes, most: REMEMBERED_MAX_BYTES });
 
 /** A map of the chain as an object with plain names. */
 export function objectOf(map) {

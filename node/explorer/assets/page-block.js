@@ -56,7 +56,7 @@ function headerFacts(header, epoch) {
     ["round", `${number(header.round)} of epoch ${header.epoch}`, header.missed_count > 0 ? `${plural(header.missed_count, "round", "rounds")} before it were given up.` : "Right after its parent's round."],
     ["producer", height === 0 ? "none" : seatName(epoch, header.producer), "Who led the round and made the block."],
     ["time", moment(header.timestamp_ms), "By its producer's clock; never before its parent's."],
-    header.finality_lag_ms !== null && ["final after", `${number(header.finality_lag_ms)} ms`, "When this node learned that it is final."],
+    header.finality_lag_ms !== null && ["final after", header.finality_lag_ms < 0 ? "clocks differ" : `${number(header.finality_lag_ms)} ms`, header.finality_lag_ms < 0 ? `By this node's clock it was final ${number(-header.finality_lag_ms)} ms before its producer's clock says it was made.` : "When this node learned that it is final."],
     ["transactions root", hex(header.transactions_root), "Merkle root over the ids of its transactions."],
     ["receipts root", hex(header.receipts_root), "Merkle root over what became of them."],
     ["state root", hex(header.state_root), "Root of the whole state after this block: any value, or its absence, can be proved against it."],

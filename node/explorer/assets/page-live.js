@@ -67,7 +67,7 @@ function figureCards(epochs) {
   return [
     figure("Newest final block", go(`block/${status.head}`, number(status.head)), newest ? `made at ${formatClock(newest.timestamp_ms)}` : ""),
     rounds && figure("Round", number(rounds.round), `of epoch ${rounds.epoch}; ${seatName(epochs.get(rounds.epoch), rounds.leader)} leads it. Not final: this is where the node stands.`),
-    figure("Finality took", timed ? `${number(timed.finality_lag_ms)} ms` : "–", timed ? `for block ${number(timed.height)}, the newest with transactions` : "no block with transactions yet"),
+    finalityFigure(timed),
     rounds && figure("Given up", number(rounds.timed_out_count), "rounds, by this node since its start"),
     figure("Network", status.network, `${plural(counts.organisations, "organisation", "organisations")}, ${plural(counts.nodes, "node", "nodes")}, ${plural(counts.producers, "producer", "producers")}, ${plural(counts.contracts, "contract", "contracts")}`),
   ];
@@ -78,9 +78,24 @@ function isTimed(header) {
   return header.finality_lag_ms !== null && header.transaction_count > 0;
 }
 
+/** A block that was final before its producer's clock says it was made tells of two clocks, and not how long it took. */
+function finalityFigure(timed) {
+  if (!timed) return figure("Finality took", "–", "no block with transactions yet");
+  const of = `block ${number(timed.height)}, the newest with transactions`;
+  if (timed.finality_lag_ms < 0) return figure("Finality took", "clocks differ", `this node's clock is ${number(-timed.finality_lag_ms)} ms or more behind that of the producer of ${of}`);
+  return figure("Finality took", `${number(timed.finality_lag_ms)} ms`, `for ${of}`);
+}
+
 function lagChart() {
-  const points = feed.headers.filter(isTimed).slice(-CHARTED_COUNT).map((header) => [header.height, header.finality_lag_ms]);
-  if (points.length < 2) return h("p", {}, "This node has seen too few blocks with transactions become final since its start.");
+  const timed = feed.headers.filter(isTimed).slice(-CHARTED_COUNT);
+  const points = timed.filter((header) => header.finality_lag_ms >= 0).map((header) => [header.height, header.finality_lag_ms]);
+  const leftOut = timed.length - points.length;
+  const note = leftOut > 0 && h("p", { class: "quiet" }, `${plural(leftOut, "block is", "blocks are")} left out: the clocks of this node and of the producer differ.`);
+  if (points.length < 2) return [h("p", {}, "This node has seen too few blocks with transactions become final since its start."), note];
+  return [chartOf(points), note];
+}
+
+function chartOf(points) {
   return lineChart({ series: [{ name: "finality", points }], width: chartWidth(), height: 180, label: "Time to finality by height", unit: "ms", formatX: (height) => `block ${Math.round(height)}` });
 }
 
