@@ -5,6 +5,8 @@ Behind it are real contracts and proofs in this process; no network is started.
 
 from __future__ import annotations
 
+import dataclasses
+import re
 from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,7 @@ from playwright.async_api import Page, expect
 
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
+from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.notices import encode_notice
 from network.demo_notice import demo_notice
 from pages.local_page import LocalPage
@@ -110,3 +113,27 @@ async def test_every_view_stands_without_a_complaint_of_the_browser(shown: Shown
         await page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
         await expect(page.locator("h1")).to_be_focused(timeout=SOON_MS)
         assert await page.locator(".notice.bad").count() == 0, place
+
+
+async def test_a_note_of_what_was_not_kept_is_no_recording_and_things_are_called_what_they_are(shown: Shown) -> None:
+    page = shown.page
+    await expect(page.locator(".lead")).to_contain_text("They hold 4 depth pictures.")
+    assert "estimate" not in await page.locator("#main").inner_text()
+    snapshot = shown.session.snapshot
+    (part,) = snapshot.visits
+    notes = tuple(
+        dataclasses.replace(entry, metadata=replace(entry.metadata, sensor=NOTICE_SENSOR))
+        for entry in part.report.records
+    )
+    only_notes = dataclasses.replace(part, report=dataclasses.replace(part.report, records=notes))
+    entries = {entry.record_id: entry for entry in notes}
+    shown.session.snapshot = dataclasses.replace(snapshot, visits=(only_notes,), entries=entries)
+    shown.session._tell_news()
+    cell = page.locator("table.calendar .day.has")
+    await expect(cell).to_have_attribute("aria-label", re.compile("2 notes of pictures not kept"), timeout=SOON_MS)
+    await expect(page.locator(".lead")).to_contain_text("Robots made 0 recordings of you.")
+    await page.locator(".latest a").click()
+    await expect(page.locator("section.card h2", has_text="2 notes of pictures not kept")).to_be_visible()
+    await page.locator("input[data-visit]").check()
+    await page.get_by_role("button", name="Erase…").click()
+    await expect(page.locator("#main")).to_contain_text("The notes of what was not kept. No picture hangs on them.")

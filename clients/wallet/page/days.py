@@ -5,6 +5,7 @@ A day is one of the reader's time zone, by the robot's clock.
 
 from __future__ import annotations
 
+import collections
 import datetime
 import re
 import zoneinfo
@@ -79,6 +80,24 @@ def picture_count(entry: RecordEntry) -> int:
     return 0 if entry.metadata.sensor == NOTICE_SENSOR else entry.metadata.frame_count
 
 
+def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
+    """Return the records that hold something to see or hear: a note of what was not kept is none."""
+    return [entry for entry in entries if entry.metadata.sensor != NOTICE_SENSOR]
+
+
+def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
+    """Return how much records hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
+    counts: collections.Counter[str] = collections.Counter()
+    for entry in recordings(entries):
+        counts[kind_of(entry)] += picture_count(entry)
+    return {kind: count for kind, count in counts.most_common() if count}
+
+
+def kind_of(entry: RecordEntry) -> str:
+    """Return what a record holds."""
+    return KINDS.get(entry.metadata.sensor, "picture")
+
+
 def select(snapshot: Snapshot, wanted: Wanted) -> list[tuple[VisitPart, RecordEntry]]:
     """Return the wanted records in order of time."""
     found = [(part, entry) for part in snapshot.visits for entry in part.report.records if wanted.takes(entry)]
@@ -95,7 +114,7 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]
         "robot": entry.visit.robot.hex(),
         "status": state["status"],
         "sensor": meta.sensor,
-        "kind": KINDS.get(meta.sensor, "picture"),
+        "kind": kind_of(entry),
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
         "frames": picture_count(entry),
@@ -128,7 +147,7 @@ def days_json(snapshot: Snapshot, wanted: Wanted, zone_name: str, language: str 
             {"robot": robot, "name": f"Robot {robot[:8]}"}
             for robot in sorted({part.report.visit.robot.hex() for part in snapshot.visits})
         ],
-        "sensors": sorted({entry.metadata.sensor for entry in everything}),
+        "sensors": sorted({entry.metadata.sensor for entry in recordings(everything)}),
         "visits": [visit_json(part, language) for part in snapshot.visits],
     }
 
@@ -138,7 +157,8 @@ def _day_json(day: str, found: Sequence[tuple[VisitPart, RecordEntry]]) -> dict[
     verdicts = [part.verdicts.get(entry.record_id) for part, entry in found]
     return {
         "day": day,
-        "records": len(entries),
+        "records": len(recordings(entries)),
+        "notices": len(entries) - len(recordings(entries)),
         "pictures": sum(map(picture_count, entries)),
         "withheld": withheld_count(entries),
         "erased": sum(len(entry.state["erased_frames"]) for entry in entries),
@@ -165,7 +185,7 @@ def visit_json(part: VisitPart, language: str | None = None) -> dict[str, Any]:
         "robot": report.visit.robot.hex(),
         "closed": report.closed,
         "first_ms": min(times, default=report.visit.bucket_ms),
-        "records": len(report.records),
+        "records": len(recordings(report.records)),
         "pictures": sum(map(picture_count, report.records)),
         "missing_records": report.missing_count,
         "erased_records": len(report.erased_ids),

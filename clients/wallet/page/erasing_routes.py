@@ -16,7 +16,7 @@ from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import text
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
-from clients.wallet.page.days import Wanted, picture_count, read_zone, select
+from clients.wallet.page.days import Wanted, kind_of, kinds_json, read_zone, select
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
@@ -67,20 +67,14 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
         raise BlockRobotError("NOT_FOUND", "There is nothing left to erase.")
     known = {entry.record_id for entry in entries}
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
-    pictures = len(frames) if frames else sum(map(picture_count, entries))
+    kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
     visits = len({entry.visit.owner for entry in entries})
     now_ms, language = session.now_ms(), language_of(request)
     return answer_json(
         {
             "records": [entry.record_id.hex() for entry in entries],
-            "pictures": pictures,
+            "kinds": kinds,
             "visits": visits,
-            "gone": [
-                text("page.erase.gone1", language=language, count=pictures),
-                text("page.erase.gone2", language=language),
-            ],
-            "remains": [text(f"page.erase.remains{number}", language=language) for number in (1, 2, 3)],
-            "warnings": [text("page.erase.joined", language=language, count=visits)] if visits > 1 else [],
             "recipients": [told_share(share, now_ms, language) for share in recipients],
         }
     )

@@ -17,8 +17,9 @@ from clients.wallet.page.asking import Asked, read_id
 from clients.wallet.page.days import (
     Wanted,
     days_json,
-    picture_count,
+    kinds_json,
     read_zone,
+    recordings,
     row_json,
     select,
     visit_json,
@@ -123,13 +124,14 @@ def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
     return rows
 
 
-def _counts(session: PageSession) -> dict[str, int]:
+def _counts(session: PageSession) -> dict[str, Any]:
     snapshot, now_ms = session.snapshot, session.now_ms()
     entries = list(snapshot.entries.values())
     return {
         "visits": len(snapshot.visits),
-        "records": len(entries),
-        "pictures": sum(map(picture_count, entries)),
+        "records": len(recordings(entries)),
+        "notices": len(entries) - len(recordings(entries)),
+        "kinds": kinds_json(entries),
         "withheld": withheld_count(entries),
         "shares_open": sum(share.grant.is_open(now_ms) for share in snapshot.shares()),
         "erasures_open": sum(not erasure.report.complete for erasure in snapshot.erasures(session.wallet, now_ms)),

@@ -2,7 +2,7 @@
 
 import { h, replace } from "./shared/dom.js";
 import { get } from "./api.js";
-import { dateOf, dayName, dayOf, redraw, sensorName, zone } from "./pieces.js";
+import { dateOf, dayName, dayOf, redraw, sensorName, thingsOf, zone } from "./pieces.js";
 import { locale, t } from "./texts.js";
 
 const LATEST_COUNT = 7;
@@ -25,7 +25,7 @@ export async function showCalendar(context) {
       h("div", {}, visits(), latest())));
 
   const latest = () => data.days.length > 0 && h("section", { class: "card" }, h("h2", {}, t("calendar.latest")), h("ul", { class: "latest" }, data.days.slice(0, LATEST_COUNT).map((day) =>
-    h("li", {}, h("a", { href: `#/day/${day.day}`, "data-key": `latest-${day.day}` }, dayName(dateOf(day.day).getTime())), h("span", { class: "quiet" }, ` ${t("calendar.count", { count: day.records })}`), day.corrupted > 0 && [" ", h("span", { class: "badge bad" }, t("verdict.corruptedCount", { count: day.corrupted }))]))));
+    h("li", {}, h("a", { href: `#/day/${day.day}`, "data-key": `latest-${day.day}` }, dayName(dateOf(day.day).getTime())), h("span", { class: "quiet" }, ` ${countOf(day)}`), day.corrupted > 0 && [" ", h("span", { class: "badge bad" }, t("verdict.corruptedCount", { count: day.corrupted }))]))));
 
   const filters = () => data.robots.length + data.sensors.length > 2 && h("div", { class: "row filters" },
     choice(t("calendar.robot"), "robot", [["", t("calendar.anyRobot")], ...data.robots.map((one) => [one.robot, one.name])]),
@@ -75,12 +75,12 @@ export async function showCalendar(context) {
     const outside = !name.startsWith(month);
     const today = name === dayOf(Date.now());
     const tone = day?.corrupted > 0 ? " bad" : "";
-    const heat = day ? ` has busy-${BUSY_COUNTS.filter((least) => day.records >= least).length}` : "";
-    const words = [dayName(date.getTime()), today && t("calendar.isToday"), day ? t("calendar.count", { count: day.records }) : t("calendar.nothing"), day?.corrupted > 0 && t("calendar.corrupted", { count: day.corrupted })].filter(Boolean).join(", ");
+    const heat = day ? ` has${day.records ? "" : " notes"} busy-${BUSY_COUNTS.filter((least) => day.records >= least).length}` : "";
+    const words = [dayName(date.getTime()), today && t("calendar.isToday"), day ? countOf(day) : t("calendar.nothing"), day?.corrupted > 0 && t("calendar.corrupted", { count: day.corrupted })].filter(Boolean).join(", ");
     return h("td", { role: "gridcell", class: outside ? "outside" : "" },
       h("button", { type: "button", class: `day${heat}${tone}`, tabindex: name === focused ? 0 : -1, "data-key": name, "data-day": name, "aria-label": words, "aria-current": today ? "date" : undefined, "aria-disabled": day ? undefined : "true",
         onclick: () => (day ? context.go(`day/${name}`) : undefined) },
-      h("span", { class: "number" }, String(date.getDate())), h("span", { class: "count" }, day ? new Intl.NumberFormat(locale(), { notation: "compact" }).format(day.records) : "")));
+      h("span", { class: "number" }, String(date.getDate())), h("span", { class: "count" }, day ? new Intl.NumberFormat(locale(), { notation: "compact" }).format(day.records || day.notices) : "")));
   };
 
   const move = (event) => {
@@ -116,6 +116,8 @@ export async function showCalendar(context) {
   } };
 }
 
+/** How many recordings a day has; a day of notes alone has none, and is not empty. */
+const countOf = (day) => (day.records > 0 ? t("calendar.count", { count: day.records }) : t("calendar.notices", { count: day.notices }));
 const capital = (words) => words.charAt(0).toLocaleUpperCase(locale()) + words.slice(1);
 
 function load(signal) {
@@ -126,7 +128,7 @@ function summary(overview, data) {
   if (data.days.length === 0 && overview.state !== "reading") return h("div", { class: "card" }, h("p", {}, h("strong", {}, t("calendar.empty"))), h("p", { class: "quiet" }, t("calendar.emptyNext")));
   const { counts } = overview;
   return h("div", { class: "lead" },
-    h("p", {}, t("calendar.summary", { count: counts.records }), " ", t("calendar.pictures", { count: counts.pictures }), " ", counts.withheld > 0 && t("calendar.withheld", { count: counts.withheld })),
+    h("p", {}, t("calendar.summary", { count: counts.records }), " ", Object.keys(counts.kinds).length > 0 && t("calendar.pictures", { count: counts.records, things: thingsOf(counts.kinds) }), " ", counts.withheld > 0 && t("calendar.withheld", { count: counts.withheld })),
     overview.notice?.changed && h("div", { class: "notice warn" }, h("p", {}, t("notice.changed", { organisation: overview.notice.organisation }), " ", h("a", { href: "#/consent" }, t("notice.read")))));
 }
 

@@ -34,9 +34,10 @@ export function groupRows(rows) {
   const groups = new Map();
   for (const row of rows) {
     const key = `${row.robot} ${partOf(row.started_at_ms)}`;
-    if (!groups.has(key)) groups.set(key, { key, robot: row.robot, part: partOf(row.started_at_ms), visits: new Map(), count: 0 });
+    if (!groups.has(key)) groups.set(key, { key, robot: row.robot, part: partOf(row.started_at_ms), visits: new Map(), count: 0, notices: 0 });
     const group = groups.get(key);
-    group.count += 1;
+    if (row.kind === "notice") group.notices += 1;
+    else group.count += 1;
     if (!group.visits.has(row.visit)) group.visits.set(row.visit, []);
     group.visits.get(row.visit).push(row);
   }
@@ -80,7 +81,7 @@ export async function showDay(context, day) {
   const robotName = (robot) => days.robots.find((one) => one.robot === robot)?.name ?? robot.slice(0, 10);
 
   const drawGroup = (group, number) => h("section", { class: "card", "aria-labelledby": `group-${number}` },
-    h("h2", { id: `group-${number}` }, t(`part.${group.part}`), h("span", { class: "quiet" }, ` · ${robotName(group.robot)} · ${t("day.count", { count: group.count })}`)),
+    h("h2", { id: `group-${number}` }, t(`part.${group.part}`), h("span", { class: "quiet" }, ` · ${robotName(group.robot)} · ${group.count ? t("day.count", { count: group.count }) : t("calendar.notices", { count: group.notices })}`)),
     [...group.visits].map(([visit, own]) => drawVisit(visit, own)));
 
   const drawVisit = (visit, own) => {

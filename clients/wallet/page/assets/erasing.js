@@ -4,7 +4,7 @@
 import { announce, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { follow, get, post, postWithPassphrase } from "./api.js";
-import { clock, moment, problemCard, progressOf, redraw, sentences } from "./pieces.js";
+import { clock, moment, problemCard, progressOf, redraw, sentences, thingsOf } from "./pieces.js";
 import { choose, chosen, drop } from "./selection.js";
 import { t } from "./texts.js";
 
@@ -17,7 +17,7 @@ export async function showErasing(context) {
     context.go("erase");
   };
   const draw = () => replace(node, h("p", { class: "lead" }, t("erasing.lead")), data.erasures.length === 0 ? h("div", { class: "card" }, h("p", {}, t("erasing.empty"))) : [...data.erasures].reverse().map(card),
-    context.overview.counts.records > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.everything")), h("p", {}, t("erase.everythingText")), h("button", { type: "button", class: "danger", "data-key": "all", onclick: everything }, t("erase.everythingButton"))));
+    context.overview.counts.records + context.overview.counts.notices > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.everything")), h("p", {}, t("erase.everythingText")), h("button", { type: "button", class: "danger", "data-key": "all", onclick: everything }, t("erase.everythingButton"))));
   draw();
   return { title: t("erasing.title"), node, async refresh() {
     data = await get("erasures", {}, context.signal);
@@ -49,9 +49,11 @@ export async function showEraseForm(context) {
   const plan = await post("erasures/plan", wanted, context.signal);
   const node = h("div", {});
   const result = h("div", {});
+  const total = Object.values(plan.kinds).reduce((sum, count) => sum + count, 0);
+  const things = thingsOf(plan.kinds);
 
   const form = h("div", {},
-    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([t("erase.gone1", { count: plan.pictures }), t("erase.gone2")])),
+    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([total > 0 ? t("erase.gone1", { count: total, things }) : t("erase.goneNotes"), t("erase.gone2")])),
     h("section", { class: "card" }, h("h2", {}, t("erase.remains")), sentences([t("erase.remains1"), t("erase.remains2"), t("erase.remains3")])),
     plan.recipients.length > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.recipients")), sentences(plan.recipients.map((one) => t("erase.recipient", { who: one.who })))),
     plan.visits > 1 && h("div", { class: "notice warn" }, h("p", {}, t("erase.joined", { count: plan.visits }))),
@@ -59,7 +61,7 @@ export async function showEraseForm(context) {
 
   const erase = async () => {
     try {
-      const accepted = await postWithPassphrase("erasures", { records: plan.records, ...(selection.frames ? { frames: selection.frames } : {}) }, { title: t("erase.askTitle"), text: t("erase.askText", { count: plan.pictures }), confirm: t("erase.button"), danger: true });
+      const accepted = await postWithPassphrase("erasures", { records: plan.records, ...(selection.frames ? { frames: selection.frames } : {}) }, { title: t("erase.askTitle"), text: total > 0 ? t("erase.askText", { count: total, things }) : t("erase.askNotes"), confirm: t("erase.button"), danger: true });
       if (accepted === null) return;
       await watch(accepted.job);
     } catch (error) {

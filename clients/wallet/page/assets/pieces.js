@@ -29,6 +29,12 @@ export const purposeName = (code, sentence) => said(`purpose.${code}`, sentence 
 export const sensorName = (code) => said(`sensor.${code}`, code);
 export const reasonName = (code, sentence) => said(`reason.${code}`, sentence ?? code);
 
+/** What there is of each kind, as people say it: “12 depth pictures and 1 sound”. */
+export function thingsOf(kinds) {
+  const words = Object.entries(kinds).map(([kind, count]) => t(`content.${kind}`, { count }));
+  return new Intl.ListFormat(locale()).format(words);
+}
+
 /** What went wrong, and the next step. `again` is what a button tries. */
 export function problemCard(error, again) {
   const isProblem = error instanceof Problem || error.detail !== undefined;

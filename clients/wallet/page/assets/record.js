@@ -48,7 +48,7 @@ export async function showVisit(context, visit, day, play) {
   const screen = makeScreen(context, rows, { title, back: `visit/${visit}` });
   const story = await get("story", { visit, limit: 100 }, context.signal);
   const list = h("div", {}, storyList(story.events));
-  const node = h("div", { class: "record" }, h("p", {}, t("visit.span", { from: clock(from), to: clock(rows.at(-1).ended_at_ms), count: rows.length })), screen.node, h("section", { class: "card" }, h("h2", {}, t("record.story")), list));
+  const node = h("div", { class: "record" }, h("p", {}, t("visit.span", { from: clock(from), to: clock(rows.at(-1).ended_at_ms), count: rows.filter((row) => row.kind !== "notice").length })), screen.node, h("section", { class: "card" }, h("h2", {}, t("record.story")), list));
   return { title, back, node, onShown: () => play === "play" && screen.open(), async refresh() {
     replace(list, storyList((await get("story", { visit, limit: 100 }, context.signal)).events));
     screen.update(await rowsOf(visit, context.signal));

@@ -155,11 +155,9 @@ async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they
     monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
     ids = await recorded(desk)
     plan = await desk.page.post("/api/erasures/plan", {"all": True})
-    assert (plan["records"], plan["pictures"], plan["visits"], plan["warnings"]) == (ids, 4, 1, [])
-    assert plan["gone"]
-    assert plan["remains"]
+    assert (plan["records"], plan["kinds"], plan["visits"]) == (ids, {"depth": 4}, 1)
     one = {"records": ids[:1], "frames": [1]}
-    assert (await desk.page.post("/api/erasures/plan", one))["pictures"] == 1
+    assert (await desk.page.post("/api/erasures/plan", one))["kinds"] == {"depth": 1}
     assert await desk.page.refused("POST", "/api/erasures/plan", one | {"frames": [2]}) == "REQUEST_INVALID"
     assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids, "frames": [0]}) == "REQUEST_INVALID"
     assert await desk.page.refused("POST", "/api/erasures", {"records": ids}) == "REQUEST_INVALID"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
+import msgspec
 import pytest
 
 from clients.wallet.page import snapshot as snapshots
 from consensus.errors import BlockRobotError
+from consensus.records.metadata import NOTICE_SENSOR
 from tests.unit.clients.wallet.page.conftest import Desk
 
 
@@ -115,6 +118,26 @@ async def test_it_speaks_the_language_that_the_page_asks_for(desk: Desk) -> None
     status, problem = await desk.page.ask("GET", f"/api/records/{bytes(16).hex()}")
     assert (status, problem["code"]) == (404, "NOT_FOUND")
     assert await desk.page.refused("GET", "/api/texts?language=tlh") == "REQUEST_INVALID"
+
+
+async def test_a_note_of_what_was_not_kept_is_no_recording(desk: Desk) -> None:
+    desk.ward.record_visit(3)
+    await desk.read()
+    (part,) = desk.session.snapshot.visits
+    notes = [
+        dataclasses.replace(entry, metadata=msgspec.structs.replace(entry.metadata, sensor=NOTICE_SENSOR))
+        for entry in part.report.records[1:]
+    ]
+    with_notes = (part.report.records[0], *notes)
+    object.__setattr__(part.report, "records", with_notes)
+    desk.session.snapshot.entries.update({entry.record_id: entry for entry in notes})
+    calendar = await desk.page.get("/api/days", zone="Europe/Lisbon")
+    assert (calendar["days"][0]["records"], calendar["days"][0]["notices"]) == (1, 2)
+    assert calendar["sensors"] == ["depth"]
+    counts = (await desk.page.get("/api/overview"))["counts"]
+    assert (counts["records"], counts["notices"], counts["kinds"]) == (1, 2, {"depth": 2})
+    plan = await desk.page.post("/api/erasures/plan", {"records": [entry.record_id.hex() for entry in notes]})
+    assert plan["kinds"] == {}
 
 
 async def test_a_day_of_two_thousand_records_is_listed_within_a_second(desk: Desk) -> None:
