@@ -36,6 +36,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 console = Console(highlight=False, soft_wrap=True)
 
+_PLAIN_ROWS_COUNT = 100
 _SAYING_KEY = "blockrobot.say_error"
 _ANSWERS_KEY = "blockrobot.answers"
 
@@ -137,6 +138,20 @@ def ask_for(text: str) -> str:
     """Ask for a line at the terminal, also within the event loop. Raises Abort at the first Ctrl-C."""
     with _stopped_by_interrupt():
         return str(click.prompt(text))
+
+
+def ask_for_enter(text: str) -> None:
+    """Wait at the terminal until Enter is pressed. Raises Abort at the first Ctrl-C."""
+    with _stopped_by_interrupt():
+        click.prompt(text, default="", show_default=False)
+
+
+def wipe_screen() -> None:
+    """Take secrets off the screen, and out of what can be scrolled back to; a terminal that cannot gets empty lines."""
+    if not console.is_terminal:
+        return
+    wiped = "\n" * _PLAIN_ROWS_COUNT if console.is_dumb_terminal else "\x1b[H\x1b[2J\x1b[3J"
+    click.echo(wiped, nl=False, color=True)
 
 
 def say_errors(context: click.Context, saying: Callable[[BlockRobotError], str]) -> None:

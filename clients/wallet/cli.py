@@ -20,6 +20,7 @@ from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.erasure_status import erasures
 from clients.wallet.export_command import export
+from clients.wallet.guardians_commands import guardians
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, text
@@ -67,6 +68,7 @@ for command in (
     *ROTATING_COMMANDS,
     export,
     erasures,
+    guardians,
     keyring,
     serve,
 ):

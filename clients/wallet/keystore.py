@@ -23,6 +23,7 @@ from nacl.bindings import (
 )
 from nacl.exceptions import CryptoError
 
+from clients.wallet.guardians import GuardianSet
 from clients.wallet.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
@@ -95,6 +96,7 @@ class WalletContent(msgspec.Struct):
     transfers_due: bool = False
     left: bool = False
     leaving: list[bytes] = msgspec.field(default_factory=list)
+    guardian_sets: list[GuardianSet] = msgspec.field(default_factory=list)
 
     def __repr__(self) -> str:
         return f"WalletContent({len(self.visits)} visits)"

@@ -1,0 +1,244 @@
+"""`blockrobot wallet guardians list|split`: who holds shares of this wallet's words, and handing them out.
+
+Words go to the terminal, one guardian at a time, or onto sheets. Must never put them into JSON, a log or an argument, nor
+leave them on the screen; the wallet's file keeps none either.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+
+from clients.sdk.terminal import ask_for_enter, console, json_option, plain_errors, print_json, wipe_screen
+from clients.wallet.claiming import claim_wallet, require_wallet
+from clients.wallet.guardian_sheets import write_sheets
+from clients.wallet.guardians import GuardianSet, set_json, wrong_names
+from clients.wallet.guardians_recovering import check, recover
+from clients.wallet.keystore import Keystore, WalletContent
+from clients.wallet.language import text
+from clients.wallet.making_commands import check_back, word_lines
+from clients.wallet.opening import called, read_passphrase, show_moment
+from clients.wallet.rotating_commands import ask_or_say
+from clients.wallet.shares import (
+    GUARDIANS_MAX_COUNT,
+    GUARDIANS_MIN_COUNT,
+    SHARE_WORDS_COUNT,
+    THRESHOLD_MIN_COUNT,
+    read_share,
+    show_identifier,
+    split_words,
+)
+from consensus.errors import BlockRobotError
+
+
+@contextlib.contextmanager
+def _opened(ctx: click.Context, *, from_keyring: bool = True) -> Iterator[Keystore]:
+    """Open the wallet's file, and nothing else: no network is needed."""
+    path: Path = ctx.obj[0]
+    require_wallet(path)
+    passphrase = read_passphrase(from_keyring=from_keyring)
+    with claim_wallet(path):
+        yield Keystore.open(path, passphrase)
+
+
+@click.group(invoke_without_command=True)
+@json_option
+@click.pass_context
+def guardians(ctx: click.Context, as_json: bool) -> None:
+    """Let people you trust bring your wallet back together if you lose it. Without a command: who they are.
+
+    Example: blockrobot wallet guardians split --guardian Ann --guardian Ben --guardian Cleo
+    """
+    if ctx.invoked_subcommand is None:
+        ctx.invoke(list_, as_json=as_json)
+    elif as_json:
+        raise click.UsageError("Give --json behind the command.")
+
+
+@guardians.command("list")
+@json_option
+@click.pass_context
+@plain_errors
+def list_(ctx: click.Context, as_json: bool) -> None:
+    """Show who holds words of this wallet, how many of them are needed, and which sets still work.
+
+    Example: blockrobot wallet guardians list
+    """
+    with _opened(ctx) as store:
+        content = store.content
+    era = len(content.former)
+    if as_json:
+        print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
+        return
+    if not any(one.era == era for one in content.guardian_sets):
+        console.print(text("guardians.none", command=called(ctx)))
+    for one in content.guardian_sets:
+        _print_set(one, era)
+    if content.guardian_sets:
+        console.print(text("guardians.stay", command=called(ctx)))
+
+
+def _print_set(one: GuardianSet, present_era: int) -> None:
+    values: dict[str, Any] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
+    if one.guardians:
+        names = escape(", ".join(one.guardians))
+        moment = show_moment(one.made_at_ms)
+        console.print(text("guardians.line", moment=moment, count=len(one.guardians), names=names, **values))
+    else:
+        console.print(text("guardians.line_unknown", **values))
+    if not one.is_whole:
+        told = text("guardians.cut_short", handed=one.handed_count, count=len(one.guardians))
+        console.print(f"  [red]{told}[/red]")
+    if one.era != present_era:
+        console.print("  " + text("guardians.former"))
+
+
+def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
+    """Return how many guardians are to be needed: more than half unless said. Raises UsageError."""
+    if not GUARDIANS_MIN_COUNT <= len(names) <= GUARDIANS_MAX_COUNT:
+        wanted = f"Name {GUARDIANS_MIN_COUNT} to {GUARDIANS_MAX_COUNT} guardians, three for a start: --guardian NAME."
+        raise click.UsageError(wanted)
+    wrong = wrong_names(names)
+    if wrong:
+        raise click.UsageError(wrong)
+    needed = len(names) // 2 + 1 if threshold is None else threshold
+    if needed < THRESHOLD_MIN_COUNT:
+        raise click.UsageError(
+            "If one guardian were enough, each of them would have your wallet: --threshold 2 or more."
+        )
+    if needed > len(names):
+        raise click.UsageError(f"{needed} of {len(names)} guardians cannot be needed: name more, or lower --threshold.")
+    return needed
+
+
+def _choose_words(content: WalletContent, former: int | None) -> tuple[str, int]:
+    """Return the words to split and their place among the wallet's, from 0. Raises UsageError, WALLET_ROTATION_OPEN."""
+    if former is not None:
+        if former > len(content.former):
+            raise click.UsageError(f"This wallet has {len(content.former)} former words, not {former}.")
+        return content.former[former - 1], former - 1
+    if content.next_words:
+        raise BlockRobotError("WALLET_ROTATION_OPEN")
+    return content.words, len(content.former)
+
+
+def _tell_before(content: WalletContent, one: GuardianSet) -> None:
+    count = len(one.guardians)
+    console.print(text("guardians.means", threshold=one.threshold, count=count))
+    if one.threshold == count:
+        console.print(text("guardians.all_needed", count=count))
+    if content.former and one.era == len(content.former):
+        console.print(text("guardians.former_left"))
+
+
+@guardians.command()
+@click.option("--guardian", "names", multiple=True, metavar="NAME", help="Who is to hold a share; two to sixteen.")
+@click.option("--threshold", type=int, help="How many of them are needed (default: more than half).")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Write a sheet for each guardian into this folder, mode 0600, instead of showing the words.",
+)
+@click.option("--former", type=click.IntRange(1), help="Split words that were replaced instead; 1 are the oldest.")
+@click.option("--check/--no-check", "checked", default=True, help="Ask for some of the words back.")
+@click.option("--yes", is_flag=True, help="Do not ask whether there is to be one more set.")
+@json_option
+@click.pass_context
+@plain_errors
+def split(
+    ctx: click.Context,
+    names: tuple[str, ...],
+    threshold: int | None,
+    out: Path | None,
+    former: int | None,
+    checked: bool,
+    yes: bool,
+    as_json: bool,
+) -> None:
+    """Give each guardian words of their own; so many of them together bring this wallet back, fewer learn nothing.
+
+    At a terminal it shows them one guardian at a time, asks for some back and wipes the screen; with --out it writes
+    sheets to print. What was handed out cannot be taken back, only be made worthless by `wallet rotate`.
+
+    Example: blockrobot wallet guardians split --guardian Ann --guardian Ben --guardian Cleo --threshold 2
+    """
+    needed = _require_sensible(names, threshold)
+    if out is None and (as_json or not sys.stdin.isatty()):
+        raise click.UsageError("There is no terminal to show the words on: give --out FOLDER.")
+    with _opened(ctx, from_keyring=False) as store:
+        content = store.content
+        words, era = _choose_words(content, former)
+        shares = split_words(words, needed, len(names))
+        identifier = read_share(shares[0]).identifier
+        one = GuardianSet(time.time_ns() // 1_000_000, needed, list(names), identifier, era)
+        if not as_json:
+            _tell_before(content, one)
+        earlier = sum(known.era == era for known in content.guardian_sets)
+        if earlier:
+            click.echo(text("guardians.again", count=earlier), err=True)
+            ask_or_say(text("guardians.ask_again"), yes=yes)
+        content.guardian_sets.append(one)
+        sheets = _write(store, one, shares, out) if out else _show(store, one, shares, checked=checked)
+    if as_json:
+        print_json({"ok": True, **set_json(one, len(content.former)), "sheets": [str(path) for path in sheets]})
+    elif out:
+        console.print(text("guardians.sheets", count=len(sheets), folder=escape(str(out)), threshold=needed))
+    else:
+        console.print(text("guardians.done", count=len(names), threshold=needed))
+
+
+def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> list[Path]:
+    """Write the sheets and note whose they are; a power cut between leaves a set that is noted and not whole."""
+    store.save()
+    try:
+        sheets = write_sheets(out, one, shares)
+    except BaseException:
+        store.content.guardian_sets.remove(one)
+        store.save()
+        raise
+    one.handed_count = len(sheets)
+    store.save()
+    return sheets
+
+
+def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
+    """Show the words one guardian at a time, and wipe the screen, however it ends. Noted before anybody sees any."""
+    count, identifier = len(shares), show_identifier(one.identifier)
+    try:
+        for number, (name, share) in enumerate(zip(one.guardians, shares, strict=True), 1):
+            ask_for_enter(text("guardians.turn", name=name, number=number, count=count))
+            store.save()
+            wipe_screen()
+            told: dict[str, Any] = {
+                "name": escape(name),
+                "words": SHARE_WORDS_COUNT,
+                "identifier": identifier,
+                "number": number,
+            }
+            console.print(text("guardians.words", **told) + "\n")
+            for line in word_lines(share, console.width):
+                console.print(line, style="bold")
+            if checked:
+                check_back(share, said="guardians")
+            else:
+                ask_for_enter(text("guardians.written"))
+            one.handed_count = number
+            store.save()
+            wipe_screen()
+    except BaseException:
+        if one.handed_count < count:
+            wipe_screen()
+            click.echo(text("guardians.stopped", handed=one.handed_count, count=count), err=True)
+        raise
+    return []
+
+
+guardians.add_command(recover)
+guardians.add_command(check)

@@ -1,0 +1,308 @@
+"""`blockrobot wallet guardians recover|check`: guardians' words, typed or from files, and the wallet made from them.
+
+A wrong word is told at once. Must never put a word into an error, JSON or a log, nor leave typed words on the screen.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.markup import escape
+from shamir_mnemonic import Share
+
+from clients.sdk.plain_letters import printable
+from clients.sdk.terminal import ask_for, console, json_option, plain_errors, print_json, wipe_screen
+from clients.wallet.claiming import claim_place
+from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written
+from clients.wallet.guardians import GuardianSet
+from clients.wallet.keys import derive_keys
+from clients.wallet.keystore import Keystore
+from clients.wallet.language import say_error, text
+from clients.wallet.making_commands import guess_cost, hand_over, word_lines
+from clients.wallet.opening import called, read_new_passphrase, run_made
+from clients.wallet.restoring import CHECK_MAX_S, read_words, require_distinct, restore_wallet
+from clients.wallet.rotating_commands import write_words
+from clients.wallet.shares import (
+    SHARE_WORDS_COUNT,
+    Gathering,
+    find_unknown,
+    near_words,
+    read_share,
+    require_of_wallet,
+    show_identifier,
+    take_words,
+)
+from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
+
+MEMBER, NOBODY, NOT_ASKED = "member", "nobody", "not_asked"
+"""What the network says of the words: a registered member's, nobody's (yet, or any more), or it did not answer."""
+_STDIN = Path("-")
+
+
+def _tell_unknown(number: int, word: str) -> None:
+    near = near_words(word)
+    shown = printable(word, SHARE_WORDS_COUNT)
+    if near:
+        click.echo(text("guardians.unknown", number=number, word=shown, near=", ".join(near)))
+    else:
+        click.echo(text("guardians.unknown_bare", number=number, word=shown))
+
+
+def _type_words() -> list[str]:
+    """Ask for a share's words, line by line; each is looked up as soon as its line is there."""
+    words: list[str] = []
+    while len(words) < SHARE_WORDS_COUNT:
+        typed = take_words(ask_for(text("guardians.word", number=len(words) + 1)))
+        unknown = find_unknown(typed)
+        words += typed[:unknown]
+        if unknown is not None:
+            _tell_unknown(len(words) + 1, typed[unknown])
+    return words
+
+
+def type_share() -> Share:
+    """Ask for a share at the terminal until it is whole; single words can be put right. Raises Abort at a Ctrl-C."""
+    words = _type_words()
+    while True:
+        try:
+            share = read_share(" ".join(words))
+            require_of_wallet(share)
+            return share
+        except BlockRobotError as error:
+            if error.code == "SHARE_WORD_UNKNOWN" or len(words) != SHARE_WORDS_COUNT:
+                click.echo(say_error(error), err=True)
+                words = _type_words()
+                continue
+        console.print(text("guardians.not_whole"))
+        for line in word_lines(" ".join(words), console.width):
+            console.print(line)
+        wanted = ask_for(text("guardians.correct")).strip()
+        number = int(wanted) if wanted.isdecimal() and int(wanted) <= SHARE_WORDS_COUNT else None
+        if number == 0:
+            words = _type_words()
+        elif number is not None:
+            (word, *_) = take_words(ask_for(text("guardians.correct_word", number=number))) or [""]
+            if find_unknown([word]) is None:
+                words[number - 1] = word
+            else:
+                _tell_unknown(number, word)
+
+
+def _read_file(path: Path, *, as_json: bool) -> Share:
+    """Return the share in a file, or on standard input. On a terminal a wrong word is shown with what it may be."""
+    try:
+        written = sys.stdin.read(SHEET_MAX_BYTES) if path == _STDIN else read_written(path)
+        share = read_share(written)
+        require_of_wallet(share)
+    except BlockRobotError as error:
+        if error.code == "SHARE_WORD_UNKNOWN" and not as_json and console.is_terminal:
+            place = int(error.context["number"])
+            _tell_unknown(place, take_words(written)[place - 1])
+        raise BlockRobotError(error.code, f"{path.name}: {error.detail}", **error.context) from None
+    return share
+
+
+@click.command()
+@click.argument(
+    "file", type=click.Path(path_type=Path, exists=True, dir_okay=False, allow_dash=True), default=str(_STDIN)
+)
+@json_option
+@plain_errors
+def check(file: Path, as_json: bool) -> None:
+    """For guardians: see that your words are whole. Needs no wallet and no other guardian, and keeps nothing.
+
+    FILE is a sheet or a text; without it, or with -, the words are typed.
+
+    Example: blockrobot wallet guardians check
+    """
+    if file == _STDIN and sys.stdin.isatty() and not as_json:
+        console.print(text("guardians.type", words=SHARE_WORDS_COUNT))
+        try:
+            share = type_share()
+        finally:
+            wipe_screen()
+    else:
+        share = _read_file(file, as_json=as_json)
+    if as_json:
+        print_json(
+            {"ok": True, "identifier": share.identifier, "sheet": share.index + 1, "threshold": share.member_threshold}
+        )
+        return
+    _tell_whole(share)
+    console.print(text("guardians.checked", threshold=share.member_threshold))
+
+
+def _tell_whole(share: Share) -> None:
+    identifier = show_identifier(share.identifier)
+    console.print(text("guardians.whole", number=share.index + 1, identifier=identifier))
+
+
+def _tell_progress(gathering: Gathering) -> None:
+    share = gathering.state.last_share
+    if share is not None:
+        _tell_whole(share)
+    if gathering.is_complete:
+        return
+    if gathering.needed:
+        console.print(text("guardians.needed", count=gathering.needed))
+    further = gathering.groups_needed - (1 if gathering.needed else 0)
+    if further > 0:
+        console.print(text("guardians.groups_needed", count=further))
+
+
+def _gather_typed(gathering: Gathering) -> None:
+    """Ask for shares until they are enough; what does not belong to them is told and left out."""
+    is_first = gathering.state.last_share is None
+    while not gathering.is_complete:
+        told = text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next")
+        console.print(told)
+        try:
+            share = type_share()
+        finally:
+            wipe_screen()
+        try:
+            gathering.add(share)
+        except BlockRobotError as error:
+            click.echo(say_error(error), err=True)
+            continue
+        is_first = False
+        _tell_progress(gathering)
+
+
+def _gather(files: tuple[Path, ...], *, as_json: bool) -> Gathering:
+    """Take shares in from files, then from the terminal, until they are enough. Raises SHARES_TOO_FEW and what is wrong."""
+    gathering = Gathering()
+    for file in files:
+        share = _read_file(file, as_json=as_json)
+        try:
+            gathering.add(share)
+        except BlockRobotError as error:
+            raise BlockRobotError(error.code, f"{file.name}: {error.detail}") from None
+        if not as_json:
+            _tell_progress(gathering)
+    if not gathering.is_complete:
+        if as_json or not sys.stdin.isatty():
+            raise BlockRobotError("SHARES_TOO_FEW", f"{gathering.needed} more of this set needed.")
+        _gather_typed(gathering)
+    return gathering
+
+
+def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gathering) -> str:
+    """Note in the wallet what set it came from; return what the network says of its words, if it answers in time."""
+    store = Keystore.open(path, passphrase)
+    share = gathering.state.last_share
+    assert share is not None
+    made = GuardianSet(0, share.member_threshold, [], share.identifier, len(store.content.former))
+    store.content.guardian_sets.append(made)
+    store.save()
+
+    async def ask(opened: Wallet) -> str:
+        async with asyncio.timeout(CHECK_MAX_S):
+            await opened.require_registered()
+        return MEMBER
+
+    try:
+        return run_made(store, genesis_path, ask)
+    except TimeoutError:
+        return NOT_ASKED
+    except BlockRobotError as error:
+        return NOBODY if error.code == "NOT_REGISTERED" else NOT_ASKED
+
+
+def _require_possible(
+    files: tuple[Path, ...], words_file: Path | None, *, only: bool, show: bool, as_json: bool
+) -> None:
+    """Raise UsageError for what cannot be done: asking, or showing words, where nobody sits."""
+    at_terminal = sys.stdin.isatty()
+    if not files and (as_json or not at_terminal):
+        raise click.UsageError("There is no terminal to type words at: give --share FILE, once for each guardian.")
+    if show and (as_json or not at_terminal):
+        raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+    if only and words_file is None and not show:
+        raise click.UsageError("With --words-only say where the words go: --words-file or --show-words.")
+
+
+@click.command()
+@click.option(
+    "--share",
+    "files",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    multiple=True,
+    help="A guardian's sheet, or words as text; may be repeated. The rest is asked for.",
+)
+@click.option(
+    "--former",
+    type=click.Path(path_type=Path, exists=True, dir_okay=False),
+    multiple=True,
+    help="Words that were replaced, in a file; oldest first if there are several.",
+)
+@click.option(
+    "--words-file", type=click.Path(path_type=Path, dir_okay=False), help="Write the 24 words too, mode 0600."
+)
+@click.option("--show-words", "show", is_flag=True, help="Show the 24 words too, to write them down again.")
+@click.option("--words-only", "only", is_flag=True, help="Make no wallet: for words that were replaced (--former).")
+@click.option("--fast-passphrase", is_flag=True, help="A cheaper passphrase check, for tests and demonstrations.")
+@json_option
+@click.pass_context
+@plain_errors
+def recover(
+    ctx: click.Context,
+    files: tuple[Path, ...],
+    former: tuple[Path, ...],
+    words_file: Path | None,
+    show: bool,
+    only: bool,
+    fast_passphrase: bool,
+    as_json: bool,
+) -> None:
+    """Make a lost wallet again from the words of enough guardians. It has the same 24 words as before.
+
+    Says after each guardian how many more are needed. A wrong word, another set and the same guardian twice are told.
+
+    Example: blockrobot wallet guardians recover
+    """
+    path, genesis_path = ctx.obj
+    _require_possible(files, words_file, only=only, show=show, as_json=as_json)
+    done: dict[str, Any] = {}
+    with contextlib.nullcontext() if only else claim_place(path):
+        gathering = _gather(files, as_json=as_json)
+        words = gathering.join()
+        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
+        require_distinct(words, replaced)
+        if not as_json:
+            console.print(text("guardians.enough"))
+        if not only:
+            passphrase = read_new_passphrase()
+            known = restore_wallet(path, words, replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
+            member = derive_keys(words).identity.public_key.hex()
+            standing = _ask_network(path, passphrase, genesis_path, gathering)
+            done = {"wallet": str(path), "member": member, "words_checked": known, "standing": standing}
+    if words_file is not None:
+        write_words(words_file, words)
+    if as_json:
+        print_json({"ok": True, **done, "words_file": str(words_file) if words_file else None})
+        return
+    if words_file is not None:
+        console.print(text("guardians.words_file", path=escape(str(words_file))))
+    if show:
+        hand_over(words, None, check=False)
+    if not only:
+        _tell_recovered(ctx, path, done["standing"], has_former=bool(former))
+
+
+def _tell_recovered(ctx: click.Context, path: Path, standing: str, *, has_former: bool) -> None:
+    console.print(text("guardians.recovered", path=escape(str(path)), command=called(ctx)))
+    if standing == MEMBER:
+        console.print(text("guardians.member"))
+    elif standing == NOBODY:
+        console.print(text("guardians.nobody", command=called(ctx)))
+    else:
+        console.print(text("guardians.not_asked", command=called(ctx)))
+    if not has_former:
+        console.print(text("restore.former"))
