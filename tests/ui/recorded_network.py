@@ -73,17 +73,27 @@ class RecordedNetwork:
 
     async def start(self) -> None:
         """Start the nodes, register the person and the robot, and record her once."""
+        await self.start_unregistered()
+        async with self.wallet() as ann:
+            await ann.register(self.issue_card(UID, "subject"), [])
+            await Consenting(ann).give(["demo"], ["depth"])
+        await self.prepare_robot()
+        await self.record()
+
+    async def start_unregistered(self) -> None:
+        """Start the nodes, publish the notice, and make the person's wallet: nobody is registered, nobody recorded."""
         self.wallet_dir.mkdir(mode=0o700)
         self.passphrase_file.write_text(PASSPHRASE, encoding="utf-8")
         self.passphrase_file.chmod(0o600)
         await self.network.start()
         await publish_demo_notice(self.network.folder)
         self._ward = Ward(self.network, self.wallet_dir)
-        async with self.wallet() as ann:
-            await ann.register(self._ward.desk.issue(UID, "subject"), [])
-            await Consenting(ann).give(["demo"], ["depth"])
+        async with self.wallet():
+            pass
+
+    async def prepare_robot(self) -> None:
+        """Register the robot, and give it the roster of who consents."""
         await self._ward.prepare_robot()
-        await self.record()
 
     async def record(self) -> dict[str, Any]:
         """Let the robot record her walk once more, as a visit of its own; return the counts of frames."""

@@ -13,7 +13,6 @@ from aiohttp import web
 from clients.wallet.erasing import Erasing
 from clients.wallet.erasure_status import AskedErasure, find_erasures_of
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import text
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.days import Wanted, kind_of, kinds_json, read_zone, select

@@ -18,7 +18,7 @@ from consensus.errors import BlockRobotError
 WAIT_MAX_MS = 25_000
 KEPT_MS = 30 * 60_000
 OPEN_MAX_COUNT = 16
-DECISIONS = frozenset({"consent", "share", "revoke", "erase"})
+DECISIONS = frozenset({"register", "consent", "share", "revoke", "erase"})
 """Kinds of jobs that write what she decided: a page that ends finishes them first."""
 _log = logging.getLogger("wallet.page")
 Work = Callable[["Job"], Awaitable[dict[str, Any]]]

@@ -14,6 +14,7 @@ from clients.wallet.page import (
     export_routes,
     inbox_routes,
     reading_routes,
+    registering_routes,
     sharing_routes,
 )
 from clients.wallet.page.session import PageSession
@@ -23,6 +24,7 @@ from pages.serving import Assets
 ASSETS = Path(__file__).parent / "assets"
 _PARTS = (
     reading_routes,
+    registering_routes,
     clip_routes,
     consent_routes,
     sharing_routes,

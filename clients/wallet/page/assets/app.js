@@ -34,6 +34,11 @@ let isClosed = false;
 /** What every view is given. */
 const context = {
   get overview() { return overview; },
+  /** Have what all views know read again. */
+  async renew() {
+    overview = await get("overview");
+    drawBar(place().name);
+  },
   get signal() { return leaving.signal; },
   go(place) { location.hash = `#/${place}`; },
   onLeave(act) { leaving.signal.addEventListener("abort", act, { once: true }); },
@@ -55,7 +60,7 @@ async function showPlace({ keepFocus = false } = {}) {
   try {
     const show = await VIEWS[name]();
     if (signal.aborted) return;
-    view = overview.state === "not_registered" ? notRegistered() : await show(context, ...rest);
+    view = overview.state === "not_registered" ? await showRegistering() : await show(context, ...rest);
   } catch (error) {
     if (error.name === "AbortError" || isClosed) return;
     if (!(error instanceof Problem)) await get("overview").catch(() => {});  // a part of the page that could not be had: is anybody there?
@@ -75,8 +80,8 @@ async function showPlace({ keepFocus = false } = {}) {
   view.onShown?.();
 }
 
-function notRegistered() {
-  return { title: t("unregistered.title"), node: h("div", { class: "card" }, h("p", {}, t("unregistered.text")), h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet register BR1-…"))) };
+async function showRegistering() {
+  return (await import("./register.js")).showRegister(context);
 }
 
 function warnings() {
@@ -167,7 +172,8 @@ async function takeNews(change, isOther) {
   if (change.new_records.length > 0) tellNew(change.new_records);
   const { name } = place();
   drawFooter();
-  if (isOther && !shown?.refresh) {
+  const isOut = overview.state === "not_registered" && !shown?.isRegistering;
+  if (isOut || (isOther && !shown?.refresh)) {
     await showPlace({ keepFocus: true });
     return;
   }

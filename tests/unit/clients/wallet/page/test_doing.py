@@ -17,6 +17,7 @@ from clients.wallet.page.asking import IDS_MAX_COUNT
 from clients.wallet.page.jobs import Job, Jobs
 from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
+from consensus.records.vouchers import encode_card_code
 from network.demo_notice import demo_notice
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
@@ -147,6 +148,15 @@ async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(de
         await desk.page.refused("POST", "/api/shares", wish | {"passphrase": "guess"})
     assert desk.session.ended.is_set()
     assert "10 wrong passphrases" in await serve_command._wait_until_over(desk.session, 30)
+
+
+async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphrase(desk: Desk) -> None:
+    assert await desk.page.refused("POST", "/api/registration/plan", {"code": "BR1-DAMAGED"}) == "VOUCHER_INVALID"
+    code = encode_card_code(desk.ward.chain.card("bea"))
+    wish = {"code": code, "notice_version": 0}
+    assert await desk.page.refused("POST", "/api/registration", wish) == "REQUEST_INVALID"
+    wrong = wish | {"passphrase": "coffee"}
+    assert await desk.page.refused("POST", "/api/registration", wrong) == "WALLET_PASSPHRASE_WRONG"
 
 
 async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(

@@ -1,0 +1,61 @@
+"""Registering in the page with the code on one's card. Must never register before the notice was on the screen.
+
+Who registers consents to nothing by it: what she agrees to, she says afterwards, purpose by purpose.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aiohttp import web
+
+from clients.wallet.notices import Notices
+from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.jobs import Job
+from clients.wallet.page.session import PageSession
+from consensus.errors import BlockRobotError
+from consensus.records.vouchers import decode_card_code
+from pages.local_page import LocalRoute
+
+CODE_MAX_CHARS = 1_024
+
+
+def routes(session: PageSession) -> list[LocalRoute]:
+    """Return the routes of this part."""
+    return [
+        route(session, "POST", "/api/registration/plan", _plan),
+        route(session, "POST", "/api/registration", _register),
+    ]
+
+
+async def _plan(session: PageSession, request: web.Request) -> web.Response:
+    """Tell what the organisation that issued a card tells people, before anything is signed."""
+    asked = await body_of(request)
+    code = asked.text("code", max_chars=CODE_MAX_CHARS).strip()
+    asked.end()
+    role = decode_card_code(code).role
+    async with session.hold() as wallet:
+        told = await Notices(wallet).for_card(code)
+    return answer_json({"role": role, "notice": told.as_json()})
+
+
+async def _register(session: PageSession, request: web.Request) -> web.Response:
+    asked = await body_of(request)
+    passphrase, code = asked.text("passphrase"), asked.text("code", max_chars=CODE_MAX_CHARS).strip()
+    version = asked.number("notice_version")
+    asked.end()
+    decode_card_code(code)
+    await session.gate.require(passphrase)
+
+    async def work(job: Job) -> dict[str, Any]:
+        notices = Notices(session.wallet)
+        job.tell("reading what you are told")
+        told = await notices.for_card(code)
+        if told.version != version:
+            raise BlockRobotError("NOTICE_NOT_SHOWN")
+        job.tell("writing it into the ledger")
+        done = await session.wallet.register(code, [])
+        notices.note_shown(told)
+        return {"txid": done.txid.hex(), "member": done.member.hex(), "organisation": told.organisation}
+
+    return accepted(session.jobs.start("register", work))

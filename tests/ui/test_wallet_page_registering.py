@@ -1,0 +1,54 @@
+"""A new person's page: she registers with the code on her card, says yes, and sees the first recording come in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from playwright.async_api import Page, expect
+
+from tests.ui.accessible import find_accessibility_faults
+from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, serve_wallet
+from tests.ui.watched_page import Watch
+from tests.walking_alone import UID
+
+
+async def test_she_registers_is_told_first_says_yes_and_watches_the_first_recording_come_in(
+    page: Page, watch: Watch, tmp_path: Path
+) -> None:
+    watch.expect("status of 40[03]")
+    network = RecordedNetwork(tmp_path / "new")
+    try:
+        await network.start_unregistered()
+        code = network.issue_card(UID, "subject")
+        async with serve_wallet(network) as served:
+            served.pages.append(page)
+            await page.goto(served.file.as_uri())
+            await expect(page.locator("h1")).to_have_text("You are not registered yet", timeout=SETTLED_MS)
+            register = page.get_by_role("button", name="Register", exact=True)
+            await page.get_by_label("Code on your card").fill("BR1-DAMAGED")
+            await page.get_by_role("button", name="See what you are told").click()
+            await expect(page.locator("#main .notice.bad")).to_be_visible()
+            assert await register.count() == 0, "nobody registers before she was told"
+            await page.get_by_label("Code on your card").fill(f" {code.lower()} ")
+            await page.keyboard.press("Enter")
+            await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
+            assert await find_accessibility_faults(page) == []
+            await register.click()
+            await confirm_with(page, "coffee")
+            await expect(page.locator("dialog [role=alert]")).to_contain_text("not the passphrase")
+            await confirm_with(page, network.passphrase)
+            await expect(page.get_by_role("heading", name="You are registered")).to_be_focused(timeout=SETTLED_MS)
+            await expect(page.locator("#main")).to_contain_text("no robot records you")
+            await page.get_by_role("link", name="To your consent").click()
+            yes = page.get_by_role("button", name="Yes: Depth camera (distances, no colours), A demonstration")
+            await yes.click()
+            await expect(page.locator("#main")).to_contain_text("You said yes. It holds from block", timeout=SETTLED_MS)
+            await go(page, "")
+            await expect(page.locator("#main")).to_contain_text("Nothing was recorded of you.")
+            await network.prepare_robot()
+            await network.record()
+            await expect(page.locator("#news")).to_contain_text("came in", timeout=SETTLED_MS)
+            await expect(page.locator("table.calendar .day.has")).to_be_visible(timeout=SETTLED_MS)
+    finally:
+        await network.close()
