@@ -5,6 +5,7 @@ Read from TOML and checked here, once, before anything is read. Must never guess
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -18,6 +19,9 @@ from consensus.errors import BlockRobotError
 
 TOPICS_FILE_MAX_BYTES = 256 * 1024
 TAG_TOPICS_MAX_COUNT = 16
+LLRP_PORT = 5084
+LLRP_READERS_MAX_COUNT = 8
+ANTENNA_MAX = 65_535
 
 ClockName = Literal["stamp", "recording"]
 DETECTION_MAP = TagMap(
@@ -33,6 +37,7 @@ DETECTION_MAP = TagMap(
 )
 STRING_TYPE = "std_msgs/msg/String"
 _STRING_MAP = TagMap(epc="data")
+_HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,252})|[0-9A-Fa-f:.]{2,45}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,12 +69,30 @@ class AudioTopic:
 
 
 @dataclass(frozen=True, slots=True)
+class LlrpReader:
+    """A tag reader that is asked by itself, over LLRP: `front` are its antennas, by number, that look as the camera looks.
+
+    `back` are those that look away from it.
+    """
+
+    host: str
+    port: int = LLRP_PORT
+    front: tuple[int, ...] = ()
+    back: tuple[int, ...] = ()
+
+    @property
+    def address(self) -> str:
+        """The reader's name for people: host and port."""
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+@dataclass(frozen=True, slots=True)
 class Topics:
     """What to read. `clock` says whether frames and readings bear their message's stamp or the recording's time.
 
     `focal_px` is the depth camera's focal length in pixels; None: the recording says it, or nobody does.
 
-    `definitions` holds the text of message types that the recording does not define itself.
+    `definitions` holds the text of message types that the recording does not define itself; `llrp` readers count live only.
     """
 
     depth: str = DEPTH_TOPIC
@@ -82,6 +105,7 @@ class Topics:
     audio: AudioTopic | None = None
     clock: ClockName = "stamp"
     definitions: Mapping[str, str] = field(default_factory=dict)
+    llrp: tuple[LlrpReader, ...] = ()
 
     @property
     def wanted(self) -> dict[str, str]:
@@ -119,17 +143,20 @@ def parse_topics(text: str) -> Topics:
     clock = table.word("clock", "stamp", get_args(ClockName))
     depth, empty, rgb = table.table("depth"), table.table("empty"), table.table("rgb")
     labels, audio = table.table("labels"), table.table("audio")
+    readers = tuple(_llrp_reader(row) for row in table.tables("llrp"))
     topics = Topics(
         depth=(depth.text("topic", required=False) if depth else "") or DEPTH_TOPIC,
         focal_px=(depth.number("focal_px") or None) if depth else None,
         empty=empty.text("topic") if empty else EMPTY_TOPIC,
-        tags=tuple(_tag_topic(row) for row in table.tables("tags")) or Topics().tags,
+        # Who has a reader of his own, and names no topic of readings, has none.
+        tags=tuple(_tag_topic(row) for row in table.tables("tags")) or (() if readers else Topics().tags),
         rgb=rgb.text("topic") if rgb else "",
         rgb_registered=rgb.flag("registered") if rgb else False,
         labels=_labels(labels) if labels else None,
         audio=_audio(audio) if audio else None,
         clock=cast(ClockName, clock),
         definitions=table.texts("definitions"),
+        llrp=readers,
     )
     for part in (depth, empty, rgb):
         if part:
@@ -148,6 +175,9 @@ def check_topics(topics: Topics) -> Topics:
         raise _wrong(f"The topic {sorted(twice)[0]} is named for two things.")
     if len(topics.tags) > TAG_TOPICS_MAX_COUNT:
         raise _wrong(f"There are more than {TAG_TOPICS_MAX_COUNT} topics of tags.")
+    places = [(reader.host, reader.port) for reader in topics.llrp]
+    if len(set(places)) < len(places) or len(places) > LLRP_READERS_MAX_COUNT:
+        raise _wrong(f"An LLRP reader is named twice, or there are more than {LLRP_READERS_MAX_COUNT}.")
     return topics
 
 
@@ -197,6 +227,21 @@ def _tag_topic(table: _Table) -> TagTopic:
         raise _wrong(f"{table.name}epc and its fellows go through different lists.")
     table.close()
     return topic
+
+
+def _llrp_reader(table: _Table) -> LlrpReader:
+    made = LlrpReader(
+        host=table.text("host"),
+        port=int(table.number("port", LLRP_PORT)),
+        front=table.antennas("front"),
+        back=table.antennas("back"),
+    )
+    table.close()
+    if not _HOST.fullmatch(made.host) or made.port > 65_535:
+        raise _wrong(f"{table.name}host and port are no address of a reader.")
+    if set(made.front) & set(made.back):
+        raise _wrong(f"{table.name}front and back name the same antenna.")
+    return made
 
 
 def _labels(table: _Table) -> LabelTopic:
@@ -264,6 +309,12 @@ class _Table:
         if not all(isinstance(value, str | int) for value in values):
             raise _wrong(f"{self.name}{key} must be a list of numbers or names.")
         return tuple(str(value) for value in values)
+
+    def antennas(self, key: str) -> tuple[int, ...]:
+        values = self._take(key, list, "a list of antennas, by number") or []
+        if not all(type(value) is int and 0 < value <= ANTENNA_MAX for value in values):
+            raise _wrong(f"{self.name}{key} must be a list of antennas' numbers, from 1.")
+        return tuple(values)
 
     def texts(self, key: str) -> dict[str, str]:
         values = self._take(key, dict, "a table of texts") or {}

@@ -1,0 +1,110 @@
+"""How ROS 2 writes topics, types, publishers and sequence numbers into Zenoh, as `rmw_zenoh` lays them out.
+
+Everything read here comes from strangers: what does not fit the layout is nothing, and never an error.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from consensus.errors import BlockRobotError
+
+DOMAIN_MAX = 232
+KEY_MAX_CHARS = 1_024
+PUBLISHERS_MAX_COUNT = 256
+"""So many publishers' sequence numbers are followed; those heard longest ago are forgotten first."""
+
+GAP_MAX_COUNT = 1_000_000
+"""A larger gap is no loss but another beginning."""
+
+HASHES_UNSAID = frozenset({"TypeHashNotSupported", "EMPTY_TOPIC_HASH"})
+"""What stands where a publisher's ROS knows no hash of the type, as in Humble."""
+
+_TOPIC = re.compile(r"/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
+_TYPE = re.compile(r"([a-z][a-z0-9_]*)::msg::dds_::([A-Za-z][A-Za-z0-9]*)_")
+_TOKEN_PARTS_COUNT = 13
+_TOKEN_KIND, _TOKEN_TOPIC, _TOKEN_TYPE, _TOKEN_HASH = 5, 9, 10, 11
+_GID_BYTES = 16
+_NUMBERS_BYTES = 16
+_NAMED = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
+
+
+@dataclass(frozen=True, slots=True)
+class TopicKey:
+    """A topic as a key or a token names it: `type` is `pkg/msg/Name`, `hash` the RIHS01 hash of its definition."""
+
+    topic: str
+    type: str
+    hash: str
+
+
+def subscription_key(topic: str, domain: int) -> str:
+    """Return the key expression of all that is published on a topic. Raises TOPICS_INVALID for what is no topic."""
+    if len(topic) > KEY_MAX_CHARS or not _TOPIC.fullmatch(topic):
+        raise BlockRobotError("TOPICS_INVALID", f"{topic[:64]!r} is no name of a ROS topic, such as /camera/depth.")
+    return f"{domain}/{topic.lstrip('/')}/*/*"
+
+
+def parse_key(key: str) -> TopicKey | None:
+    """Return what the key of a message says, None if it is no message of a ROS topic."""
+    parts = key.split("/") if len(key) <= KEY_MAX_CHARS else []
+    if len(parts) < 4:
+        return None
+    return _topic_key("/" + "/".join(parts[1:-2]), parts[-2], parts[-1])
+
+
+def parse_token(token: str) -> TopicKey | None:
+    """Return what the liveliness token of a publisher says, None if it is of anything else."""
+    parts = token.split("/") if len(token) <= KEY_MAX_CHARS else []
+    if len(parts) != _TOKEN_PARTS_COUNT or parts[_TOKEN_KIND] != "MP":
+        return None
+    return _topic_key(parts[_TOKEN_TOPIC].replace("%", "/"), parts[_TOKEN_TYPE], parts[_TOKEN_HASH])
+
+
+def parse_numbers(attachment: bytes) -> tuple[bytes, int] | None:
+    """Return a message's publisher and its sequence number, None if the attachment tells none.
+
+    Read are the layout of today (two numbers, then the publisher) and the older one, which names each of the three.
+    """
+    if attachment.startswith(_NAMED[0]):
+        parts = [attachment[len(_NAMED[0]) :]]
+        for name in _NAMED[1:]:
+            if parts[-1][8 : 8 + len(name)] != name:
+                return None
+            parts.append(parts[-1][8 + len(name) :])
+        number, publisher = parts[0][:8], parts[2]
+    else:
+        number, publisher = attachment[:8], attachment[_NUMBERS_BYTES:]
+    if publisher[:1] == bytes([_GID_BYTES]):
+        publisher = publisher[1:]
+    if len(publisher) != _GID_BYTES:
+        return None
+    return publisher, int.from_bytes(number, "little", signed=True)
+
+
+class SequenceGaps:
+    """Counts what was lost on the way, by the gaps in each publisher's sequence numbers."""
+
+    def __init__(self) -> None:
+        self._last: dict[bytes, int] = {}
+
+    def take(self, attachment: bytes) -> int:
+        """Return how many messages of this one's publisher are missing since the one before."""
+        told = parse_numbers(attachment)
+        if told is None:
+            return 0
+        publisher, number = told
+        before = self._last.pop(publisher, None)
+        if len(self._last) >= PUBLISHERS_MAX_COUNT:
+            del self._last[next(iter(self._last))]
+        self._last[publisher] = number
+        gap = 0 if before is None else number - before - 1
+        return gap if 0 < gap <= GAP_MAX_COUNT else 0
+
+
+def _topic_key(topic: str, mangled_type: str, type_hash: str) -> TopicKey | None:
+    named = _TYPE.fullmatch(mangled_type)
+    if named is None or not _TOPIC.fullmatch(topic):
+        return None
+    return TopicKey(topic, f"{named[1]}/msg/{named[2]}", type_hash)
