@@ -47,7 +47,7 @@ def split_words(words: str, threshold: int, count: int) -> list[str]:
     ((*shares,),) = generate_mnemonics(
         1, [(threshold, count)], entropy, _NO_PASSPHRASE, extendable=True, iteration_exponent=ITERATION_EXPONENT
     )
-    for start in range(count):
+    for start in range(0, count, threshold):
         joined = Gathering()
         for place in range(threshold):
             joined.add(read_share(shares[(start + place) % count]))

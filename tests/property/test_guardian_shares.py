@@ -1,0 +1,123 @@
+"""Guardians' shares: any that are enough lead back to the same 24 words, fewer to nothing, and sets do not mix."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mnemonic import Mnemonic
+from shamir_mnemonic import EncryptedMasterSecret, Share, split_ems
+from shamir_mnemonic.wordlist import WORDLIST
+
+from clients.wallet.shares import Gathering, find_unknown, near_words, read_share, split_words, take_words
+from consensus.errors import BlockRobotError
+
+entropies = st.binary(min_size=32, max_size=32)
+ways = st.integers(2, 16).flatmap(lambda count: st.tuples(st.integers(2, count), st.just(count)))
+
+
+def words_of(entropy: bytes) -> str:
+    return str(Mnemonic("english").to_mnemonic(entropy))
+
+
+def gathered(shares: list[str]) -> Gathering:
+    gathering = Gathering()
+    for share in shares:
+        gathering.add(read_share(share))
+    return gathering
+
+
+@settings(max_examples=30, deadline=None)
+@given(entropies, ways, st.data())
+def test_any_that_are_enough_lead_back_and_one_less_never(entropy, way, data):
+    threshold, count = way
+    words = words_of(entropy)
+    shares = split_words(words, threshold, count)
+    assert {len(share.split()) for share in shares} == {33}
+    chosen = data.draw(st.permutations(shares))[:threshold]
+    assert gathered(chosen).join() == words
+    short = gathered(chosen[:-1])
+    assert (short.is_complete, short.needed) == (False, 1)
+    with pytest.raises(BlockRobotError, match="SHARES_TOO_FEW"):
+        short.join()
+
+
+@settings(max_examples=3, deadline=None)
+@given(entropies)
+def test_every_choice_of_three_out_of_five_leads_back(entropy):
+    words = words_of(entropy)
+    shares = split_words(words, 3, 5)
+    for chosen in combinations(shares, 3):
+        assert gathered(list(chosen)).join() == words
+
+
+@settings(max_examples=30, deadline=None)
+@given(entropies, entropies)
+def test_two_sets_do_not_mix_whatever_they_are_of(first, second):
+    ours, others = split_words(words_of(first), 2, 3), split_words(words_of(second), 2, 3)
+    code = (
+        "SHARES_CONTRADICT" if read_share(ours[0]).identifier == read_share(others[1]).identifier else "ANOTHER_SPLIT"
+    )
+    with pytest.raises(BlockRobotError, match=code):
+        gathered([ours[0], others[1]]).join()
+
+
+@settings(max_examples=30, deadline=None)
+@given(entropies, entropies, st.integers(0, 2**15 - 1))
+def test_sets_that_bear_the_same_number_by_chance_are_told_apart_by_the_digest(first, second, identifier):
+    if first == second:
+        return
+    split = [
+        split_ems(1, [(2, 3)], EncryptedMasterSecret.from_master_secret(secret, b"", identifier, True, 1))[0]
+        for secret in (first, second)
+    ]
+    with pytest.raises(BlockRobotError, match="SHARES_CONTRADICT"):
+        gathered([split[0][0].mnemonic(), split[1][1].mnemonic()]).join()
+
+
+@settings(max_examples=60, deadline=None)
+@given(entropies, st.integers(0, 32), st.sampled_from(WORDLIST))
+def test_one_wrong_word_is_always_noticed(entropy, place, word):
+    share = split_words(words_of(entropy), 2, 2)[0].split()
+    if share[place] == word:
+        return
+    share[place] = word
+    with pytest.raises(BlockRobotError, match="SHARE_INVALID"):
+        read_share(" ".join(share))
+
+
+@settings(max_examples=60, deadline=None)
+@given(entropies, st.integers(0, 31))
+def test_two_words_that_changed_places_are_always_noticed(entropy, place):
+    share = split_words(words_of(entropy), 2, 2)[0].split()
+    share[place], share[place + 1] = share[place + 1], share[place]
+    if share[place] != share[place + 1]:
+        with pytest.raises(BlockRobotError, match="SHARE_INVALID"):
+            read_share(" ".join(share))
+
+
+@given(st.text(max_size=300))
+def test_whatever_is_written_is_read_or_refused(written):
+    with pytest.raises(BlockRobotError, match=r"SHARE_(WORD_UNKNOWN|INVALID)"):
+        read_share(written)
+
+
+@given(st.sampled_from(WORDLIST), st.data())
+def test_a_word_with_one_letter_amiss_finds_its_way(word, data):
+    place = data.draw(st.integers(0, len(word) - 1))
+    letter = data.draw(st.sampled_from("abcdefghijklmnopqrstuvwxyz"))
+    written = word[:place] + letter + word[place + 1 :]
+    assert find_unknown([written]) == (None if written in WORDLIST else 0)
+    assert len(near_words(written)) <= 3
+    if place >= 4:
+        assert word in near_words(written)
+
+
+def test_numbers_and_signs_between_words_do_not_matter():
+    shares = split_words(words_of(bytes(32)), 2, 3)
+    numbered = "\n".join(f" {number:>2}. {word.upper()}," for number, word in enumerate(shares[0].split(), 1))
+    assert take_words(numbered) == shares[0].split()
+    assert isinstance(read_share(numbered), Share)
+    assert read_share(numbered) == read_share(shares[0])
