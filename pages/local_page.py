@@ -216,13 +216,13 @@ class LocalPage:
         return web.json_response({"session": session})
 
     async def _index(self, request: web.Request) -> web.Response:
-        return self._assets.response("index.html", request.headers.get("If-None-Match", ""))
+        return self._assets.response("index.html", request.headers)
 
     async def _shared_file(self, request: web.Request) -> web.Response:
-        return self._shared.response(request.match_info["name"], request.headers.get("If-None-Match", ""))
+        return self._shared.response(request.match_info["name"], request.headers)
 
     async def _file(self, request: web.Request) -> web.Response:
-        return self._assets.response(request.match_info["name"], request.headers.get("If-None-Match", ""))
+        return self._assets.response(request.match_info["name"], request.headers)
 
 
 LOCAL_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}

@@ -6,10 +6,12 @@ Nothing else than these files may run in a page or be shown by it: no inline cod
 
 from __future__ import annotations
 
+import gzip
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 from aiohttp import web
 
@@ -18,6 +20,7 @@ from consensus.errors import BlockRobotError
 PAGES_ASSETS = Path(__file__).parent / "assets"
 ASSET_MAX_BYTES = 1 << 20
 ASSETS_MAX_COUNT = 200
+_GZIP_LEVEL = 9
 
 _TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -44,9 +47,10 @@ SECURITY_HEADERS: Mapping[str, str] = {
 
 @dataclass(frozen=True, slots=True)
 class Asset:
-    """One file of a page. `etag` is a strong entity tag (RFC 9110), quotes included."""
+    """One file of a page, as it is and packed by gzip. `etag` is a strong entity tag (RFC 9110) without its quotes."""
 
     content: bytes
+    packed: bytes
     content_type: str
     etag: str
 
@@ -79,16 +83,31 @@ class Assets:
             raise BlockRobotError("ROUTE_UNKNOWN", "The page has no such file.")
         return asset
 
-    def response(self, name: str, request_etag: str = "") -> web.Response:
-        """Return a file as an answer, or 304 if the browser has it (`request_etag`: the If-None-Match header).
+    def response(self, name: str, asked: Mapping[str, str] = MappingProxyType({})) -> web.Response:
+        """Return a file as an answer, or 304 if the browser has it. `asked` are the headers of the request.
 
+        It is packed if the browser takes that: files are the same for everybody, so their length tells nobody anything.
         Raises ROUTE_UNKNOWN.
         """
         asset = self.get(name)
-        headers = {**SECURITY_HEADERS, "ETag": asset.etag, "Cache-Control": "no-cache"}
-        if asset.etag in [tag.strip() for tag in request_etag.split(",")]:
+        is_packed = takes_gzip(asked.get("Accept-Encoding", ""))
+        etag = f'"{asset.etag}-gzip"' if is_packed else f'"{asset.etag}"'
+        headers = {**SECURITY_HEADERS, "ETag": etag, "Cache-Control": "no-cache", "Vary": "Accept-Encoding"}
+        if etag in [tag.strip() for tag in asked.get("If-None-Match", "").split(",")]:
             return web.Response(status=304, headers=headers)
-        return web.Response(body=asset.content, headers={**headers, "Content-Type": asset.content_type})
+        headers["Content-Type"] = asset.content_type
+        if is_packed:
+            return web.Response(body=asset.packed, headers=headers | {"Content-Encoding": "gzip"})
+        return web.Response(body=asset.content, headers=headers)
+
+
+def takes_gzip(accept_encoding: str) -> bool:
+    """Tell whether who asks takes what is packed by gzip, by the Accept-Encoding header (RFC 9110, 12.5.3)."""
+    for each in accept_encoding.lower().split(","):
+        coding, _, weight = each.partition(";")
+        if coding.strip() == "gzip":
+            return weight.strip().removeprefix("q=").strip("0.") != "" or not weight.strip()
+    return False
 
 
 def _read(path: Path) -> Asset:
@@ -96,4 +115,5 @@ def _read(path: Path) -> Asset:
     if len(content) > ASSET_MAX_BYTES:
         raise ValueError(f"{path.name} has {len(content)} bytes")
     digest = hashlib.sha256(content).hexdigest()[:32]
-    return Asset(content=content, content_type=_TYPES[path.suffix], etag=f'"{digest}"')
+    packed = gzip.compress(content, _GZIP_LEVEL, mtime=0)
+    return Asset(content=content, packed=packed, content_type=_TYPES[path.suffix], etag=digest)

@@ -6,6 +6,7 @@ files once, and answers with an entity tag and a content security policy.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
@@ -29,11 +30,11 @@ def shared_files() -> Assets:
     return Assets(PAGES_ASSETS)
 
 
-def answer_own(name: str, request_etag: str = "") -> web.Response:
+def answer_own(name: str, asked: Mapping[str, str]) -> web.Response:
     """Return a file of the explorer, or 304 if the browser has it. Raises ROUTE_UNKNOWN."""
-    return own_files().response(name or INDEX, request_etag)
+    return own_files().response(name or INDEX, asked)
 
 
-def answer_shared(name: str, request_etag: str = "") -> web.Response:
+def answer_shared(name: str, asked: Mapping[str, str]) -> web.Response:
     """Return a file that all pages share, or 304 if the browser has it. Raises ROUTE_UNKNOWN."""
-    return shared_files().response(name, request_etag)
+    return shared_files().response(name, asked)

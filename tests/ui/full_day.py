@@ -17,19 +17,16 @@ import msgspec
 from playwright.async_api import Page
 
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import LANGUAGES, section
 from clients.wallet.page.page import ASSETS, make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.page.snapshot import Snapshot, VisitPart
 from clients.wallet.wallet import RecordEntry
-from pages.serving import PAGES_ASSETS
 from tests.ui.recorded_network import RecordedNetwork
 
 VISITS_COUNT, RECORDS_A_VISIT_COUNT = 25, 80
 RECORDS_COUNT = VISITS_COUNT * RECORDS_A_VISIT_COUNT
 EVERY_MS = 40_000
 ZONE = zoneinfo.ZoneInfo("Europe/Berlin")
-SHARED_FILES = ("design.css", "dom.js", "fetching.js", "format.js")
 KEYS_BYTES = 33
 
 
@@ -82,18 +79,31 @@ async def serve_full_day(network: RecordedNetwork, folder: Path) -> AsyncIterato
             await page.stop()
 
 
-async def weigh(page: Page) -> dict[str, int]:
-    """Return what the page weighs in bytes: what was fetched until its calendar stood, and all it may ever fetch.
+_WEIGHT = """() => {
+  const parts = performance.getEntries().filter((one) => one.decodedBodySize &&
+    (!one.name.includes('/api/') || one.name.includes('/api/texts')));
+  const sum = (name) => parts.reduce((all, one) => all + one[name], 0);
+  return {plain: sum('decodedBodySize'), sent: sum('encodedBodySize')};
+}"""
 
-    Both without pictures, with the texts of one language.
+
+async def weigh(page: Page) -> dict[str, int]:
+    """Return what the page weighs in bytes when its calendar stands, and what all of its views weigh together.
+
+    `sent` is what came over the wire, packed; `plain` the same unpacked. Without pictures and answers about her data, with
+    the texts of one language.
     """
-    fetched: int = await page.evaluate(
-        "() => performance.getEntries().reduce((sum, one) => sum + (one.decodedBodySize ?? 0), 0)"
-    )
-    shared = sum((PAGES_ASSETS / name).stat().st_size for name in SHARED_FILES)
-    own = sum(path.stat().st_size for path in ASSETS.iterdir())
-    texts = max(len(msgspec.json.encode(section("page", language))) for language in LANGUAGES)
-    return {"page_bytes": fetched, "everything_bytes": shared + own + texts, "texts_bytes": texts}
+    began: dict[str, int] = await page.evaluate(_WEIGHT)
+    for name in sorted(path.name for path in ASSETS.glob("*.js")):
+        if name != "app.js":
+            await page.evaluate(f"() => import('./{name}')")
+    whole: dict[str, int] = await page.evaluate(_WEIGHT)
+    return {
+        "page_plain_bytes": began["plain"],
+        "page_sent_bytes": began["sent"],
+        "all_views_plain_bytes": whole["plain"],
+        "all_views_sent_bytes": whole["sent"],
+    }
 
 
 async def measure_full_day(page: Page) -> dict[str, float]:

@@ -138,7 +138,9 @@ async def test_a_day_of_2000_records_is_there_whole_and_the_page_is_light(
         await page.goto("about:blank")
     with capsys.disabled():
         sys.stdout.write(json.dumps({"name": "wallet_page", "ok": True, "figures": figures}) + "\n")
-    assert figures["page_bytes"] <= PAGE_MAX_BYTES
+    assert figures["page_plain_bytes"] <= PAGE_MAX_BYTES
+    assert figures["all_views_sent_bytes"] <= PAGE_MAX_BYTES
+    assert figures["all_views_sent_bytes"] < figures["all_views_plain_bytes"] / 2, "what is sent is packed"
 
 
 async def test_a_clip_of_5000_frames_is_played_by_windows(recorded_network: RecordedNetwork, page: Page) -> None:

@@ -147,7 +147,9 @@ async def _texts(_session: PageSession, request: web.Request) -> web.Response:
     if language not in LANGUAGES:
         raise BlockRobotError("REQUEST_INVALID", f"The wallet speaks {', '.join(LANGUAGES)}.")
     texts = section("page", language)
-    return answer_json({"language": language, "languages": list(LANGUAGES), "texts": texts})
+    response = answer_json({"language": language, "languages": list(LANGUAGES), "texts": texts})
+    response.enable_compression()
+    return response
 
 
 async def _changes(session: PageSession, request: web.Request) -> web.Response:

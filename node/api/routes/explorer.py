@@ -114,24 +114,20 @@ async def _explain_refusal(call: Call) -> web.StreamResponse:
     return json_answer(explain_refusal(call.http.match_info["code"]))
 
 
-def _etag(call: Call) -> str:
-    return call.http.headers.get("If-None-Match", "")
-
-
 async def _redirect(_call: Call) -> web.StreamResponse:
     return web.Response(status=308, headers={"Location": "explorer/"})
 
 
 async def _get_index(call: Call) -> web.StreamResponse:
-    return answer_own("", _etag(call))
+    return answer_own("", call.http.headers)
 
 
 async def _get_file(call: Call) -> web.StreamResponse:
-    return answer_own(call.http.match_info["name"], _etag(call))
+    return answer_own(call.http.match_info["name"], call.http.headers)
 
 
 async def _get_shared_file(call: Call) -> web.StreamResponse:
-    return answer_shared(call.http.match_info["name"], _etag(call))
+    return answer_shared(call.http.match_info["name"], call.http.headers)
 
 
 _DATA_ROUTES = (

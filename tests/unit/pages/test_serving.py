@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import pytest
@@ -23,10 +24,26 @@ def test_a_file_is_given_with_its_type_and_strict_headers() -> None:
 def test_a_browser_that_has_the_file_gets_no_second_copy() -> None:
     assets = Assets(PAGES_ASSETS)
     etag = assets.response("design.css").headers["ETag"]
-    again = assets.response("design.css", f'"other", {etag}')
+    again = assets.response("design.css", {"If-None-Match": f'"other", {etag}'})
     assert again.status == 304
     assert again.body is None
-    assert assets.response("design.css", '"other"').status == 200
+    assert assets.response("design.css", {"If-None-Match": '"other"'}).status == 200
+
+
+@pytest.mark.parametrize("wanted", ["gzip", "br, GZIP;q=0.5", "deflate, gzip , br"])
+def test_a_browser_that_takes_it_packed_gets_the_same_file_packed(wanted: str) -> None:
+    assets = Assets(PAGES_ASSETS)
+    packed, plain = assets.response("design.css", {"Accept-Encoding": wanted}), assets.response("design.css")
+    assert isinstance(packed.body, bytes)
+    assert (packed.headers["Content-Encoding"], packed.headers["Vary"]) == ("gzip", "Accept-Encoding")
+    assert gzip.decompress(packed.body) == plain.body
+    assert packed.headers["ETag"] != plain.headers["ETag"], "they are two representations"
+    assert "Content-Encoding" not in plain.headers
+
+
+@pytest.mark.parametrize("wanted", ["", "identity", "br", "gzip;q=0", "gzip; q=0.0", "xgzip"])
+def test_a_browser_that_does_not_take_it_packed_gets_it_plain(wanted: str) -> None:
+    assert "Content-Encoding" not in Assets(PAGES_ASSETS).response("design.css", {"Accept-Encoding": wanted}).headers
 
 
 @pytest.mark.parametrize("name", ["../serving.py", "/etc/passwd", "", ".", "nothing.css", "dom.js/"])
