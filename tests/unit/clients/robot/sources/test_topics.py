@@ -117,3 +117,41 @@ def test_types_that_are_known_need_no_map() -> None:
     assert tags_by_type("/t", "std_msgs/msg/String").map.epc == "data"
     with pytest.raises(BlockRobotError, match="TOPICS_INVALID"):
         tags_by_type("/t", "my_msgs/msg/Tag")
+
+
+def test_a_reader_of_ones_own_has_its_antennas_in_a_table_and_stands_for_the_topic_of_readings() -> None:
+    topics = parse_topics(
+        '[[llrp]]\nhost = "10.0.0.7"\nfront = [1, 2]\nback = [3]\n[[llrp]]\nhost = "::1"\nport = 15084'
+    )
+    left, right = topics.llrp
+    assert (left.address, left.front, left.back) == ("10.0.0.7:5084", (1, 2), (3,))
+    assert (right.address, right.front, right.back) == ("[::1]:15084", (), ())
+    assert topics.tags == ()
+
+
+def test_topics_of_readings_go_together_with_a_reader_of_ones_own() -> None:
+    topics = parse_topics('[[llrp]]\nhost = "reader"\n[[tags]]\ntopic = "/rfid"\nepc = "data"')
+    assert (len(topics.llrp), topics.tags[0].topic) == (1, "/rfid")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[[llrp]]\nport = 1", "host is missing"),
+        ('[[llrp]]\nhost = "a b"', "no address"),
+        ('[[llrp]]\nhost = "a"\nport = 70000', "no address"),
+        ('[[llrp]]\nhost = "a"\nfront = ["1"]', "numbers"),
+        ('[[llrp]]\nhost = "a"\nfront = [0]', "numbers"),
+        ('[[llrp]]\nhost = "a"\nback = [true]', "numbers"),
+        ('[[llrp]]\nhost = "a"\nfront = [1]\nback = [1]', "same antenna"),
+        ('[[llrp]]\nhost = "a"\ndistance = 3', "distance is no setting"),
+        ('[[llrp]]\nhost = "a"\n[[llrp]]\nhost = "a"', "twice"),
+        ("\n".join(f'[[llrp]]\nhost = "a{n}"' for n in range(9)), "more than 8"),
+        ('[llrp]\nhost = "a"', "[[llrp]]"),
+    ],
+)
+def test_a_reader_that_makes_no_sense_is_refused(text: str, said: str) -> None:
+    with pytest.raises(BlockRobotError) as caught:
+        parse_topics(text)
+    assert caught.value.code == "TOPICS_INVALID"
+    assert said in caught.value.detail
