@@ -36,8 +36,8 @@ OVERDUE_AFTER_MS = 24 * 60 * 60 * 1000
 """The chain takes no record of a day ago (`BUCKET_AGE_MAX_MS` of the contract `records`)."""
 
 _OVERDUE_CODES = frozenset({"BUCKET_WRONG", "EXPIRY_WRONG"})
-_KEY_SPENT = "GRANT_EXISTS"
-"""Somebody who saw the announcement on its way shared something with the visit's key first: it is no visit's ever."""
+_NOT_OURS = "NOT_THE_ROBOT"
+"""Another robot, which saw the announcement on its way, opened a visit under this key first: a robot that lies."""
 
 _OPEN_VISIT = "open_visit"
 
@@ -216,7 +216,7 @@ class Delivery:
 
     async def close_visit(self, owner: bytes, record_count: int) -> None:
         """Say on the chain how many records the visit has, so that a missing tail is noticed."""
-        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED"))
+        await self._final("records", "close_visit", [owner, record_count], accepted=("OK", "VISIT_CLOSED", _NOT_OURS))
 
     async def drain(self) -> None:
         """Wait until every started clip is final. Raises what stopped one for good."""
@@ -288,7 +288,7 @@ class Delivery:
             if error.code == "CLIP_ERASED":
                 # Its record was final before a restart, and the owner has erased it since: there is nothing to do.
                 self._spool.remove(name)
-            elif error.context.get("contract_code") == _KEY_SPENT or self._is_overdue(clip, error):
+            elif error.context.get("contract_code") == _NOT_OURS or self._is_overdue(clip, error):
                 # No chain will ever take it, and its pictures must not outlive their owner's say: she sees a gap.
                 _log.error("clip_let_go", bucket_ms=clip.bucket_ms, code=error.context.get("contract_code"))
                 self._spool.remove(name)

@@ -62,12 +62,8 @@ __all__ = ["FinalReceipt", "NetworkClient"]
 _FAULTY = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 _ELSEWHERE = _FAULTY | {"SESSION_REFUSED"}
 """Another node may answer well: faults of an answer, and what a node says that lies or follows late of who is nobody."""
-
-
 _NOT_TAKING_PART = frozenset({"NODE_REMOVED", "CERTIFICATE_EXPIRED", "CERTIFICATE_REVOKED"})
 """What a node says that no other node hears."""
-
-
 _REFUSED_BY_THE_CHAIN = frozenset({"CONTRACT_DISABLED", "CONTRACT_CALL_OUTDATED"})
 """What stays so until organisations decide otherwise, though it may be tried again some day: no wait would see the end."""
 
@@ -127,6 +123,10 @@ class NetworkClient:
     async def close(self) -> None:
         """Close every connection."""
         await self._connections.close()
+
+    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
+        """Say of which grant (its id) this is the one-time key, before anything is asked by it."""
+        self._sessions.name_grant(public_key, grant_id)
 
     async def forget_key(self, public_key: bytes) -> None:
         """Drop the sessions of a key and close its connections."""

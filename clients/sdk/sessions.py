@@ -33,6 +33,7 @@ class Sessions:
         self._connections = connections
         self._clock = clock
         self._tokens: OrderedDict[tuple[str, bytes], _Token] = OrderedDict()
+        self._grants: dict[bytes, bytes] = {}
 
     async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
         """Return a token for this key at this node, opening a session if there is none that lasts.
@@ -49,6 +50,10 @@ class Sessions:
             self._tokens.popitem(last=False)
         return opened.text
 
+    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
+        """Remember that this is the one-time key of a grant: its sessions are opened as that grant's."""
+        self._grants[public_key] = grant_id
+
     def forget(self, node: NodeAddress, public_key: bytes, token: str) -> None:
         """Drop a token that the node no longer takes, unless it was renewed meanwhile."""
         known = self._tokens.get((node.name, public_key))
@@ -56,7 +61,8 @@ class Sessions:
             del self._tokens[(node.name, public_key)]
 
     def forget_key(self, public_key: bytes) -> None:
-        """Drop every token of a key."""
+        """Drop every token of a key, and of which grant it is."""
+        self._grants.pop(public_key, None)
         for place in [place for place in self._tokens if place[1] == public_key]:
             del self._tokens[place]
 
@@ -71,6 +77,8 @@ class Sessions:
             "challenge": challenge.hex(),
             "signature": sign_session(key, self._chain_id, node.name, challenge).hex(),
         }
+        if key.public_key in self._grants:
+            document["grant"] = self._grants[key.public_key].hex()
         answer = read_answer(await self._post(node, key, "/v1/sessions", document, timeout_ms), SessionAnswer)
         return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)
 

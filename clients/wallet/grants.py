@@ -138,11 +138,13 @@ def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
 
 
 def grantee_key(received: ReceivedGrant, wallet: Wallet) -> PrivateKey:
-    """Derive the private key of a grant. It is never stored and never leaves this process."""
+    """Derive the private key of a grant, for use on its network. It is never stored and never leaves this process."""
     keys = wallet.eras[received.era]
-    return derive_grantee_key(
+    key = derive_grantee_key(
         keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
     )
+    wallet.network.name_grant(key.public_key, received.grant_id)
+    return key
 
 
 def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:

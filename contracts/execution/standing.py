@@ -2,7 +2,7 @@
 
 Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
 also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
-access, erasure, transfer and other rights only), as a grantee by the key of a grant (to ask while it stands, and to say
+access, erasure, transfer and other rights only), as a grantee by the key of a grant that it names (to ask while it stands, and to say
 for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active organisation, as a
 producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
 good and whose handle is free.
@@ -16,6 +16,7 @@ from typing import Any, Protocol
 from consensus.errors import BlockRobotError
 from consensus.limits import GRANT_NOTICE_MS
 from consensus.primitives.encoding import decode_value, u64
+from consensus.primitives.hashing import HASH_SIZE_BYTES
 from consensus.primitives.keys import recover
 from consensus.records.vouchers import CARD_TAG, VOUCHER_TAG
 from consensus.transaction import Transaction
@@ -74,19 +75,35 @@ def _owns_visit(state: Reader, owner: bytes) -> bool:
     return find_root(state, owner) is not None
 
 
-def find_grant(state: Reader, key: bytes, now_ms: int) -> dict[str, Any] | None:
-    """Return the grant of this one-time key: while it stands, and so long after as she says what she deleted."""
-    data = state.get(b"access\x00grant-of/" + key)
-    data = None if data is None else state.get(b"access\x00grant/" + decode_value(data))
+def find_grant(state: Reader, grant_id: bytes, key: bytes, now_ms: int) -> dict[str, Any] | None:
+    """Return the grant of this id if it is this one-time key's: while it stands, and so long after as she says what she
+    deleted.
+
+    By its id, never by the key: another grant to the same key, or a visit under it, takes nothing from this one.
+    """
+    data = state.get(b"access\x00grant/" + grant_id) if len(grant_id) == HASH_SIZE_BYTES else None
     grant: dict[str, Any] | None = None if data is None else decode_value(data)
-    return None if grant is None or now_ms >= grant["ended_ms"] + GRANT_NOTICE_MS else grant
+    if grant is None or grant["grantee"] != key or now_ms >= grant["ended_ms"] + GRANT_NOTICE_MS:
+        return None
+    return grant
 
 
-def _is_grantees_matter(state: Reader, sender: bytes, contract: str, entry: str, now_ms: int) -> bool:
-    if contract != "access" or entry not in GRANTEE_ENTRIES:
-        return False
-    grant = find_grant(state, sender, now_ms)
-    return grant is not None and (entry == "noticed" or now_ms < grant["ended_ms"])
+def _named_grant(state: Reader, transaction: Transaction, now_ms: int) -> dict[str, Any] | None:
+    """Return the sender's grant that a grantee's call names first, None for any other call."""
+    body = transaction.body
+    if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
+        return None
+    try:
+        arguments = transaction.arguments()
+    except BlockRobotError:
+        return None
+    grant_id = arguments[0] if arguments else None
+    return find_grant(state, grant_id, body.sender, now_ms) if isinstance(grant_id, bytes) else None
+
+
+def _is_grantees_matter(state: Reader, transaction: Transaction, now_ms: int) -> bool:
+    grant = _named_grant(state, transaction, now_ms)
+    return grant is not None and (transaction.body.entry == "noticed" or now_ms < grant["ended_ms"])
 
 
 def name_grantees(owner: bytes) -> bytes:
@@ -96,12 +113,8 @@ def name_grantees(owner: bytes) -> bytes:
 
 def find_account(state: Reader, transaction: Transaction) -> bytes:
     """Return in whose turns a transaction waits: its sender's, or those of all grantees of a visit."""
-    body = transaction.body
-    if body.contract != "access" or body.entry not in GRANTEE_ENTRIES:
-        return body.sender
-    grant_id = state.get(b"access\x00grant-of/" + body.sender)
-    data = None if grant_id is None else state.get(b"access\x00grant/" + decode_value(grant_id))
-    return body.sender if data is None else name_grantees(decode_value(data)["owner"])
+    grant = _named_grant(state, transaction, 0)
+    return transaction.body.sender if grant is None else name_grantees(grant["owner"])
 
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
@@ -165,9 +178,9 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
         return ""
-    if _is_own_matter(state, sender, body.contract, body.entry) or _is_grantees_matter(
-        state, sender, body.contract, body.entry, chain_time_ms
-    ):
+    if _is_own_matter(state, sender, body.contract, body.entry):
+        return ""
+    if _is_grantees_matter(state, transaction, chain_time_ms):
         return ""
     if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
         return ""

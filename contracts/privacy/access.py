@@ -7,8 +7,9 @@ release/id+hash of custodian and records -> True.
 
 grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, ended_ms, time, height, status,
 noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
-holds no copy any more; grant-number/n -> id; grant-count -> n; grant-of/G -> id; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
-found by scanning as visits are; who she is stands in a salted hash.
+holds no copy any more; grant-number/n -> id; grant-count -> n; open-grants/owner -> {id: until_ms}. The grantee's key G is a one-time key,
+found by scanning as visits are; who she is stands in a salted hash. Nothing stands under G itself: whoever uses it names
+the grant. So nobody who sees a key on its way can spend it, neither for another grant nor for a visit.
 """
 
 KEY_BYTES = 33
@@ -143,9 +144,8 @@ def check_grantee(grantee: bytes, ephemeral: bytes, view_tag: int, member_hash: 
     require(sized, "KEY_SIZE_WRONG", "G and R have 33 bytes each.")
     require(view_tag >= 0 and view_tag < 256, "VIEW_TAG_WRONG", "A view tag is one byte.")
     require(len(member_hash) == HASH_BYTES, "MEMBER_HASH_WRONG", "A hash has 32 bytes.")
-    require(not state.has(b"grant-of/" + grantee), "GRANT_EXISTS", "The one-time key was used for a grant before.")
-    taken = call("records", "is_owner_key", grantee) or call("identity", "member", grantee) is not None
-    require(not taken, "GRANTEE_WRONG", "G is a fresh one-time key: neither a member's nor a visit's.")
+    member = call("identity", "member", grantee)
+    require(member is None, "GRANTEE_WRONG", "G is a fresh one-time key, never a member's.")
 
 
 def open_grants(owner: bytes) -> dict:
@@ -198,7 +198,6 @@ def grant(
     }
     state.put(b"grant-count", number + 1)
     state.put(b"grant-number/" + u64(number), ctx.txid)
-    state.put(b"grant-of/" + grantee, ctx.txid)
     state.put(b"grant/" + ctx.txid, entry)
     data = {"grant_id": ctx.txid, "records": len(records), "purpose": purpose, "until_ms": until_ms}
     note(owner, records, "granted", data)
@@ -301,12 +300,6 @@ def noticed(grant_id: bytes, record_ids: list):
 def grant_of(grant_id: bytes) -> dict | None:
     """Return a grant's state, or None."""
     return state.get(b"grant/" + grant_id)
-
-
-@view
-def has_grant(key: bytes) -> bool:
-    """Tell whether this one-time key was ever used for a grant."""
-    return state.has(b"grant-of/" + key)
 
 
 @view

@@ -117,11 +117,12 @@ class ChallengeAnswer(Document, frozen=True):
 
 
 class SessionRequest(Document, frozen=True):
-    """A signed challenge."""
+    """A signed challenge; with the grant's id, if the key is to be the grantee's of it."""
 
     public_key: PublicKey
     challenge: Hex32
     signature: Signature
+    grant: Hex32 | None = None
 
 
 class SessionAnswer(Document, frozen=True):

@@ -26,12 +26,21 @@ TOKEN_SIZE_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """One proven key. `roles` are those of the key when it was last looked up."""
+    """One proven key. `roles` are those of the key when it was last looked up; `grant_id` is empty but for a grantee."""
 
     public_key: bytes
     kind: SessionKind
     roles: frozenset[str]
     expires_at_ms: int
+    grant_id: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    public_key: bytes
+    grant_id: bytes
+    expires_at_ms: int
+    account: bytes
 
 
 class SessionTable:
@@ -43,7 +52,7 @@ class SessionTable:
         self._clock = clock
         self._ledger = ledger
         self._challenges = ChallengeBook(clock)
-        self._sessions: OrderedDict[bytes, tuple[bytes, int, bytes]] = OrderedDict()
+        self._sessions: OrderedDict[bytes, _Kept] = OrderedDict()
         self._of_account: dict[bytes, OrderedDict[bytes, None]] = {}
 
     def challenge(self, public_key: bytes) -> tuple[bytes, int]:
@@ -52,25 +61,28 @@ class SessionTable:
             raise BlockRobotError("KEY_INVALID", "The public key is not a compressed point of secp256k1.")
         return self._challenges.issue(public_key)
 
-    def open(self, public_key: bytes, challenge: bytes, signature: bytes) -> tuple[bytes, Session]:
-        """Answer a challenge and return a new token (32 bytes) with its session.
+    def open(
+        self, public_key: bytes, challenge: bytes, signature: bytes, grant_id: bytes = b""
+    ) -> tuple[bytes, Session]:
+        """Answer a challenge and return a new token (32 bytes) with its session, a grantee's if she names the grant.
 
         A challenge opens one session. Raises CHALLENGE_INVALID, RATE_LIMITED, SIGNATURE_*, SESSION_REFUSED.
         """
         self._challenges.require(public_key, challenge)
         verify_session(public_key, signature, self._chain_id, self._node_name, challenge)
-        standing = self._standing(public_key)
+        standing = self._standing(public_key, grant_id)
         if standing is None:
             raise BlockRobotError("SESSION_REFUSED")
         self._challenges.use_up(public_key, challenge)
         token = secrets.token_bytes(TOKEN_SIZE_BYTES)
         expires_at_ms = self._clock.now_ms() + SESSION_LIFETIME_MS
-        self._insert(sha256(token), public_key, expires_at_ms, standing.account or public_key)
-        return token, _session(public_key, standing, expires_at_ms)
+        kept = _Kept(public_key, grant_id, expires_at_ms, standing.account or public_key)
+        self._insert(sha256(token), kept)
+        return token, _session(kept, standing)
 
-    def _insert(self, digest: bytes, public_key: bytes, expires_at_ms: int, account: bytes) -> None:
-        own = self._of_account.setdefault(account, OrderedDict())
-        self._sessions[digest] = (public_key, expires_at_ms, account)
+    def _insert(self, digest: bytes, kept: _Kept) -> None:
+        own = self._of_account.setdefault(kept.account, OrderedDict())
+        self._sessions[digest] = kept
         own[digest] = None
         if len(own) > SESSIONS_OF_KEY_MAX_COUNT:
             self._forget(self._find_surplus(own))
@@ -79,16 +91,16 @@ class SessionTable:
 
     def _find_surplus(self, own: OrderedDict[bytes, None]) -> bytes:
         """Return the oldest session of that key of an account which has the most."""
-        greedy, _ = Counter(self._sessions[digest][0] for digest in own).most_common(1)[0]
-        return next(digest for digest in own if self._sessions[digest][0] == greedy)
+        greedy, _ = Counter(self._sessions[digest].public_key for digest in own).most_common(1)[0]
+        return next(digest for digest in own if self._sessions[digest].public_key == greedy)
 
     def _forget(self, digest: bytes) -> None:
         known = self._sessions.pop(digest, None)
         if known is not None:
-            own = self._of_account[known[2]]
+            own = self._of_account[known.account]
             del own[digest]
             if not own:
-                del self._of_account[known[2]]
+                del self._of_account[known.account]
 
     def resolve(self, token: bytes) -> Session:
         """Return the session behind a token, with the key's standing as it is now on the finalized state.
@@ -99,24 +111,23 @@ class SessionTable:
         known = self._sessions.get(digest)
         if known is None:
             raise BlockRobotError("SESSION_EXPIRED")
-        public_key, expires_at_ms, _ = known
-        if expires_at_ms <= self._clock.now_ms():
+        if known.expires_at_ms <= self._clock.now_ms():
             self._forget(digest)
             raise BlockRobotError("SESSION_EXPIRED")
-        standing = self._standing(public_key)
+        standing = self._standing(known.public_key, known.grant_id)
         if standing is None:
             self._forget(digest)
             raise BlockRobotError("SESSION_REFUSED")
-        return _session(public_key, standing, expires_at_ms)
+        return _session(known, standing)
 
     def close(self, token: bytes) -> None:
         """Forget a session; an unknown token is no error."""
         self._forget(sha256(token))
 
-    def _standing(self, public_key: bytes) -> Standing | None:
+    def _standing(self, public_key: bytes, grant_id: bytes) -> Standing | None:
         with self._ledger.snapshot() as snapshot:
-            return find_key_standing(snapshot, public_key)
+            return find_key_standing(snapshot, public_key, grant_id)
 
 
-def _session(public_key: bytes, standing: Standing, expires_at_ms: int) -> Session:
-    return Session(public_key=public_key, kind=standing.kind, roles=standing.roles, expires_at_ms=expires_at_ms)
+def _session(kept: _Kept, standing: Standing) -> Session:
+    return Session(kept.public_key, standing.kind, standing.roles, kept.expires_at_ms, kept.grant_id)

@@ -55,10 +55,16 @@ def _is_admin(snapshot: LedgerSnapshot, key: bytes) -> bool:
     return any(key in decode_value(value).get("admins", ()) for _, value in organisations)
 
 
-def find_key_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
-    """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design."""
+def find_key_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes = b"") -> Standing | None:
+    """Return what this 33-byte key stands for, or None. A key is a member or an owner, never both by design.
+
+    With a grant's id: as the grantee of that grant, and as nothing else. What else the key stands for does not matter:
+    anybody with a visit, and any robot, can put a key that he saw on its way to another use.
+    """
     if len(key) != PUBLIC_KEY_SIZE_BYTES:
         return None
+    if grant_id:
+        return _find_grantee_standing(snapshot, key, grant_id)
     roles: set[str] = set()
     role = find_role(snapshot, key)
     if role:
@@ -73,17 +79,21 @@ def find_key_standing(snapshot: LedgerSnapshot, key: bytes) -> Standing | None:
         return Standing(kind="member", roles=frozenset(roles))
     if find_root(snapshot, key) is not None:
         return Standing(kind="owner", roles=frozenset())
-    if snapshot.get(state_key("access", b"grant-of/" + key)) is None:
-        return None
+    return None
+
+
+def _find_grantee_standing(snapshot: LedgerSnapshot, key: bytes, grant_id: bytes) -> Standing | None:
     now_ms = snapshot.header.timestamp_ms
-    grant = find_grant(snapshot, key, now_ms)
+    grant = find_grant(snapshot, grant_id, key, now_ms)
     if grant is None:
         return None
     kind: SessionKind = "grantee" if now_ms < grant["ended_ms"] else "former-grantee"
     return Standing(kind=kind, roles=frozenset(), account=name_grantees(grant["owner"]))
 
 
-def require_readable(snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, keys: Iterable[bytes]) -> None:
+def require_readable(
+    snapshot: LedgerSnapshot, standing: SessionKind, reader: bytes, grant_id: bytes, keys: Iterable[bytes]
+) -> None:
     """Refuse state that is none of the reader's business: by the key of a grant what is not of its visit.
 
     What names a visit's first key or a granted record is of it; which nodes there are she may read as well, and which are
@@ -92,11 +102,10 @@ def require_readable(snapshot: LedgerSnapshot, standing: SessionKind, reader: by
     if standing not in {"grantee", "former-grantee"}:
         return
     open_to_her = _NODES if standing == "former-grantee" else (*_NODES, *_CUSTODIANS)
-    grant_id = snapshot.get(state_key("access", b"grant-of/" + reader))
-    grant = find_grant(snapshot, reader, snapshot.header.timestamp_ms)
-    if grant is None or grant_id is None:
+    grant = find_grant(snapshot, grant_id, reader, snapshot.header.timestamp_ms)
+    if grant is None:
         raise BlockRobotError("NOT_PERMITTED")
-    own = (grant["owner"], decode_value(grant_id), *grant["records"])
+    own = (grant["owner"], grant_id, *grant["records"])
     for key in keys:
         if not key.startswith(open_to_her) and not any(name in key for name in own):
             raise BlockRobotError(

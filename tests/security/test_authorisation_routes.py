@@ -47,15 +47,18 @@ class Tried:
     client: TestClient[web.Request, web.Application]
     keys: dict[str, PrivateKey]
     ran: Counter[str]
+    grants: dict[str, bytes]
     sessions: dict[str, Iterator[str]] = field(default_factory=dict)
 
-    async def open_session(self, key: PrivateKey) -> str:
+    async def open_session(self, key: PrivateKey, grant_id: bytes = b"") -> str:
         """Return a token for a key, or the code of the refusal."""
         public_key = key.public_key.hex()
         answer = await self.client.post("/v1/session-challenges", json={"public_key": public_key})
         challenge = (await answer.json())["challenge"]
         signature = sign_session(key, self.node.ledger.genesis.chain_id, "n0", bytes.fromhex(challenge))
         document = {"public_key": public_key, "challenge": challenge, "signature": signature.hex()}
+        if grant_id:
+            document["grant"] = grant_id.hex()
         answer = await self.client.post("/v1/sessions", json=document)
         content = await answer.json()
         return str(content["token"] if answer.status == 200 else content["code"])
@@ -63,8 +66,8 @@ class Tried:
     async def open_sessions(self, *callers: str) -> None:
         """A session for each route that may look at one: what was refused once is forgotten."""
         for caller in callers:
-            key = self.keys[caller]
-            self.sessions[caller] = iter([await self.open_session(key) for _ in GUARDED])
+            key, grant_id = self.keys[caller], self.grants.get(caller, b"")
+            self.sessions[caller] = iter([await self.open_session(key, grant_id) for _ in GUARDED])
 
     async def ask(self, route: Route, caller: Caller) -> tuple[bool, str]:
         """Return whether the handler ran, and the code of the problem, if there is one."""
@@ -89,15 +92,15 @@ def counted(ran: Counter[str], route: Route) -> Route:
     return replace(route, handler=handle)
 
 
-def grantee_of(hospital: Hospital, name: str, *, ended: bool = False) -> PrivateKey:
-    """Let somebody share a record, and end that at once if asked; return the key with which it is shared."""
-    visit, key = hospital.open_visit(hospital.enrol(name)), key_of(f"grantee of {name}")
+def share_with(key: PrivateKey, hospital: Hospital, name: str, *, ended: bool = False) -> bytes:
+    """Let somebody share a record with a key, and end that at once if asked; return the grant's id."""
+    visit = hospital.open_visit(hospital.enrol(name))
     until_ms = visit.bucket_ms + 3_600_000
     words = [[hospital.record(visit)], key.public_key, key_of("ephemeral").public_key, 7, bytes(32), "care", until_ms]
     shared = hospital.must(visit.key, "access", "grant", *words)
     if ended:
         hospital.must(visit.key, "access", "revoke", shared.txid)
-    return key
+    return bytes(shared.txid)
 
 
 def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
@@ -111,8 +114,8 @@ def people_of(hospital: Hospital) -> dict[str, PrivateKey]:
         "custodian": hospital.custodians[0],
         "producer": key_of("custodian-1/producer"),
         "owner key": hospital.open_visit(hospital.enrol("anna")).key,
-        "grantee's key": grantee_of(hospital, "ben"),
-        "key of an ended grant": grantee_of(hospital, "cleo", ended=True),
+        "grantee's key": key_of("grantee of ben"),
+        "key of an ended grant": key_of("grantee of cleo"),
     }
 
 
@@ -122,12 +125,16 @@ async def tried(request: pytest.FixtureRequest) -> AsyncIterator[Tried]:
     hospital, ran = Hospital(), Counter[str]()
     hospital.time_ms = NOW_MS - 60_000
     keys = people_of(hospital)
+    grants = {
+        "grantee's key": share_with(keys["grantee's key"], hospital, "ben"),
+        "key of an ended grant": share_with(keys["key of an ended grant"], hospital, "cleo", ended=True),
+    }
     node = SmallNode.around(await SmallLedger().start())
     await node.ledger.extend(writes=dict(hospital.state.scan(b"", STATE_MAX_COUNT)))
     routes = tuple(counted(ran, route) for route in ROUTES)
     node.services = replace(node.services, public_explorer=request.param)
     async with TestClient(TestServer(create_api(node.services, routes))) as client:
-        tried = Tried(node, client, keys, ran)
+        tried = Tried(node, client, keys, ran, grants)
         await tried.open_sessions("expired session")
         node.clock.time_ms += SESSION_LIFETIME_MS
         await tried.open_sessions(*(keys.keys() - {"expired session", "producer"}))
@@ -158,7 +165,8 @@ async def test_the_table_knows_each_key_as_the_node_does(tried: Tried) -> None:
     with tried.node.services.ledger.snapshot() as snapshot:
         for caller in CALLERS:
             if caller.name in tried.keys.keys() - {"expired session"}:
-                found = find_key_standing(snapshot, tried.keys[caller.name].public_key)
+                key, grant_id = tried.keys[caller.name].public_key, tried.grants.get(caller.name, b"")
+                found = find_key_standing(snapshot, key, grant_id)
                 assert found == caller.standing, caller.name
 
 

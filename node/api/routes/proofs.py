@@ -32,7 +32,7 @@ async def _prove(call: Call) -> web.StreamResponse:
     keys = [bytes.fromhex(key) for key in asked.keys]
     with call.services.ledger.snapshot() as snapshot:
         if call.session is not None:
-            require_readable(snapshot, call.session.kind, call.caller, keys)
+            require_readable(snapshot, call.session.kind, call.caller, call.session.grant_id, keys)
         return json_answer(
             ProofsAnswer(
                 finality=finality_document(snapshot.finality),

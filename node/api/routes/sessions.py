@@ -19,9 +19,8 @@ async def _create_challenge(call: Call) -> web.StreamResponse:
 
 async def _create_session(call: Call) -> web.StreamResponse:
     asked = await call.document(SessionRequest)
-    token, session = call.sessions.open(
-        bytes.fromhex(asked.public_key), bytes.fromhex(asked.challenge), bytes.fromhex(asked.signature)
-    )
+    key, challenge, signature = (bytes.fromhex(part) for part in (asked.public_key, asked.challenge, asked.signature))
+    token, session = call.sessions.open(key, challenge, signature, bytes.fromhex(asked.grant or ""))
     return json_answer(SessionAnswer(token=token.hex(), kind=session.kind, expires_at_ms=session.expires_at_ms))
 
 
@@ -47,7 +46,8 @@ ROUTES = (
         "/v1/sessions",
         "createSession",
         "Open a session with a signed challenge; it lasts ten minutes. The signature is recoverable, over the tagged "
-        "hash blockrobot/session of chain id, node name, challenge and public key.",
+        "hash blockrobot/session of chain id, node name, challenge and public key. Who opens it by the one-time key of a "
+        "grant names the grant.",
         ANYONE,
         _create_session,
         Answer(JSON, SessionAnswer, "The session's token: send it as `Authorization: Bearer TOKEN`."),

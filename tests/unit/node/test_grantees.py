@@ -111,18 +111,21 @@ def test_all_grantees_of_a_visit_wait_in_one_line_and_its_owner_in_her_own() -> 
     story = Story()
     heir = story.hospital.enrol("heir")
 
-    def line(key: PrivateKey, contract: str, entry: str) -> bytes:
+    def line(key: PrivateKey, contract: str, entry: str, grant_id: bytes = story.grant_id) -> bytes:
         words = {"chain_id": story.hospital.chain_id, "valid_until_ms": story.hospital.time_ms, "salt": bytes(8)}
-        transaction = sign_transaction(key, contract=contract, entry=entry, arguments=[], **words)  # type: ignore[arg-type]
+        transaction = sign_transaction(key, contract=contract, entry=entry, arguments=[grant_id], **words)  # type: ignore[arg-type]
         return find_account(story.hospital.state, transaction)
 
     other = key_of("another grantee")
     words = [[story.other_id], other.public_key, key_of("e").public_key, 7, bytes(32), "care", story.until_ms]
-    story.hospital.must(story.visit.key, "access", "grant", *words)
-    lines = {line(key, "access", entry) for key in (KEY, other) for entry in ("request_granted", "noticed")}
+    granted = story.hospital.must(story.visit.key, "access", "grant", *words).txid
+    keys = ((KEY, story.grant_id), (other, granted))
+    lines = {line(key, "access", entry, of) for key, of in keys for entry in ("request_granted", "noticed")}
     assert lines == {name_grantees(story.visit.owner)}
     new = story.hospital.transfer(story.visit, heir)
     assert line(KEY, "access", "noticed") in lines, "whoever decides of the visit"
-    for key, entry in ((new, "request"), (new, "noticed"), (KEY, "verdict")):
+    for key, entry in ((new, "request"), (new, "noticed"), (KEY, "verdict"), (other, "noticed")):
         assert line(key, "access", entry) == key.public_key
+    for strange in (b"", bytes(31), bytes(32), granted):
+        assert line(KEY, "access", "noticed", strange) == KEY.public_key, "it names no grant of this key"
     assert line(KEY, "erasure", "request_granted") == KEY.public_key

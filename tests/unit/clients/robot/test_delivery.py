@@ -54,6 +54,7 @@ class FakeNetwork:
         self.close_refusals: list[str] = []
         self.upload_refusals: list[str] = []
         self.verdict: str = ""
+        self.verdicts: dict[str, str] = {}
         self.answers_lost_count = 0
         self.question_refusals: list[str] = []
         self.asked_visits: list[bytes] = []
@@ -100,7 +101,7 @@ class FakeNetwork:
             raise BlockRobotError(self.refusals.pop(0))
         if self.close_refusals and transaction.body.entry == "close_visit":
             raise BlockRobotError(self.close_refusals.pop(0))
-        code = self.verdict or self._execute(transaction)
+        code = self.verdict or self.verdicts.get(transaction.body.entry) or self._execute(transaction)
         if self.answers_lost_count:
             self.answers_lost_count -= 1
             raise BlockRobotError("TRANSACTION_NOT_FINAL_IN_TIME")
@@ -379,11 +380,11 @@ def test_a_clip_that_waited_too_long_for_any_chain_is_let_go_and_counted(tmp_pat
     assert (run.spool.names(), run.done) == ([], [])
 
 
-def test_a_visit_whose_key_somebody_spent_first_stops_no_robot(tmp_path: Path) -> None:
-    """Who sees announcements on their way could otherwise end every run of it, for good."""
+def test_a_visit_whose_key_another_robot_took_stops_no_robot(tmp_path: Path) -> None:
+    """Another robot that sees announcements on their way, and lies, could otherwise end every run of it, for good."""
     run = Run(tmp_path / "spool", clips=2)
     owner = run.spool.get(run.names[0]).owner
-    run.network.verdict = "GRANT_EXISTS"
+    run.network.verdicts = {"open_visit": "VISIT_EXISTS", "record": "NOT_THE_ROBOT", "close_visit": "NOT_THE_ROBOT"}
 
     async def main() -> dict[bytes, int]:
         delivery = await run.deliver_all()

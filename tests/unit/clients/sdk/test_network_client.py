@@ -16,6 +16,7 @@ from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode, encode, encode_value
 from consensus.primitives.hashing import sha256
+from consensus.primitives.keys import PrivateKey
 from consensus.transaction import Transaction
 from node.interface import DecodedSnapshot
 from tests.unit.node.api.small_network import (
@@ -266,6 +267,18 @@ async def test_a_session_that_is_about_to_end_is_renewed_beforehand(nodes: Any) 
     client.clock.time_ms += 590_000
     await client.query("echo", "back", [], SUBJECT)
     assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 2
+
+
+async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) -> None:
+    key, grant_id = PrivateKey(sha256(b"one-time key")), sha256(b"grant")
+    entry = {"owner": OWNER.public_key, "grantee": key.public_key, "records": [], "ended_ms": 1 << 50}
+    await nodes["n0"].node.ledger.extend(writes={flat("access", b"grant/" + grant_id): encode_value(entry)})
+    client = nodes.client(urls={"n0": nodes["n0"].url})
+    assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
+    client.name_grant(key.public_key, grant_id)
+    assert await client.state_value("access", b"grant/" + grant_id, key) == entry
+    await client.forget_key(key.public_key)
+    assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
 
 
 async def test_a_key_without_standing_is_told_so(nodes: Any) -> None:

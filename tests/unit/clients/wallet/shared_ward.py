@@ -104,6 +104,10 @@ class SharingWire(ShortWire):
         self.transactions = TransactionBuilder(chain.chain_id, self)
         self.refusal = ""
         self.callers: list[bytes] = []
+        self.named_grants: dict[bytes, bytes] = {}
+
+    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
+        self.named_grants[public_key] = grant_id
 
     def now_ms(self) -> int:
         return self.chain.time_ms

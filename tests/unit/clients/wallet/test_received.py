@@ -158,6 +158,7 @@ async def test_what_concerns_a_grant_is_asked_in_its_own_session(
     assert (about_records, own == receipt.grant.grantee) == ({own}, True)
     assert {key for flat, key in wire.asked if b"grant-number/" in flat} == {member}
     assert len(ids) == 1
+    assert wire.named_grants == {own: receipt.grant.grant_id}, "or no node would open a session"
 
 
 async def test_one_custodian_alone_opens_nothing_and_says_why(

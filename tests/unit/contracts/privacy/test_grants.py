@@ -18,7 +18,7 @@ from consensus.records.sharing import (
     open_grant_keys,
     scan_grant,
 )
-from contracts.execution.standing import has_standing
+from contracts.execution.standing import find_account, has_standing, name_grantees
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, data_of, key_of
 
 SALT = sha256(b"salt of the grant")
@@ -130,13 +130,10 @@ def test_a_grant_ends_on_five_full_minutes_and_in_a_year(hospital: Hospital, vis
     )
 
 
-def test_the_key_of_a_grant_is_fresh(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
+def test_the_key_of_a_grant_is_no_members(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
     assert hospital.view("access", "grant_of", shared)["status"] == "active"
-    again = hospital.send(visit.key, "access", "grant", *words_for(hospital, visit, nurse))
-    assert again.code == "GRANT_EXISTS"
-    for known in (nurse.identity.public_key, visit.owner):
-        words = words_for(hospital, visit, nurse, grantee=known)
-        assert hospital.send(visit.key, "access", "grant", *words).code == "GRANTEE_WRONG"
+    words = words_for(hospital, visit, nurse, grantee=nurse.identity.public_key)
+    assert hospital.send(visit.key, "access", "grant", *words).code == "GRANTEE_WRONG"
 
 
 def test_only_the_owner_shares_and_revokes(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
@@ -316,19 +313,54 @@ def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
     assert hospital.send(key, "access", "noticed", shared, visit.records[1:2]).code == "GRANT_ENDED"
 
 
-def test_the_key_of_a_grant_is_never_a_visits(hospital: Hospital, visit: Visit, nurse: Person, shared: bytes) -> None:
-    """An owner of any visit would otherwise make the grantee of another's an owner, and lock her out."""
+def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital, visit: Visit, nurse: Person) -> None:
+    """Whoever operates a node sees a robot's announcement on its way, and could refuse it by a grant to that very key."""
+    key, root = key_of("anna's visit"), key_of("anna's visit").public_key
+    stolen = words_for(hospital, visit, nurse, grantee=root)
+    grant_id = hospital.must(visit.key, "access", "grant", *stolen).txid
+    opened = [root, key_of("r").public_key, 7, hospital.bucket(), "care"]
+    hospital.must(hospital.robot.identity, "records", "open_visit", *opened)
+    asking = hospital.sign(key, "access", "request", [], "care")
+    assert has_standing(hospital.state, asking, hospital.time_ms)
+    assert find_account(hospital.state, asking) == root, "in her own turns, not in those of his grantees"
+    hospital.must(key, "access", "request", [], "care")
+    hospital.must(key, "rights", "restrict", [], "accuracy")
+    new = key_of("anna's next key")
+    agreed = sign_transfer(new, chain_id=hospital.chain_id, root=root)
+    hospital.must(visit.key, "access", "grant", *words_for(hospital, visit, nurse, 1, grantee=new.public_key))
+    hospital.must(key, "records", "transfer", new.public_key, key_of("r").public_key, 7, agreed)
+    assert hospital.send(key, "access", "request", [], "care").code == "VISIT_TRANSFERRED"
+    assert hospital.view("access", "grant_of", grant_id)["owner"] == visit.owner
+
+
+def test_a_visit_under_a_grantees_key_takes_nothing_from_her(
+    hospital: Hospital, visit: Visit, nurse: Person, shared: bytes
+) -> None:
+    """A robot that lies would otherwise make her an owner, and lock her out; nor is she one by a transfer unasked."""
     key = key_for(hospital, visit, nurse)
-    grantee = key.public_key
     other = hospital.open_visit(hospital.enrol("ben"))
-    for signer, code in ((other.key, "TRANSFER_SIGNATURE_WRONG"), (key, "GRANT_EXISTS")):
-        agreed = sign_transfer(signer, chain_id=hospital.chain_id, root=other.owner)
-        taken = hospital.send(other.key, "records", "transfer", grantee, key_of("r").public_key, 7, agreed)
-        assert taken.code == code
-    reopened = [grantee, key_of("r").public_key, 7, hospital.bucket(), "care"]
-    assert hospital.send(hospital.robot.identity, "records", "open_visit", *reopened).code == "GRANT_EXISTS"
-    new = hospital.transfer(visit, hospital.enrol("heir"))
-    again = hospital.transfer(visit, hospital.enrol("heirs-heir"), 7, new)
-    for known in (visit.owner, new.public_key, again.public_key):
-        words = words_for(hospital, visit, nurse, number=1, grantee=known)
-        assert hospital.send(again, "access", "grant", *words).code == "GRANTEE_WRONG"
+    agreed = sign_transfer(other.key, chain_id=hospital.chain_id, root=other.owner)
+    taken = hospital.send(other.key, "records", "transfer", key.public_key, key_of("r").public_key, 7, agreed)
+    assert taken.code == "TRANSFER_SIGNATURE_WRONG"
+    reopened = [key.public_key, key_of("r").public_key, 7, hospital.bucket(), "care"]
+    hospital.must(hospital.robot.identity, "records", "open_visit", *reopened)
+    asking = hospital.sign(key, "access", "request_granted", shared, visit.records[:1], "care")
+    assert find_account(hospital.state, asking) == name_grantees(visit.owner)
+    hospital.must(key, "access", "request_granted", shared, visit.records[:1], "care")
+
+
+def test_another_grant_to_the_same_key_takes_nothing_from_the_first_or_the_second(
+    hospital: Hospital, visit: Visit, nurse: Person
+) -> None:
+    """Whoever sees a grant on its way could otherwise share with its key first, and spend it."""
+    thief = hospital.open_visit(hospital.enrol("ben"))
+    key = key_for(hospital, visit, nurse)
+    words = words_for(hospital, visit, nurse, records=[hospital.record(thief)], grantee=key.public_key)
+    squatting = hospital.must(thief.key, "access", "grant", *words).txid
+    hospital.must(thief.key, "access", "revoke", squatting)
+    meant = hospital.must(visit.key, "access", "grant", *words_for(hospital, visit, nurse)).txid
+    asking = hospital.sign(key, "access", "request_granted", meant, visit.records[:1], "care")
+    assert has_standing(hospital.state, asking, hospital.time_ms)
+    ended = hospital.sign(key, "access", "request_granted", squatting, visit.records[:1], "care")
+    assert not has_standing(hospital.state, ended, hospital.time_ms)
+    hospital.must(key, "access", "request_granted", meant, visit.records[:1], "care")

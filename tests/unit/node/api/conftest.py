@@ -12,7 +12,7 @@ from node.api import create_api
 from tests.unit.node.api.small_network import SmallLedger, SmallNode
 
 Api = TestClient[web.Request, web.Application]
-OpenSession = Callable[[PrivateKey], Awaitable[dict[str, str]]]
+OpenSession = Callable[..., Awaitable[dict[str, str]]]
 
 
 @pytest.fixture
@@ -30,12 +30,14 @@ async def api(node: SmallNode) -> AsyncIterator[Api]:
 def open_session(node: SmallNode, api: Api) -> OpenSession:
     """Open a session for a key; return the headers of a request in it."""
 
-    async def open_for(key: PrivateKey) -> dict[str, str]:
+    async def open_for(key: PrivateKey, grant_id: bytes = b"") -> dict[str, str]:
         public_key = key.public_key.hex()
         answer = await api.post("/v1/session-challenges", json={"public_key": public_key})
         challenge = (await answer.json())["challenge"]
         signature = sign_session(key, node.ledger.genesis.chain_id, "n0", bytes.fromhex(challenge))
         document = {"public_key": public_key, "challenge": challenge, "signature": signature.hex()}
+        if grant_id:
+            document["grant"] = grant_id.hex()
         answer = await api.post("/v1/sessions", json=document)
         assert answer.status == 200, await answer.text()
         return {"Authorization": f"Bearer {(await answer.json())['token']}"}

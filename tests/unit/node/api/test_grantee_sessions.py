@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from consensus.errors import BlockRobotError
 from consensus.limits import GRANT_NOTICE_MS
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.hashing import sha256
@@ -28,20 +29,22 @@ def id_of(number: int) -> bytes:
 
 async def share(node: SmallNode, *numbers: int, ended_ago_ms: int = -60_000) -> None:
     """Finalize that something of the visit is shared with these keys."""
-    entry = {
+    entry: dict[str, Any] = {
         "owner": OWNER.public_key,
         "records": [RECORD_ID],
         "ended_ms": node.ledger.header.timestamp_ms - ended_ago_ms,
     }
-    writes = {flat("access", b"grant-of/" + key_of(each).public_key): encode_value(id_of(each)) for each in numbers}
-    writes |= {flat("access", b"grant/" + id_of(each)): encode_value(entry) for each in numbers}
+    writes = {
+        flat("access", b"grant/" + id_of(each)): encode_value(entry | {"grantee": key_of(each).public_key})
+        for each in numbers
+    }
     await node.ledger.extend(writes=writes)
 
 
-def open_in(table: SessionTable, node: SmallNode, key: PrivateKey) -> bytes:
+def open_in(table: SessionTable, node: SmallNode, key: PrivateKey, grant_id: bytes = b"") -> bytes:
     challenge, _ = table.challenge(key.public_key)
     signature = sign_session(key, node.ledger.genesis.chain_id, "n0", challenge)
-    return table.open(key.public_key, challenge, signature)[0]
+    return table.open(key.public_key, challenge, signature, grant_id)[0]
 
 
 async def test_the_grantees_of_one_visit_close_nobody_elses_sessions(
@@ -52,10 +55,10 @@ async def test_the_grantees_of_one_visit_close_nobody_elses_sessions(
     await share(node, *range(4))
     table = SessionTable(node.ledger.genesis.chain_id, "n0", node.clock, node.services.ledger)
     member, owner = open_in(table, node, SUBJECT), open_in(table, node, OWNER)
-    modest = open_in(table, node, key_of(0))
+    modest = open_in(table, node, key_of(0), id_of(0))
     for number in (1, 2, 3):
         for _ in range(SESSIONS_OF_KEY_MAX_COUNT):
-            open_in(table, node, key_of(number))
+            open_in(table, node, key_of(number), id_of(number))
     assert table.resolve(member).kind == "member"
     assert table.resolve(owner).kind == "owner"
     assert table.resolve(modest).kind == "grantee", "nor does one grantee close another's, who has fewer"
@@ -70,7 +73,7 @@ async def test_after_the_end_only_what_became_of_the_records_is_read(
     api: Any, node: SmallNode, open_session: Any
 ) -> None:
     await share(node, 0, ended_ago_ms=1)
-    headers = await open_session(key_of(0))
+    headers = await open_session(key_of(0), id_of(0))
     own = [
         flat("access", b"grant/" + id_of(0)),
         flat("records", b"record/" + RECORD_ID),
@@ -99,7 +102,7 @@ async def test_while_the_grant_stands_its_key_reads_what_is_of_its_visit_and_who
 ) -> None:
     """Whoever left keeps the key of a grant until it ends, and nobody can tell that it is she."""
     await share(node, 0)
-    headers = await open_session(key_of(0))
+    headers = await open_session(key_of(0), id_of(0))
     own = [
         flat("records", b"record/" + RECORD_ID),
         flat("records", b"current/" + OWNER.public_key),
@@ -122,7 +125,19 @@ async def test_while_the_grant_stands_its_key_reads_what_is_of_its_visit_and_who
 
 async def test_long_after_the_end_there_is_no_session(api: Any, node: SmallNode, open_session: Any) -> None:
     await share(node, 0, ended_ago_ms=1)
-    headers = await open_session(key_of(0))
+    headers = await open_session(key_of(0), id_of(0))
     await share(node, 0, ended_ago_ms=GRANT_NOTICE_MS)
     answer = await api.get("/v1/finality", headers=headers)
     assert (answer.status, (await answer.json())["code"]) == (403, "SESSION_REFUSED")
+
+
+async def test_a_key_is_a_grantees_only_of_the_grant_that_it_names(node: SmallNode) -> None:
+    """So neither a visit that a robot opens under her key, nor another grant to it, is in her way."""
+    await share(node, 0, 1)
+    await node.ledger.extend(writes={flat("records", b"visit/" + key_of(0).public_key): encode_value({})})
+    table = SessionTable(node.ledger.genesis.chain_id, "n0", node.clock, node.services.ledger)
+    assert table.resolve(open_in(table, node, key_of(0), id_of(0))).kind == "grantee"
+    assert table.resolve(open_in(table, node, key_of(0))).kind == "owner"
+    for key, grant_id in ((key_of(0), id_of(1)), (key_of(1), b""), (key_of(1), bytes(32))):
+        with pytest.raises(BlockRobotError, match="SESSION_REFUSED"):
+            open_in(table, node, key, grant_id)
