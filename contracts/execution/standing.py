@@ -2,10 +2,10 @@
 
 Standing keeps strangers from filling the pool. A sender has it as an active member (to speak of his consent, or object,
 also when his organisation was removed), as the owner of a finalized visit by the key that decides of it now (for its
-access, erasure, transfer and other rights only), as a grantee by the key of a grant that it names (to ask while it stands, and to say
-for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active organisation, as a
-producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and card signature are
-good and whose handle is free.
+access, erasure, transfer and other rights only), as a grantee by the key of a grant that it names (to ask while it
+stands, and to say for some time after its end that copies are gone), as a custodian, as a registrar or admin of an active
+organisation, as a producer or candidate (to say that it is ready, and to accuse), or by a registration whose voucher and
+card signature are good and whose handle is free.
 """
 
 from __future__ import annotations
@@ -178,9 +178,8 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
         return ""
-    if _is_own_matter(state, sender, body.contract, body.entry):
-        return ""
-    if _is_grantees_matter(state, transaction, chain_time_ms):
+    is_own = _is_own_matter(state, sender, body.contract, body.entry)
+    if is_own or _is_grantees_matter(state, transaction, chain_time_ms):
         return ""
     if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
         return ""
