@@ -60,8 +60,7 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
         f'<section class="card" aria-label="{told("words")}"><ol id="{_WORDS_ID}" translate="no" lang="en">{words}</ol>'
         f"</section><p>{told('which')}</p>"
         f"<h2>{told('to_do')}</h2>{listed(_TO_DO)}<h2>{told('never')}</h2>{listed(_NEVER)}"
-        f'<h2>{told("whose")}</h2><p class="quiet">{told("by_hand")}</p><div class="by-hand"></div>'
-        '<div class="by-hand"></div></main></body></html>\n'
+        f'<h2>{told("whose")}</h2><p class="quiet">{told("by_hand")}</p><div class="by-hand"></div></main></body></html>\n'
     )
 
 
