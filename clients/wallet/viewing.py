@@ -7,7 +7,7 @@ others still open. If one custodian's copy is damaged, the next custodian is ask
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
 
 from clients.sdk.connections import NodeAddress
@@ -99,7 +99,7 @@ class Viewing:
 
     async def view_each(
         self, entries: Sequence[RecordEntry], purpose: str, *, verdict: bool = False
-    ) -> AsyncIterator[RecordView]:
+    ) -> AsyncGenerator[RecordView, None]:
         """Ask for records, fetch and check them one after the other; each 64, and each visit, are asked for by themselves.
 
         With `verdict` what was found of each is put on the chain. Raises as `request_access`, `view` and `put_verdict`.

@@ -11,10 +11,12 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import pytest
 import pytest_asyncio
 from msgspec.structs import replace
 from playwright.async_api import Page, expect
 
+from clients.wallet.page import clip_routes
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from consensus.records.metadata import NOTICE_SENSOR
@@ -137,3 +139,16 @@ async def test_a_note_of_what_was_not_kept_is_no_recording_and_things_are_called
     await page.locator("input[data-visit]").check()
     await page.get_by_role("button", name="Erase…").click()
     await expect(page.locator("#main")).to_contain_text("The notes of what was not kept. No picture hangs on them.")
+
+
+async def test_of_a_meeting_too_large_for_one_clip_every_part_can_be_watched(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(clip_routes, "CLIP_MAX_BYTES", 1)
+    page = shown.page
+    await page.locator(".latest a").click()
+    await page.locator(".visit-row a.button").click()
+    await expect(page.locator("#main")).to_contain_text("Part 1 of 2", timeout=SOON_MS)
+    await page.get_by_role("button", name="Next part").click()
+    await expect(page.locator("#main")).to_contain_text("Part 2 of 2", timeout=SOON_MS)
+    await expect(page.locator(".seal")).to_have_attribute("data-seal", "good")

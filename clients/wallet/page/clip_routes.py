@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 from typing import Any
 
 from aiohttp import web
@@ -10,7 +11,7 @@ from aiohttp import web
 from clients.sdk.picture import Depth
 from clients.wallet.auditing import audit_visit
 from clients.wallet.page.answering import accepted, answer_json, body_of, query_of, route
-from clients.wallet.page.clips import RECORDS_MAX_COUNT, OpenClip, little_endian
+from clients.wallet.page.clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.seals import seal_json, verified_block
 from clients.wallet.page.session import PageSession
@@ -59,26 +60,39 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
 async def open_records(
     session: PageSession, job: Job, entries: list[RecordEntry], purpose: str, *, verify: bool
 ) -> dict[str, Any]:
-    """Fetch, check and open records of one visit as they are on the chain now; with `verify` write down what was found."""
+    """Fetch, check and open records of one visit as they are on the chain now; with `verify` write down what was found.
+
+    Large ones are not all opened at once: `records` says of how many, from the first on, the clip is.
+    """
     wallet = session.wallet
     viewing = Viewing(wallet)
     job.tell("asking on the ledger", 0, len(entries))
     entries = await _as_of_now(session, entries)
     views: list[RecordView] = []
     rooms: dict[bytes, bytes] = {}
-    async for view in viewing.view_each(entries, purpose, verdict=verify):
-        views.append(view)
-        for frame in view.frames:
-            room = frame.rendition
-            if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
-                continue
-            rooms[room.background_id] = await viewing.background(room, view.entry)
-        job.tell("fetching and checking", len(views), len(entries))
+    held_bytes = 0
+    async with contextlib.aclosing(viewing.view_each(entries, purpose, verdict=verify)) as found:
+        async for view in found:
+            views.append(view)
+            await _add_rooms(viewing, view, rooms)
+            job.tell("fetching and checking", len(views), len(entries))
+            held_bytes += size_of(view)
+            if held_bytes + sum(map(len, rooms.values())) >= CLIP_MAX_BYTES:
+                break
     written = await _find_written(session, entries) if verify else {}
     block, now_ms = verified_block(wallet), session.now_ms()
     seals = [seal_json(view, block, now_ms, written.get(view.entry.record_id)) for view in views]
     clip = session.clips.add(views, seals, rooms)
-    return {"clip": clip.name, "seals": seals, "frames": len(clip.frames)}
+    return {"clip": clip.name, "seals": seals, "frames": len(clip.frames), "records": len(views)}
+
+
+async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, bytes]) -> None:
+    """Fetch the empty rooms on which a record's depth pictures stand."""
+    for frame in view.frames:
+        room = frame.rendition
+        if room is None or room.encoding != ENCODING_PNG16 or not room.pixels or room.background_id in rooms:
+            continue
+        rooms[room.background_id] = await viewing.background(room, view.entry)
 
 
 async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> list[RecordEntry]:

@@ -19,6 +19,8 @@ from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16, ENCODING_WAV, Rendition
 
 HELD_MAX_BYTES = 256 << 20
+CLIP_MAX_BYTES = 64 << 20
+"""Records are added to a clip until it holds so much: it never holds more than that and one record."""
 RECORDS_MAX_COUNT = 80
 _TYPES = {"rgb.png": "image/png", "rgb.jpg": "image/jpeg", "wav": "audio/wav", "label.json": "application/json"}
 
@@ -44,8 +46,7 @@ class OpenClip:
     @property
     def size(self) -> int:
         """About how many bytes it takes."""
-        pixels = sum(len(frame.rendition.pixels) for _, frame in self.frames if frame.rendition is not None)
-        return pixels + sum(map(len, self.rooms.values()))
+        return sum(map(size_of, self.views)) + sum(map(len, self.rooms.values()))
 
     def rendition(self, number: int) -> Rendition:
         """Return what there is to see at a place. Raises NOT_FOUND."""
@@ -107,6 +108,11 @@ def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, An
         if rendition is not None and rendition.box_width
         else None,
     }
+
+
+def size_of(view: RecordView) -> int:
+    """Return about how many bytes an opened record takes, without its empty room."""
+    return sum(len(frame.rendition.pixels) for frame in view.frames if frame.rendition is not None)
 
 
 def _kind(rendition: Rendition) -> str:

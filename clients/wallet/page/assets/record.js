@@ -76,9 +76,12 @@ function makeScreen(context, given, { title, back }) {
   const seal = h("div", {});
   const buttons = h("div", { class: "row actions-inline" });
   const node = h("div", { class: "screen" }, seal, area, buttons);
+  const opened = new Map();  // how many records were opened together, by the first of them: large ones are fewer
   const parts = () => {
     const usable = rows.filter((row) => row.status === "active" && !row.denied);
-    return Array.from({ length: Math.ceil(usable.length / RECORDS_A_CLIP_COUNT) }, (_, number) => usable.slice(number * RECORDS_A_CLIP_COUNT, (number + 1) * RECORDS_A_CLIP_COUNT));
+    const found = [];
+    for (let from = 0; from < usable.length; from += found.at(-1).length) found.push(usable.slice(from, from + (opened.get(usable[from].record_id) ?? RECORDS_A_CLIP_COUNT)));
+    return found;
   };
   context.onLeave(() => { if (clipId) forget(`clips/${clipId}`); });
 
@@ -104,6 +107,7 @@ function makeScreen(context, given, { title, back }) {
       const result = await follow(job, progress.show, context.signal);
       if (clipId) forget(`clips/${clipId}`);
       clipId = result.clip;
+      opened.set(wanted[0].record_id, result.records);
       const clip = await get(`clips/${clipId}`, {}, context.signal);
       showOpened(clip, !verify && !clip.seals.some((one) => one.state === "bad"));
     } catch (error) {

@@ -10,7 +10,7 @@ import pytest
 
 from clients.wallet import serve_command
 from clients.wallet.erasing import Erasing
-from clients.wallet.page import erasing_routes
+from clients.wallet.page import clip_routes, erasing_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.answering import QUIET_HEADER
 from clients.wallet.page.asking import IDS_MAX_COUNT
@@ -148,6 +148,17 @@ async def test_a_wrong_passphrase_is_counted_locked_and_ends_the_page_at_last(de
         await desk.page.refused("POST", "/api/shares", wish | {"passphrase": "guess"})
     assert desk.session.ended.is_set()
     assert "10 wrong passphrases" in await serve_command._wait_until_over(desk.session, 30)
+
+
+async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    ids = await recorded(desk)
+    assert (await desk.page.do("/api/clips", {"records": ids}))["records"] == len(ids)
+    monkeypatch.setattr(clip_routes, "CLIP_MAX_BYTES", 1)
+    opened = await desk.page.do("/api/clips", {"records": ids, "verify": True})
+    assert (opened["records"], len(opened["seals"])) == (1, 1)
+    assert (await desk.page.get(f"/api/clips/{opened['clip']}"))["records"] == ids[:1]
+    verdicts = [row["verdict"] for row in (await desk.page.get("/api/records"))["records"]]
+    assert verdicts == ["verified", None], "what was not looked at is not called checked"
 
 
 async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphrase(desk: Desk) -> None:
