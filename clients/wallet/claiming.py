@@ -1,22 +1,30 @@
 """Lets one program at a time have a wallet open: of two, the later to write would lose what the other had noted.
 
-An advisory lock on a file beside the wallet's: the kernel drops it when the process ends, however it ends. Must never
-keep anybody waiting for long, nor leave a lock behind.
+An advisory lock on a file beside the wallet's: the kernel drops it when the process ends, however it ends. In it stands
+who holds it and since when, for whoever has to wait. Must never keep anybody waiting for long, nor leave a lock behind.
 """
 
 from __future__ import annotations
 
 import contextlib
+import datetime
 import fcntl
 import os
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import click
+import msgspec
+
 from consensus.errors import BlockRobotError
 
 WAIT_MAX_S = 5.0
 """A command that runs at the same time is over soon; a page stays."""
+READING_WAIT_MAX_S = 0.5
+"""Who only reads does not wait for a command that waits for receipts: the file is whole at any moment."""
+NOTE_MAX_BYTES = 1024
+SINCE_MAX_MS = 1 << 45
 _PAUSE_S = 0.05
 _PRIVATE_FOLDER = 0o700
 
@@ -29,6 +37,26 @@ def claim_wallet(
     require_wallet(path)
     with _hold(path, wait_s, sleep):
         yield
+
+
+@contextlib.contextmanager
+def claim_or_read(
+    path: Path, *, wait_s: float = READING_WAIT_MAX_S, sleep: Callable[[float], None] = time.sleep
+) -> Iterator[BlockRobotError | None]:
+    """Hold a wallet's file while inside, or go on beside who holds it, and then yield WALLET_BUSY, which names him.
+
+    Then nothing may be written. Raises WALLET_NOT_FOUND.
+    """
+    require_wallet(path)
+    try:
+        descriptor = _lock(path, wait_s, sleep)
+    except BlockRobotError as busy:
+        yield busy
+        return
+    try:
+        yield None
+    finally:
+        os.close(descriptor)
 
 
 @contextlib.contextmanager
@@ -72,12 +100,18 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # Where no wallet came to be the file goes again; a lock on one that is gone keeps nobody out.
             if _is_there(descriptor, path):
+                _write_holder(descriptor)
                 return descriptor
             os.close(descriptor)
         except BlockingIOError:
             os.close(descriptor)
             sleep(_PAUSE_S)
-    raise BlockRobotError("WALLET_BUSY", f"Another program has {path} open.")
+    holder = _read_holder(path)
+    if holder is None:
+        raise BlockRobotError("WALLET_BUSY", f"Another program has {path} open.")
+    since = datetime.datetime.fromtimestamp(holder.since_ms / 1000).astimezone()
+    told = f"{holder.command} (process {holder.process}) has {path} open since {since:%Y-%m-%d %H:%M:%S}."
+    raise BlockRobotError("WALLET_BUSY", told[0].upper() + told[1:])
 
 
 def _is_there(descriptor: int, path: Path) -> bool:
@@ -85,3 +119,31 @@ def _is_there(descriptor: int, path: Path) -> bool:
         return os.path.samestat(os.fstat(descriptor), _lock_of(path).stat())
     except FileNotFoundError:
         return False
+
+
+class _Holder(msgspec.Struct):
+    """Who holds a wallet: the command as it is called, without its arguments; its process; since when, in ms."""
+
+    command: str
+    process: int
+    since_ms: int
+
+
+def _write_holder(descriptor: int) -> None:
+    """Note who holds the lock. A disk that takes no more keeps nobody from his wallet."""
+    context = click.get_current_context(silent=True)
+    command = "another program" if context is None else f"`{context.command_path}`"
+    note = msgspec.json.encode(_Holder(command, os.getpid(), time.time_ns() // 1_000_000))
+    with contextlib.suppress(OSError):
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, note, 0)
+
+
+def _read_holder(path: Path) -> _Holder | None:
+    """Return who holds the lock, None where that cannot be known: the file may be of an older version, or half written."""
+    try:
+        with _lock_of(path).open("rb") as file:
+            holder = msgspec.json.decode(file.read(NOTE_MAX_BYTES), type=_Holder)
+    except (OSError, msgspec.MsgspecError):
+        return None
+    return holder if 0 <= holder.since_ms < SINCE_MAX_MS else None

@@ -155,6 +155,7 @@ class Keystore:
         self._path = path
         self._key = key
         self._header = header
+        self._is_read_only = False
         self.content = content
 
     def __repr__(self) -> str:
@@ -204,8 +205,14 @@ class Keystore:
         salt, operations, memory = msgspec.msgpack.decode(self._header[len(_MAGIC) :], type=tuple[bytes, int, int])
         return hmac.compare_digest(_derive_key(passphrase, salt, PassphraseCost(operations, memory)), self._key)
 
+    def read_only(self) -> None:
+        """Write nothing from now on: another program has the file, and what it notes would be lost."""
+        self._is_read_only = True
+
     def save(self) -> None:
-        """Seal the content and replace the file in one step."""
+        """Seal the content and replace the file in one step, unless it is only read."""
+        if self._is_read_only:
+            return
         nonce = secrets.token_bytes(_NONCE_BYTES)
         plain = msgspec.msgpack.encode(self.content)
         sealed = crypto_aead_xchacha20poly1305_ietf_encrypt(plain, self._header, nonce, self._key)

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from clients.sdk.terminal import Answers, home_folder, let_answer, load_genesis, say_errors
-from clients.wallet.claiming import claim_wallet, require_wallet
+from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import LANGUAGES, choose_language, say_error, text
@@ -33,6 +33,10 @@ STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _KEYRING_KEY = "blockrobot.keyring"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 PASSPHRASE_TRIES_MAX_COUNT = 5
+READING_COMMANDS = frozenset(
+    {"records", "view", "verify", "audit", "erasures", "shares", "inbox", "handle", "list", "breaches", "preview"}
+)
+"""What these note in the wallet they find again on the chain the next time: they need not have it for themselves."""
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
@@ -167,12 +171,20 @@ def _ask_hidden(key: str) -> str:
 def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> T:
     """Open the wallet that the group's options name and do something with it. Raises what that raises.
 
-    Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
+    While another program has the wallet, a command that only reads goes on beside it and notes nothing; any other is told
+    who that is. Says on standard error, loudly, if the wallet's words turned out to make nobody a member any more.
     """
     path, genesis_path = ctx.obj
     require_wallet(path)
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
+    if ctx.command.name in READING_COMMANDS:
+        with claim_or_read(path) as busy:
+            store = Keystore.open(path, passphrase)
+            if busy is not None:
+                store.read_only()
+                click.echo(text("ask.read_beside", who=busy.detail), err=True)
+            return _run(store, genesis, action)
     with claim_wallet(path):
         return _run(Keystore.open(path, passphrase), genesis, action)
 

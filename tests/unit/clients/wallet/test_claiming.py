@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import fcntl
+import os
+import re
 from contextlib import ExitStack
 from pathlib import Path
 
+import click
 import pytest
 
-from clients.wallet.claiming import claim_place, claim_wallet
+from clients.wallet.claiming import claim_or_read, claim_place, claim_wallet
 from consensus.errors import BlockRobotError
 
 
@@ -88,3 +91,37 @@ def test_a_lock_file_that_is_removed_before_it_is_locked_keeps_the_next_one_out(
     ):
         pass
     assert removed
+
+
+def test_who_is_refused_hears_which_command_has_the_wallet_and_since_when(file: Path) -> None:
+    with click.Context(click.Command("share"), info_name="blockrobot wallet share"), claim_wallet(file):
+        for _ in range(2):
+            with pytest.raises(BlockRobotError) as busy, claim_wallet(file, wait_s=0, sleep=lambda _: None):
+                pass
+            told = rf"`blockrobot wallet share` \(process {os.getpid()}\) has .*ann.wallet open since \d{{4}}-\d\d-\d\d "
+            assert re.match(told, busy.value.detail)
+
+
+@pytest.mark.parametrize(
+    "note", [b"", b"{", b"\xff" * 2000, b'{"command": "x", "process": 1, "since_ms": 99999999999999999}']
+)
+def test_a_note_that_nobody_understands_only_costs_the_name(file: Path, note: bytes) -> None:
+    with claim_wallet(file):
+        file.with_name(".ann.wallet.lock").write_bytes(note)
+        with (
+            pytest.raises(BlockRobotError, match="Another program has"),
+            claim_wallet(file, wait_s=0, sleep=lambda _: None),
+        ):
+            pass
+
+
+def test_who_only_reads_goes_on_beside_and_is_told(file: Path) -> None:
+    waited: list[float] = []
+    with claim_wallet(file), claim_or_read(file, sleep=waited.append) as busy:
+        assert busy is not None
+        assert busy.code == "WALLET_BUSY"
+    assert sum(waited) <= 0.5
+    with claim_or_read(file) as free:
+        assert free is None
+        with claim_or_read(file, wait_s=0, sleep=lambda _: None) as second:
+            assert second is not None

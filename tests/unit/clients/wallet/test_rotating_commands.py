@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import functools
 import json
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.wallet import opening, rotating_commands
+from clients.wallet.claiming import claim_or_read, claim_wallet
 from clients.wallet.cli import wallet
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import derive_keys
@@ -225,3 +227,23 @@ def test_a_node_that_lied_is_named_and_what_another_proved_is_shown(desk: Desk) 
     assert "Visit 1" in done.stdout
     assert "node-2 gave an answer that its proof does not bear out (PROOF_INVALID)" in done.stderr
     assert "node-3" not in done.stderr
+
+
+def test_reading_goes_on_beside_a_command_that_has_the_wallet_and_writes_nothing(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Such as one that waits for a minute until all custodians have erased."""
+    monkeypatch.setattr(opening, "claim_or_read", functools.partial(claim_or_read, wait_s=0, sleep=lambda _: None))
+    monkeypatch.setattr(opening, "claim_wallet", functools.partial(claim_wallet, wait_s=0, sleep=lambda _: None))
+    late, before = desk.story.visit(2), desk.story.path.read_bytes()
+    with click.Context(click.Command("erase"), info_name="blockrobot wallet erase"), claim_wallet(desk.story.path):
+        told = desk.run("records", "--json")
+        assert late.owner.hex() in told.stdout
+        assert "`blockrobot wallet erase` (process" in told.stderr
+        assert "nothing new is noted" in told.stderr
+        assert desk.story.path.read_bytes() == before
+        refused = desk.run("leave", "--yes")
+    assert (refused.exit_code, desk.story.path.read_bytes()) == (1, before)
+    assert "`blockrobot wallet --profile ann erase` (process" in refused.stderr
+    assert desk.run("records", "--json").stderr == ""
+    assert desk.story.path.read_bytes() != before
