@@ -98,7 +98,9 @@ def test_who_is_refused_hears_which_command_has_the_wallet_and_since_when(file: 
         for _ in range(2):
             with pytest.raises(BlockRobotError) as busy, claim_wallet(file, wait_s=0, sleep=lambda _: None):
                 pass
-            told = rf"`blockrobot wallet share` \(process {os.getpid()}\) has .*ann.wallet open since \d{{4}}-\d\d-\d\d "
+            told = (
+                rf"`blockrobot wallet share` \(process {os.getpid()}\) has .*ann.wallet open since \d{{4}}-\d\d-\d\d "
+            )
             assert re.match(told, busy.value.detail)
 
 
