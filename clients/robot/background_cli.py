@@ -19,9 +19,14 @@ from clients.robot.empty_scenes import (
     list_scenes,
     record_scene,
 )
+from clients.robot.events import Depth
 from clients.robot.identity import load_identity
+from clients.robot.live_options import live_options, notice_teller, open_camera, source_option
 from clients.robot.source_options import open_recording, source_options
+from clients.robot.sources.sampling import record_empty_frames
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+
+_LISTEN_DEFAULT_S = 3.0
 
 
 @click.group()
@@ -33,20 +38,34 @@ def background() -> None:
 
 
 @background.command("record")
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument("recording", type=click.Path(path_type=Path), required=False)
 @click.option("--viewpoint", required=True, metavar="NAME", help="Where the robot stands and looks.")
+@source_option(help="Take the frames from the robot's camera as it looks now, instead of from a RECORDING.")
+@click.option(
+    "--seconds",
+    default=_LISTEN_DEFAULT_S,
+    show_default=True,
+    type=click.FloatRange(0.5, 60),
+    help="Look at the robot's camera for so long.",
+)
+@live_options
 @source_options
 @json_option
 @click.pass_context
 @plain_errors
-def record_command(ctx: click.Context, /, recording: Path, viewpoint: str, as_json: bool, **options: Any) -> None:
-    """Take a viewpoint's empty frames from a recording, in place of older ones. They need an approval before use.
+def record_command(
+    ctx: click.Context, /, recording: Path | None, viewpoint: str, as_json: bool, **options: Any
+) -> None:
+    """Take a viewpoint's empty frames from a recording, or from the camera now, in place of older ones.
+
+    They need an approval before use.
 
     Example: blockrobot robot background record empty.mcap --viewpoint ward-3 --empty-seconds 0..5
     """
     folder, _ = ctx.obj
     load_identity(folder)
-    scene = record_scene(folder, viewpoint, open_recording(recording, options).empty_frames(), _now_ms())
+    frames = _recorded_frames(recording, options) if recording else _live_frames(options, as_json=as_json)
+    scene = record_scene(folder, viewpoint, frames, _now_ms())
     if as_json:
         print_json({"ok": True, **_row(scene)})
     else:
@@ -54,6 +73,22 @@ def record_command(ctx: click.Context, /, recording: Path, viewpoint: str, as_js
             f"{scene.frame_count} frames. Look at {scene.preview}: is nobody in it?\n"
             f"Next: blockrobot robot background approve {viewpoint} --by YOUR-NAME."
         )
+
+
+def _recorded_frames(recording: Path, options: dict[str, Any]) -> list[Depth]:
+    if options["source"]:
+        raise click.UsageError("Give a RECORDING or --source, not both.")
+    return open_recording(recording, options).empty_frames()
+
+
+def _live_frames(options: dict[str, Any], *, as_json: bool) -> list[Depth]:
+    """Return what the robot's camera sees now. Only its depth topic is listened to."""
+    if not options["source"]:
+        raise click.UsageError("Name a RECORDING, or with --source the robot's middleware to take the frames from.")
+    if any(options[name] is not None for name in ("empty_topic", "empty_seconds", "empty_recording")):
+        raise click.UsageError("With --source the frames are those that come now: leave the --empty options out.")
+    with open_camera(options, notice_teller(as_json=as_json)) as source:
+        return record_empty_frames(source, options["seconds"])
 
 
 @background.command("list")

@@ -15,11 +15,12 @@ from clients.robot.background_cli import background
 from clients.robot.batching import CLIP_DEFAULT_MS
 from clients.robot.enrolment import register_robot
 from clients.robot.identity import create_identity, load_identity
+from clients.robot.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
 from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
 from clients.robot.replay import SPOOL_FOLDER, ReplayOptions, replay_recording
 from clients.robot.run_words import broken_line, broken_off, ended_line, ending_line, summary_lines
 from clients.robot.scenario import load_scenario, published_run_1
-from clients.robot.source_options import open_recording, source_options
+from clients.robot.source_options import open_recording, source_options, topic_options
 from clients.robot.sources.source import Source
 from clients.robot.sources.synthetic import SyntheticSource
 from clients.robot.spool import count_waiting
@@ -227,27 +228,43 @@ def replay(ctx: click.Context, /, recording: Path, as_json: bool, **options: Any
 
 
 @robot.command()
+@source_option(SYNTHETIC, default=SYNTHETIC, show_default=True, help="What to look at and listen to.")
+@topic_options
+@live_options
 @click.option("--seconds", type=click.FloatRange(min=1), help="End after so long. [default: at Ctrl-C]")
 @click.option(
-    "--rate", default=_RATE_DEFAULT, show_default=True, type=click.IntRange(1, 30), help="Frames a second, at most."
+    "--rate",
+    default=_RATE_DEFAULT,
+    show_default=True,
+    type=click.IntRange(1, 30),
+    help="Frames a second of the synthetic corridor, at most.",
 )
 @click.option(
     "--scenario",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="Who walks in the corridor. [default: the published first run]",
+    help="Who walks in the synthetic corridor. [default: the published first run]",
 )
 @_common
 @json_option
 @click.pass_context
 @plain_errors
 def run(ctx: click.Context, /, as_json: bool, **options: Any) -> None:
-    """Record live from the synthetic corridor, where the same people come again and again, until Ctrl-C.
+    """Record live until Ctrl-C: from a robot's own middleware, or from a synthetic corridor with people in it.
 
-    Nothing of the corridor is written: it is rendered while it is looked at. Ctrl-C ends the run in good order: what was
-    seen is recorded, and visits are closed.
+    A robot's camera needs approved frames of the empty scene (--viewpoint). No frame is written as it came. Ctrl-C ends the
+    run in good order: what was seen is recorded, and visits are closed.
 
-    Example: blockrobot robot run --seconds 60
+    Example: blockrobot robot run --source ros1 --topics topics.toml --viewpoint ward-3
     """
+    if options["source"] != SYNTHETIC:
+        if not options["viewpoint"]:
+            raise click.UsageError(
+                "A live camera needs --viewpoint NAME, a bank of approved frames without people. Record one with "
+                f"blockrobot robot background record --source {options['source']} --viewpoint NAME."
+            )
+        with open_live(options, notice_teller(as_json=as_json)) as source:
+            _replay(ctx, source, as_json, options)
+        return
     scenario = load_scenario(options["scenario"]) if options["scenario"] else published_run_1()
     tags = load_or_draw_tags(home_folder() / "recordings", scenario)
     _replay(ctx, SyntheticSource(scenario, tags, frames_per_s=options["rate"], endless=True), as_json, options)

@@ -29,6 +29,7 @@ from clients.robot.open_visits import OpenVisits
 from clients.robot.pipeline import Camera, Pipeline, note_delivered
 from clients.robot.registry import NetworkMajority, RegistryReader
 from clients.robot.rosters import load_roster
+from clients.robot.sources.live import LiveSource
 from clients.robot.sources.source import Source, StoppableClock
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
@@ -182,7 +183,8 @@ class _Run:
             finally:
                 telling.cancel()
                 await delivery.stop()
-            self.intake = {**pipeline.intake_json(), **inputs.summary()}
+            live = source.intake_json() if isinstance(source, LiveSource) else {}
+            self.intake = {**pipeline.intake_json(), **inputs.summary(), **live}
             self._tell(statistics, last=True)
         return statistics
 

@@ -29,6 +29,19 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
     for kind, reasons in intake["messages_refused"].items():
         told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
         yield f"Not usable: {sum(reasons.values())} of kind {kind} ({told})."
+    yield from _live_lines(intake)
+
+
+def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
+    """Yield what a live run did not get to, and what was gone for a while."""
+    for kind, count in intake.get("missed", {}).items():
+        yield f"Not read: {count} messages of kind {kind} came while there was no room for them; this machine is too slow."
+    for topic, count in intake.get("never_came", {}).items():
+        yield f"Never came: {count} messages of {topic}, lost between the robot's middleware and here."
+    for kind, count in intake.get("unread", {}).items():
+        yield f"Not read: {count} messages of kind {kind} had just come when the run ended."
+    for topic, count in intake.get("gone", {}).items():
+        yield f"Gone {count} {'time' if count == 1 else 'times'} for a while: {topic}."
 
 
 def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:

@@ -15,8 +15,8 @@ from clients.robot.sources.rosbag import BagSource, EmptyScene
 from clients.robot.sources.topics import Topics, load_topics, tags_by_type, with_topic
 
 
-def source_options(command: Any) -> Any:
-    """Add the options that name topics and the empty scene."""
+def topic_options(command: Any) -> Any:
+    """Add the options that say what stands on which topic."""
     for option in (
         click.option(
             "--topics",
@@ -28,6 +28,14 @@ def source_options(command: Any) -> Any:
         click.option(
             "--tags", metavar="TOPIC", help="The topic of tag readings (RfidDetection, or String for a bare UID)."
         ),
+    ):
+        command = option(command)
+    return command
+
+
+def source_options(command: Any) -> Any:
+    """Add the options that name a recording's topics and the empty scene."""
+    for option in (
         click.option("--empty-topic", metavar="TOPIC", help="The topic of frames without people."),
         click.option(
             "--empty-seconds",
@@ -42,7 +50,7 @@ def source_options(command: Any) -> Any:
         ),
     ):
         command = option(command)
-    return command
+    return topic_options(command)
 
 
 def open_recording(path: Path, options: dict[str, Any]) -> BagSource:

@@ -1,19 +1,34 @@
-"""`blockrobot robot topics`: what a recording holds. Must never print what a message of it says."""
+"""`blockrobot robot topics`: what a recording holds, or what a robot says now. Must never print what a message says."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
+from clients.robot.live_options import live_options, source_option
+from clients.robot.sources.feeds import make_feeds
 from clients.robot.sources.listing import Listed, draft_topics, list_topics, next_steps
 from clients.robot.sources.recording import Recording
+from clients.robot.sources.sampling import Sample
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 
+_LISTEN_DEFAULT_S = 3.0
+
 
 @click.command()
-@click.argument("recording", type=click.Path(path_type=Path))
+@click.argument("recording", type=click.Path(path_type=Path), required=False)
+@source_option(help="List what the robot's middleware carries now, instead of a RECORDING.")
+@click.option(
+    "--seconds",
+    default=_LISTEN_DEFAULT_S,
+    show_default=True,
+    type=click.FloatRange(0.5, 60),
+    help="Listen to the robot's middleware for so long.",
+)
+@live_options
 @click.option(
     "--draft",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -21,12 +36,13 @@ from consensus.errors import BlockRobotError
 )
 @json_option
 @plain_errors
-def topics(recording: Path, draft: Path | None, as_json: bool) -> None:
-    """List a recording's topics, types, counts and rates, and what each could be.
+def topics(recording: Path | None, draft: Path | None, as_json: bool, **options: Any) -> None:
+    """List the topics of a recording or of a running robot: types, counts and rates, and what each could be.
 
     Example: blockrobot robot topics recording.mcap --draft topics.toml
     """
-    opened = Recording(recording)
+    opened = _open(recording, options)
+    broken = opened.broken if isinstance(opened, Recording) else ""
     listed = list_topics(opened)
     steps = next_steps(opened, listed)
     if draft is not None:
@@ -37,7 +53,7 @@ def topics(recording: Path, draft: Path | None, as_json: bool) -> None:
             {
                 "ok": True,
                 "topics": rows,
-                "broken": opened.broken or None,
+                "broken": broken or None,
                 "draft": str(draft) if draft else None,
                 "next_steps": steps,
             }
@@ -47,14 +63,25 @@ def topics(recording: Path, draft: Path | None, as_json: bool) -> None:
         guess = f"  could be {' or '.join(item.could_be)}" if item.could_be else ""
         kind = f"{item.figures.type} {item.encoding}".strip()
         console.print(f"{item.figures.name}  {kind}  {item.figures.count} messages, {item.figures.rate_hz}/s{guess}")
-    if opened.broken:
-        console.print(f"The recording breaks off: {opened.broken} What stands before the break can be used.")
+    if broken:
+        console.print(f"The recording breaks off: {broken} What stands before the break can be used.")
     for step in steps:
         console.print(step, markup=False)
     if draft is not None:
-        console.print(
-            f"A draft is in {draft}. Next: check it, then blockrobot robot replay {recording} --topics {draft}."
-        )
+        use = f"replay {recording}" if recording else f"run --source {options['source']} --viewpoint NAME"
+        console.print(f"A draft is in {draft}. Next: check it, then blockrobot robot {use} --topics {draft}.")
+    elif not listed:
+        console.print("Nothing is advertised. Next: start the camera's and the reader's drivers, and list again.")
+
+
+def _open(recording: Path | None, options: dict[str, Any]) -> Recording | Sample:
+    if (recording is None) == (options["source"] is None):
+        raise click.UsageError("Name a RECORDING, or with --source the robot's middleware; not both.")
+    if recording is not None:
+        return Recording(recording)
+    sample = Sample(make_feeds(options["source"], options)[0])
+    sample.listen(options["seconds"])
+    return sample
 
 
 def _write(path: Path, text: str) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from clients.robot.sources import llrp, ros1, zenoh
 from clients.robot.sources.feed import Feed
 
 Option = Callable[[Any], Any]
@@ -22,19 +23,16 @@ class FeedKind:
     options: tuple[Option, ...] = ()
 
 
-CAMERAS: dict[str, FeedKind] = {}
+CAMERAS: dict[str, FeedKind] = {
+    "ros1": FeedKind(ros1.make_feeds, ros1.OPTIONS),
+    "zenoh": FeedKind(zenoh.make_feeds, zenoh.OPTIONS),
+}
 """What `--source` can name: middleware that brings the camera's frames, and tag readings if the robot has them."""
 
-BESIDE: dict[str, FeedKind] = {}
+BESIDE: dict[str, FeedKind] = {
+    "llrp": FeedKind(llrp.make_feeds, llrp.OPTIONS),
+}
 """Readers that bring sightings alone, beside any of the others; they make no feed unless their option is given."""
-
-
-def feed_options(command: Any) -> Any:
-    """Add the options of every feed."""
-    for kind in [*CAMERAS.values(), *BESIDE.values()]:
-        for option in kind.options:
-            command = option(command)
-    return command
 
 
 def make_feeds(source: str, options: Mapping[str, Any]) -> list[Feed]:

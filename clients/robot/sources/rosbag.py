@@ -12,6 +12,7 @@ from pathlib import Path
 
 from clients.robot.events import Depth, Refused, SourceEvent
 from clients.robot.sources.decoding import MessageReader, info_topic, read_focal_px, wrong_type
+from clients.robot.sources.empty_frames import EmptyFrames
 from clients.robot.sources.feed import Message
 from clients.robot.sources.images import decode_depth
 from clients.robot.sources.listing import describe
@@ -19,10 +20,6 @@ from clients.robot.sources.recording import Recording
 from clients.robot.sources.source import Clock, happened_ms, play_events
 from clients.robot.sources.topics import Topics
 from consensus.errors import BlockRobotError
-
-EMPTY_FRAMES_READ_MAX_COUNT = 300
-EMPTY_FRAMES_MAX_COUNT = 64
-EMPTY_FRAMES_MAX_BYTES = 256 * 1024 * 1024
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +117,7 @@ class BagSource:
 
         Of many no more than so many frames and bytes, spread evenly over those that were read.
         """
-        frames: list[Depth] = []
-        usable, step = 0, 1
+        gathered = EmptyFrames()
         first_ns: int | None = None
         try:
             for message in recording.messages([topic]):
@@ -132,22 +128,15 @@ class BagSource:
                         break
                     continue
                 try:
-                    depth = decode_depth(recording.types.decode(message))
+                    gathered.add(decode_depth(recording.types.decode(message)))
                 except BlockRobotError:
                     continue
-                if frames and depth.shape != frames[0].shape:
-                    continue
-                if usable % step == 0:
-                    frames.append(depth)
-                if len(frames) > max(1, min(EMPTY_FRAMES_MAX_COUNT, EMPTY_FRAMES_MAX_BYTES // depth.nbytes)):
-                    frames, step = frames[::2], 2 * step
-                usable += 1
-                if usable == EMPTY_FRAMES_READ_MAX_COUNT:
+                if gathered.is_enough:
                     break
         except BlockRobotError:
-            if not frames:  # what stands before the break is as good as ever
+            if not gathered.frames:  # what stands before the break is as good as ever
                 raise
-        return frames
+        return gathered.frames
 
     def _empty_elsewhere(self, path: Path) -> list[Depth]:
         other = Recording(path, self._topics.definitions)

@@ -1,0 +1,72 @@
+"""The options by which a user says to which live source a robot listens, and the source that they describe.
+
+Must never listen to anything before the context of the source is entered.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from clients.robot.sources.feeds import BESIDE, CAMERAS, make_feeds
+from clients.robot.sources.live import LiveSource, Tell
+from clients.robot.sources.topics import TagTopic, Topics, load_topics, tags_by_type, with_topic
+from consensus.errors import BlockRobotError
+
+SYNTHETIC = "synthetic"
+
+
+def live_options(command: Any) -> Any:
+    """Add the options of every feed."""
+    for kind in [*CAMERAS.values(), *BESIDE.values()]:
+        for option in kind.options:
+            command = option(command)
+    return command
+
+
+def source_option(*others: str, **settings: Any) -> Callable[[Any], Any]:
+    """Return the option that names the live source, one of `others` or a robot's middleware."""
+    return click.option("--source", type=click.Choice([*others, *CAMERAS]), **settings)
+
+
+def live_topics(options: Mapping[str, Any]) -> Topics:
+    """Return what to listen to, by a topics file and --depth. Raises TOPICS_INVALID."""
+    chosen = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
+    return with_topic(chosen, depth=options["depth"])
+
+
+def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+    """Return the source that the options describe. Raises TOPICS_INVALID, FEED_UNREACHABLE, MIDDLEWARE_MISSING."""
+    feeds = make_feeds(options["source"], options)
+    tags: tuple[TagTopic, ...] | None = None
+    if options["tags"]:
+        advertised = feeds[0].topics()
+        if options["tags"] not in advertised:
+            raise BlockRobotError(
+                "TOPICS_INVALID",
+                f"{options['tags']} is not advertised now, so that its type is not known: start what publishes it, or "
+                "name it in a topics file.",
+            )
+        tags = (tags_by_type(options["tags"], advertised[options["tags"]]),)
+    elif len(feeds) > 1 and not options["topics_file"]:
+        tags = ()  # a reader of its own brings the readings
+    return LiveSource(feeds, with_topic(live_topics(options), tags=tags), tell)
+
+
+def open_camera(options: Mapping[str, Any], tell: Tell) -> LiveSource:
+    """Return the camera alone of the source that the options describe. Raises the same."""
+    alone = replace(live_topics(options), tags=(), rgb="", labels=None, audio=None)
+    return LiveSource(make_feeds(options["source"], options)[:1], alone, tell)
+
+
+def notice_teller(*, as_json: bool) -> Tell:
+    """Return what says a sentence to the user while a run goes on: on standard error, as JSON for a program."""
+
+    def tell(sentence: str) -> None:
+        click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
+
+    return tell
