@@ -50,6 +50,7 @@ class VisitReport:
     """A visit as the wallet knows it: its records in order, and whether any is missing.
 
     `unreadable_ids` are records whose metadata a robot sealed wrongly: they cannot be opened, and do not hide the others.
+    `trail_count` is how many entries its audit trail had.
     """
 
     visit: KnownVisit
@@ -59,6 +60,7 @@ class VisitReport:
     missing_count: int
     unreadable_ids: tuple[bytes, ...] = ()
     standing: VisitRights = field(default_factory=VisitRights)
+    trail_count: int = 0
 
     @property
     def needs_former_words(self) -> bool:
@@ -67,9 +69,20 @@ class VisitReport:
 
 
 _LOOK_UP_MS = 2_000
+_CHANGES_NO_RECORD = frozenset(
+    {RECORDED_KIND, "visit_closed", "access_requested", "access_released", "access_refused", "verdict", "granted"}
+)
+"""Kinds of events after which all records that were there before are as they were."""
 _RIGHTS = tuple(
     b"rights\x00" + name + b"/" for name in (b"restriction", b"objection", b"correction-count", b"quarantine")
 )
+
+
+def _still_true(before: VisitReport | None, visit: KnownVisit, trail: Sequence[AuditEntry]) -> VisitReport | None:
+    """Return an earlier report if no record in it has changed since, by what stands in the trail; else None."""
+    if before is None or before.visit != visit or before.trail_count > len(trail):
+        return None
+    return before if all(entry.kind in _CHANGES_NO_RECORD for entry in trail[before.trail_count :]) else None
 
 
 class Wallet:
@@ -272,8 +285,11 @@ class Wallet:
         found = await self.values(keys, self.owner_key(visit))
         return tuple(found[key] for key in keys)
 
-    async def visit_report(self, visit: KnownVisit) -> VisitReport:
+    async def visit_report(self, visit: KnownVisit, before: VisitReport | None = None) -> VisitReport:
         """List a visit's records, each proven, opened and chained; say how many are missing.
+
+        From `before`, a report of the same visit, it takes over the records of which nothing that changes one stands in the
+        trail since: a visit that goes on is not read all over again for each record that comes in.
 
         The list comes from the audit trail, whose every entry and whose length are proven, so a node can leave none out,
         not even the last ones of an open visit. What the robot itself held back shows as a gap in its chain of hashes, or
@@ -287,10 +303,14 @@ class Wallet:
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
         audit = await audit_visit(self, visit)
-        ids = [entry.record_id for entry in audit if entry.kind == RECORDED_KIND]
+        known = _still_true(before, visit, audit)
+        entries = [] if known is None else list(known.records)
+        erased = [] if known is None else list(known.erased_ids)
+        unreadable = [] if known is None else list(known.unreadable_ids)
+        have = {*(entry.record_id for entry in entries), *erased, *unreadable}
+        ids = [entry.record_id for entry in audit if entry.kind == RECORDED_KIND and entry.record_id not in have]
         state_keys = [b"records\x00record/" + record_id for record_id in ids]
         values = await self.values(state_keys, key)
-        entries, erased, unreadable = [], [], []
         for record_id, state_key in zip(ids, state_keys, strict=True):
             state = values[state_key]
             if state is None or state["owner"] != visit.owner:
@@ -319,6 +339,7 @@ class Wallet:
             missing_count=max(0, max(expected - len(entries), len(gaps)) - len(erased) - len(unreadable)),
             unreadable_ids=tuple(unreadable),
             standing=read_standing([found[place] for place in rights_keys], audit),
+            trail_count=len(audit),
         )
 
     async def records(self) -> list[VisitReport]:

@@ -112,11 +112,11 @@ async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh:
         part = known.get(visit.owner)
         if part is None or part.mark != mark or part.report.visit != visit:
             trail = tuple(await audit_visit(wallet, visit))
-            report = await wallet.visit_report(visit)
-            shares = tuple(await Sharing(wallet).shares_of(visit))
-            part = VisitPart(
-                mark, report, trail, shares, tuple(await read_erasures(wallet, visit)), find_verdicts(trail)
-            )
+            report = await wallet.visit_report(visit, None if part is None else part.report)
+            kinds = {entry.kind for entry in trail}
+            shares = await Sharing(wallet).shares_of(visit) if "granted" in kinds else []
+            erasures = await read_erasures(wallet, visit) if "erasure_requested" in kinds else []
+            part = VisitPart(mark, report, trail, tuple(shares), tuple(erasures), find_verdicts(trail))
         parts.append(part)
     notice, notice_at_ms = before.notice, before.notice_at_ms
     is_member = not wallet.store.content.left and not wallet.member_gone

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from collections.abc import Sequence
+from typing import Any
 
 import msgspec
 import pytest
 
+from clients.wallet.erasing import Erasing
 from clients.wallet.page import snapshot as snapshots
 from consensus.errors import BlockRobotError
+from consensus.primitives.keys import PrivateKey
 from consensus.records.metadata import NOTICE_SENSOR
 from tests.unit.clients.wallet.page.conftest import Desk
+
+RECORD_KEY = b"records\x00record/"
 
 
 async def test_a_recording_that_comes_in_is_news_and_shows(desk: Desk) -> None:
@@ -50,6 +56,39 @@ async def test_nothing_is_read_again_of_a_visit_in_which_nothing_happened(
     monkeypatch.setattr(snapshots, "audit_visit", never)
     await desk.read()
     assert desk.session.state == "ready"
+
+
+async def test_of_a_visit_that_goes_on_only_the_record_that_came_in_is_read(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    visit = desk.ward.open_visit()
+    ids = [desk.ward.record(visit) for _ in range(5)]
+    await desk.read()
+    asked: list[bytes] = []
+    wallet = desk.session.wallet
+    read = wallet.values
+
+    async def note(keys: Sequence[bytes], session: PrivateKey) -> dict[bytes, Any]:
+        asked.extend(keys)
+        return await read(keys, session)
+
+    monkeypatch.setattr(wallet, "values", note)
+    ids.append(desk.ward.record(visit))
+    await desk.read()
+    records = [key.removeprefix(RECORD_KEY) for key in asked if key.startswith(RECORD_KEY)]
+    assert records == ids[-1:]
+    assert list(desk.session.snapshot.entries) == ids
+
+
+async def test_of_a_visit_in_which_something_was_erased_every_record_is_read_again(desk: Desk) -> None:
+    visit = desk.ward.open_visit()
+    ids = [desk.ward.record(visit) for _ in range(2)]
+    await desk.read()
+    await Erasing(desk.session.wallet).request_each([desk.session.snapshot.entry(ids[0])], [])
+    ids.append(desk.ward.record(visit))
+    await desk.read()
+    statuses = [desk.session.snapshot.entry(record_id).state["status"] for record_id in ids]
+    assert statuses == ["erasing", "active", "active"]
 
 
 async def test_records_are_filtered_and_paged(desk: Desk) -> None:
