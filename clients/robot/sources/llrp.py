@@ -31,6 +31,9 @@ ASK_EVERY_S = 3.0
 """How often a reader is asked whether it is there: with no tag in range it has nothing to say."""
 
 TRY_AGAIN_FIRST_S, TRY_AGAIN_MAX_S = 0.5, 15.0
+FIRST_TRIES_COUNT = 3
+"""A reader serves one at a time, and may not have noticed yet that the one before is gone."""
+
 STEADY_AFTER_S = 10.0
 """After a connection that held so long the first pause is short again."""
 
@@ -154,8 +157,7 @@ class _Opening:
         self._done.set()
 
     def wait(self) -> BlockRobotError | None:
-        # A name that does not resolve may take the system longer than a connection may.
-        if not self._done.wait(2 * OPEN_MAX_S):
+        if not self._done.wait(FIRST_TRIES_COUNT * (OPEN_MAX_S + LEAVE_MAX_S)):
             return BlockRobotError("FEED_UNREACHABLE", "The LLRP readers do not answer.")
         return self._error
 
@@ -172,7 +174,7 @@ class _Link:
 
     async def serve(self) -> None:
         """Serve until cancelled; give up only if the reader does not answer the first time."""
-        pause_s, has_opened = TRY_AGAIN_FIRST_S, False
+        pause_s, has_opened, tries_left = TRY_AGAIN_FIRST_S, False, FIRST_TRIES_COUNT
         loop = asyncio.get_running_loop()
         while True:
             began_s, is_here, why = loop.time(), False, ""
@@ -187,7 +189,8 @@ class _Link:
                     await self._read(link)
             except Exception as error:  # noqa: BLE001 - whatever a reader sends, the other readers and the run go on
                 why = str(error) or type(error).__name__
-            if not has_opened:
+            tries_left -= 1
+            if not has_opened and not tries_left:
                 self._opening.failed(_unreachable(self._reader, why))
                 return
             self._tell(self._readings.flush())
