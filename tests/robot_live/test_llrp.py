@@ -1,0 +1,201 @@
+"""A robot that asks its tag reader itself: a real emulated reader in a process of its own, over the loopback."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from asyncio.subprocess import Process
+from collections import Counter
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from clients.robot.events import Facing
+from clients.robot.sources.feed import CLOSE_MAX_S
+from clients.robot.sources.llrp import ANSWER_MAX_S, ASK_EVERY_S, LlrpFeed
+from clients.robot.sources.llrp_readings import GATHER_MS
+from clients.robot.sources.topics import LlrpReader, Topics
+from consensus.errors import BlockRobotError
+from tests.robot_live.listening import Heard, listening
+from tests.robot_live.zenoh_graph import START_TIMEOUT_S, free_port
+
+READER = Path(__file__).with_name("llrp_reader.py")
+ANN, BEN = "E28011606000020500000001", "E28011606000020500000002"
+NO_TOPICS = Topics(tags=())
+
+
+class Readers:
+    """The readers of a test."""
+
+    def __init__(self) -> None:
+        self.running: list[Process] = []
+
+    async def start(self, port: int = 0, **settings: Any) -> LlrpReader:
+        """Start a reader; return what a robot is told of it: antenna 1 looks forward, 2 back."""
+        port = port or free_port()
+        told = {"port": port, "tags": {ANN: [1], BEN: [2]}, **settings}
+        self.running.append(
+            await asyncio.create_subprocess_exec(
+                *(sys.executable, str(READER), json.dumps(told)),
+                stdout=asyncio.subprocess.PIPE,
+                stderr=asyncio.subprocess.DEVNULL,
+            )
+        )
+        output = self.running[-1].stdout
+        assert output is not None
+        assert await asyncio.wait_for(output.readline(), START_TIMEOUT_S) == b"ready\n"
+        return LlrpReader("127.0.0.1", port, front=(1,), back=(2,))
+
+    async def kill(self) -> None:
+        """Kill the newest reader."""
+        process = self.running.pop()
+        process.kill()
+        await process.communicate()
+
+    async def stop(self) -> None:
+        while self.running:
+            await self.kill()
+
+
+@pytest.fixture
+async def readers() -> AsyncIterator[Readers]:
+    """Readers that end with the test."""
+    readers = Readers()
+    try:
+        yield readers
+    finally:
+        await readers.stop()
+
+
+def age_ms(heard: Heard) -> list[int]:
+    """How long before it came each reading ended."""
+    return [(one.received_at_ms or 0) - one.last_seen_ms for one in heard.sightings]
+
+
+async def test_readings_are_sightings_with_a_facing_and_without_a_distance(readers: Readers) -> None:
+    reader = await readers.start()
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: {ANN, BEN} <= {one.uid for one in heard.sightings})
+    assert {(one.uid, one.antenna, one.facing) for one in heard.sightings} == {
+        (ANN, 1, Facing.FRONT),
+        (BEN, 2, Facing.BACK),
+    }
+    assert {(one.distance_m, one.sigma_m) for one in heard.sightings} == {(None, None)}
+    assert all(-70 < one.rssi_dbm < -40 for one in heard.sightings)
+    assert heard.refused == []
+    assert heard.told_of(reader.address) == []
+
+
+async def test_a_reader_that_is_killed_and_comes_back_is_told_of_once_and_asked_again(readers: Readers) -> None:
+    reader = await readers.start()
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: len(heard.sightings) > 3)
+        await readers.kill()
+        await heard.until(lambda: len(heard.told_of(reader.address)) == 1)
+        await asyncio.sleep(2.0)  # long enough for several attempts
+        before = len(heard.sightings)
+        assert heard.told_of(reader.address) == [f"{reader.address} is gone; the run waits for it."]
+        await readers.start(reader.port)
+        await heard.until(lambda: len(heard.sightings) > before + 3)
+    assert heard.told_of(reader.address)[1:] == [f"{reader.address} is there."]
+    assert heard.intake["gone"][reader.address] == 1
+
+
+async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(readers: Readers) -> None:
+    right = await readers.start(tags={ANN: [1]}, clock_off_s=-86_400.0)
+    left = await readers.start(tags={BEN: [1]}, clock_off_s=7_200.0)
+    async with listening([LlrpFeed([left, right])], NO_TOPICS) as heard:
+        await heard.until(lambda: {ANN, BEN} <= {one.uid for one in heard.sightings})
+        await readers.kill()
+        await heard.until(lambda: len(heard.told_of(left.address)) == 1)
+        before = len(heard.sightings)
+        await heard.until(lambda: len(heard.sightings) > before + 5)
+    assert heard.told_of(right.address) == []
+    assert all(0 <= age < 1_000 for age in age_ms(heard))
+
+
+async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_there_are_tags(readers: Readers) -> None:
+    tags = {f"E280116060000205{number:08X}": [1, 2] for number in range(21)}
+    reader = await readers.start(tags=tags, storm_per_s=10_000)
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        began = time.monotonic()
+        await heard.until(lambda: sum(one.read_count for one in heard.sightings) >= 20_000)
+        lasted_s = time.monotonic() - began
+    read = Counter((one.uid, one.antenna) for one in heard.sightings)
+    assert set(read) == {(uid, antenna) for uid in tags for antenna in (1, 2)}
+    assert max(read.values()) <= 1 + (lasted_s + 1) * 1000 / GATHER_MS
+    assert (heard.refused, heard.intake["missed"]) == ([], {})
+
+
+@pytest.mark.parametrize("clock_off_s", [-1_700_000_000.0, 86_400.0])
+async def test_a_reader_whose_clock_is_wrong_tells_when_tags_were_seen_all_the_same(
+    readers: Readers, clock_off_s: float
+) -> None:
+    reader = await readers.start(clock_off_s=clock_off_s)
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: len(heard.sightings) > 10)
+    assert all(0 <= age < 1_000 for age in age_ms(heard))
+    assert heard.refused == []
+
+
+async def test_tags_whose_epc_makes_no_sense_are_refused_and_the_others_read(readers: Readers) -> None:
+    reader = await readers.start(tags={ANN: [1], "01": [1], "AB" * 34: [1], "": [1]})
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: len(heard.sightings) > 3 and len(heard.refused) > 10)
+    assert {one.uid for one in heard.sightings} == {ANN}
+    assert set(heard.refused) == {("sighting", "tag")}
+
+
+async def test_a_reader_that_sends_nonsense_is_left_and_asked_again(readers: Readers) -> None:
+    reader = await readers.start(nonsense_after_s=0.5)
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: len(heard.told_of(reader.address)) >= 2)
+        before = len(heard.sightings)
+        await heard.until(lambda: len(heard.sightings) > before + 3)
+    assert heard.told_of(reader.address)[:2] == [
+        f"{reader.address} is gone; the run waits for it.",
+        f"{reader.address} is there.",
+    ]
+
+
+async def test_a_reader_that_hangs_is_noticed_though_nothing_closes_the_connection(readers: Readers) -> None:
+    reader = await readers.start()
+    async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
+        await heard.until(lambda: len(heard.sightings) > 3)
+        began = time.monotonic()
+        readers.running[-1].send_signal(19)  # SIGSTOP
+        await heard.until(lambda: bool(heard.told_of(reader.address)))
+        assert time.monotonic() - began < ASK_EVERY_S + ANSWER_MAX_S + 3 * CLOSE_MAX_S
+        readers.running[-1].send_signal(18)  # SIGCONT
+        before = len(heard.sightings)
+        await heard.until(lambda: len(heard.sightings) > before + 3)
+
+
+async def test_leaving_frees_the_reader_for_the_next_and_ends_the_thread_in_time(readers: Readers) -> None:
+    reader = await readers.start()
+    for _ in range(3):
+        feed = LlrpFeed([reader])
+        async with listening([feed], NO_TOPICS) as heard:
+            await heard.until(lambda: len(heard.sightings) > 1)
+            began = time.monotonic()
+        assert time.monotonic() - began < CLOSE_MAX_S
+        feed.close()
+        assert feed._thread is not None
+        assert not feed._thread.is_alive()
+
+
+async def test_a_reader_that_is_taken_or_not_there_is_said_at_the_start(readers: Readers) -> None:
+    reader, nobody = await readers.start(), LlrpReader("127.0.0.1", free_port())
+    with pytest.raises(BlockRobotError) as caught:
+        async with listening([LlrpFeed([reader, nobody])], NO_TOPICS):
+            pass
+    assert (caught.value.code, nobody.address in caught.value.detail) == ("FEED_UNREACHABLE", True)
+    async with listening([LlrpFeed([reader])], NO_TOPICS):
+        with pytest.raises(BlockRobotError) as caught:
+            await asyncio.to_thread(LlrpFeed([reader]).open, {}, None)
+    assert caught.value.code == "FEED_UNREACHABLE"
+    assert "Already_Exists" in caught.value.detail
