@@ -36,7 +36,7 @@ class Watch:
             if is_there and self._there.get(topic) is False:
                 told.append(f"{topic} is there.")
             elif not is_there and self._there.get(topic, True):
-                self.gone[topic] += 1
+                self.gone[topic] += topic in self._there
                 told.append(f"{topic} is not advertised; the run waits for it.")
             self._there[topic] = is_there
         return told

@@ -1,0 +1,32 @@
+"""Real node processes for the tests of this folder."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from tests.cluster.network_under_test import NetworkUnderTest
+from tests.robot_live.tag_readers import TagReaders
+
+
+@pytest.fixture
+async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
+    """Four running nodes of two organisations."""
+    network = NetworkUnderTest(tmp_path / "network", nodes=4)
+    try:
+        await network.start()
+        yield network
+    finally:
+        await network.close()
+
+
+@pytest.fixture
+async def tag_readers() -> AsyncIterator[TagReaders]:
+    """Tag readers that end with the test."""
+    readers = TagReaders()
+    try:
+        yield readers
+    finally:
+        await readers.stop()
