@@ -118,7 +118,11 @@ def read_written(path: Path) -> str:
         data = file.read(SHEET_MAX_BYTES + 1)
     if len(data) > SHEET_MAX_BYTES:
         raise BlockRobotError("SHARE_INVALID", f"{path.name} is too large for a guardian's words.")
-    written = data.decode("utf-8")
+    return take_written(data.decode("utf-8-sig"))
+
+
+def take_written(written: str) -> str:
+    """Return the words of a sheet's HTML, and any other text as it is."""
     if not written.lstrip().lower().startswith("<!doctype html"):
         return written
     parser = _Words()

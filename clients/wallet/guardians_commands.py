@@ -211,18 +211,15 @@ def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> l
 def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
     """Show the words one guardian at a time, and wipe the screen, however it ends. Noted before anybody sees any."""
     count, identifier = len(shares), show_identifier(one.identifier)
+    was_shown = False
     try:
         for number, (name, share) in enumerate(zip(one.guardians, shares, strict=True), 1):
             ask_for_enter(text("guardians.turn", name=name, number=number, count=count))
             store.save()
+            was_shown = True
             wipe_screen()
-            told: dict[str, Any] = {
-                "name": escape(name),
-                "words": SHARE_WORDS_COUNT,
-                "identifier": identifier,
-                "number": number,
-            }
-            console.print(text("guardians.words", **told) + "\n")
+            told = text("guardians.words", name=name, words=SHARE_WORDS_COUNT, identifier=identifier, number=number)
+            console.print(escape(told) + "\n")
             for line in word_lines(share, console.width):
                 console.print(line, style="bold")
             if checked:
@@ -233,7 +230,7 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
             store.save()
             wipe_screen()
     except BaseException:
-        if one.handed_count < count:
+        if was_shown:
             wipe_screen()
             click.echo(text("guardians.stopped", handed=one.handed_count, count=count), err=True)
         raise

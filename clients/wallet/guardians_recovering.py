@@ -18,7 +18,7 @@ from shamir_mnemonic import Share
 from clients.sdk.plain_letters import printable
 from clients.sdk.terminal import ask_for, console, json_option, plain_errors, print_json, wipe_screen
 from clients.wallet.claiming import claim_place
-from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written
+from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
@@ -97,7 +97,7 @@ def type_share() -> Share:
 def _read_file(path: Path, *, as_json: bool) -> Share:
     """Return the share in a file, or on standard input. On a terminal a wrong word is shown with what it may be."""
     try:
-        written = sys.stdin.read(SHEET_MAX_BYTES) if path == _STDIN else read_written(path)
+        written = take_written(sys.stdin.read(SHEET_MAX_BYTES)) if path == _STDIN else read_written(path)
         share = read_share(written)
         require_of_wallet(share)
     except BlockRobotError as error:
@@ -224,6 +224,8 @@ def _require_possible(
         raise click.UsageError("There is no terminal to type words at: give --share FILE, once for each guardian.")
     if show and (as_json or not at_terminal):
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+    if words_file is not None and words_file.exists():
+        raise click.UsageError(f"{words_file} exists already: name a new file.")
     if only and words_file is None and not show:
         raise click.UsageError("With --words-only say where the words go: --words-file or --show-words.")
 
@@ -271,9 +273,9 @@ def recover(
     _require_possible(files, words_file, only=only, show=show, as_json=as_json)
     done: dict[str, Any] = {}
     with contextlib.nullcontext() if only else claim_place(path):
+        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         gathering = _gather(files, as_json=as_json)
         words = gathering.join()
-        replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         require_distinct(words, replaced)
         if not as_json:
             console.print(text("guardians.enough"))

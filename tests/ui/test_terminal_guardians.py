@@ -135,6 +135,7 @@ def test_ctrl_c_before_any_word_was_shown_leaves_nothing(home: Path) -> None:
     typed.expect("Enter: ")
     typed.sendintr()
     assert typed.ended() == 1
+    assert "Cut short" not in typed.rest()
     assert Keystore.open(home / "wallets" / "default.wallet", PASSPHRASE).content.guardian_sets == []
 
 

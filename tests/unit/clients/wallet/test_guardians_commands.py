@@ -243,6 +243,11 @@ def test_a_guardian_checks_alone_what_she_holds(home: Home) -> None:
         assert whole.exit_code == 0
         assert f"sheet 2 of set {made['identifier']:05d}" in whole.output
         assert not {word for word in words if len(word) > 5 and word in whole.output}
+    sheet = Path(made["sheets"][1]).read_text(encoding="utf-8")
+    assert home.run("check", "-", typed=sheet).exit_code == 0
+    saved_by_a_browser = home.folder / "saved.html"
+    saved_by_a_browser.write_text(sheet.replace("<!doctype", "<!DOCTYPE"), encoding="utf-8-sig")
+    assert home.json("check", str(saved_by_a_browser)) == told
     wrong = home.run("check", typed=" ".join(words[:20]))
     assert wrong.exit_code == 1
     assert "These are 20 words, not 33." in wrong.output
@@ -263,6 +268,9 @@ def test_the_words_come_out_only_where_they_were_asked_for(home: Home) -> None:
     assert written.read_text().strip() == WORDS
     assert written.stat().st_mode & 0o777 == 0o600
     only = home.folder / "only.txt"
+    again = home.run("recover", "--share", first, "--share", second, "--words-file", str(written), profile="third")
+    assert again.exit_code == 2, "nothing is written over, and that is said before anything is made"
+    assert not (home.folder / "third.wallet").exists()
     told = home.recover(first, second, profile="none", options=("--words-only", "--words-file", str(only)))
     assert told == {"ok": True, "words_file": str(only)}
     assert only.read_text().strip() == WORDS
