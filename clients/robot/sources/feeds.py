@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clients.robot.sources import llrp, ros1, zenoh
+from clients.robot.sources import llrp, ros1, ros2, zenoh
 from clients.robot.sources.feed import Feed
 
 Option = Callable[[Any], Any]
@@ -25,6 +25,7 @@ class FeedKind:
 
 CAMERAS: dict[str, FeedKind] = {
     "ros1": FeedKind(ros1.make_feeds, ros1.OPTIONS),
+    "ros2": FeedKind(ros2.make_feeds, ros2.OPTIONS),
     "zenoh": FeedKind(zenoh.make_feeds, zenoh.OPTIONS),
 }
 """What `--source` can name: middleware that brings the camera's frames, and tag readings if the robot has them."""

@@ -40,7 +40,8 @@ class Sample:
         self.topics = {topic: TopicFigures(topic, kind, types={kind}) for topic, kind in advertised.items()}
         with ExitStack() as closing:
             closing.callback(self._feed.close)
-            self._feed.open(advertised, self)
+            # Nobody said of what type they are to be: one whose type cannot be had here must not keep the rest from sight.
+            self._feed.open(dict.fromkeys(advertised, ""), self)
             time.sleep(seconds)
         with self._lock:
             for figures in self.topics.values():
