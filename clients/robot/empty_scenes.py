@@ -227,7 +227,7 @@ def _preview(frames: Sequence[Depth]) -> bytes:
 def _folder(robot: Path, viewpoint: str) -> Path:
     plain = viewpoint.replace("-", "").replace("_", "")
     if not (plain.isascii() and plain.isalnum()) or len(viewpoint) > NAME_MAX_CHARS:
-        raise BlockRobotError("BACKGROUND_INVALID", "A viewpoint's name has letters, digits, - and _ only.")
+        raise BlockRobotError("USAGE_INVALID", "A viewpoint's name has letters, digits, - and _ only.")
     return robot / FOLDER / viewpoint
 
 

@@ -165,6 +165,8 @@ def erase(
         frame_indexes = sorted({int(part) for part in frames.split(",") if part})
     except ValueError:
         raise click.UsageError("--frames takes numbers, as 0,3,4.") from None
+    if frame_indexes and (everything or len(record_ids) != 1):
+        raise click.UsageError("--frames are pictures of one record: name that record, and no other.")
     if not yes and not sys.stdin.isatty():
         raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
     late: list[BlockRobotError] = []

@@ -12,7 +12,6 @@ import click
 from click.core import ParameterSource
 
 from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors, print_json
-from consensus.errors import BlockRobotError
 
 if TYPE_CHECKING:
     from network.sim.history import Observation
@@ -117,7 +116,7 @@ def run_command(
         plans = _make_plans(seeds, profile, nodes, rounds, byzantine)
     if trace:
         if len(plans) != 1:
-            raise BlockRobotError("CONFIGURATION_INVALID", "A trace is of one seed or one plan.")
+            raise click.UsageError("A trace is of one seed or one plan.")
         _print_trace(plans[0])
     first = plans[0]
     if len(first.byzantine) > max_faulty(first.size.producers):
@@ -142,19 +141,17 @@ def _read_plan(path: Path) -> Plan:
 
 
 def _make_plans(seeds: range, profile: str, nodes: int, rounds: int, byzantine: int) -> list[Plan]:
-    """Return a plan for each seed. Raises CONFIGURATION_INVALID for what the profile has no room for."""
+    """Return a plan for each seed. Raises UsageError for what the profile has no room for."""
     from network.sim.plan import make_growth_plan, max_faulty  # noqa: PLC0415 - a node's code, only when it is needed
     from network.sim.sweep import plan_of  # noqa: PLC0415
 
     if profile == "grow":
         if byzantine or nodes != NODES_DEFAULT_COUNT:
-            raise BlockRobotError(
-                "CONFIGURATION_INVALID", "The profile grow has its own ten nodes, all of them honest."
-            )
+            raise click.UsageError("The profile grow has its own ten nodes, all of them honest.")
         return [make_growth_plan(seed, rounds=rounds) for seed in seeds]
     if byzantine > max_faulty(nodes):
         text = f"Of {nodes} nodes at most {max_faulty(nodes)} may be dishonest: of more, nothing is promised."
-        raise BlockRobotError("CONFIGURATION_INVALID", text)
+        raise click.UsageError(text)
     return [plan_of(seed, nodes, rounds, byzantine) for seed in seeds]
 
 
@@ -163,7 +160,7 @@ def _refuse_beside_a_plan() -> None:
     context = click.get_current_context()
     for name in ("seeds", "profile", "nodes", "rounds", "byzantine"):
         if context.get_parameter_source(name) is not ParameterSource.DEFAULT:
-            raise BlockRobotError("CONFIGURATION_INVALID", f"The plan says what --{name} says: give one of the two.")
+            raise click.UsageError(f"The plan says what --{name} says: give one of the two.")
 
 
 def _print_trace(plan: Plan) -> None:

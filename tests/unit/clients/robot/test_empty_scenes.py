@@ -118,7 +118,7 @@ def test_someone_who_walks_out_of_the_empty_scene_is_noticed(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("name", ["", "../ward", "ward 3", "a" * 41, "wärd"])
 def test_a_viewpoint_cannot_be_named_out_of_its_folder(tmp_path: Path, name: str) -> None:
-    assert code_of(record_scene, tmp_path, name, empty_frames(), NOW_MS) == "BACKGROUND_INVALID"
+    assert code_of(record_scene, tmp_path, name, empty_frames(), NOW_MS) == "USAGE_INVALID"
 
 
 def test_what_is_missing_is_said(tmp_path: Path) -> None:
