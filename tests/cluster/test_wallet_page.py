@@ -74,7 +74,11 @@ async def test_a_person_does_everything_in_the_page_that_she_does_in_the_termina
         assert (await ward.record())["kept"] > 0
         await page.settle(lambda told: told["counts"]["records"] > 2)
         second = await served.run("records")
-        assert b"WALLET_BUSY" in (await second.communicate())[1]
+        listed, told = await second.communicate()
+        assert (second.returncode, b"read beside it" in told, b"depth" in listed) == (0, True, True), told
+        third = await served.run("notice")
+        assert b"WALLET_BUSY" in (await third.communicate())[1]
+        assert third.returncode == 1
 
         rows = await _list(page)
         await _play_and_verify(page, rows)
