@@ -182,6 +182,11 @@ class LiveConsole:
             "recording": self.recording(),
         }
 
+    def past(self, at_ms: int) -> dict[str, Any]:
+        """Return the moment that was the newest at a time of this recording, and the last rounds until then."""
+        rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each["at_ms"] <= at_ms]
+        return {"moment": self.recorder.moment_at(at_ms), "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
+
     def recording(self) -> dict[str, Any]:
         """Return since when is recorded, how much is kept, and what was dropped."""
         recorder = self.recorder

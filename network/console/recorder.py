@@ -7,6 +7,7 @@ routine ones (who leads, who is connected) have a share of their own, so that th
 
 from __future__ import annotations
 
+import bisect
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
@@ -32,6 +33,7 @@ class Recorder:
     ) -> None:
         self._max_bytes = moments_max_bytes
         self._moments: list[bytes] = []
+        self._times_ms: list[int] = []
         self._size_bytes = 0
         self._last: Moment | None = None
         self._events: deque[Event] = deque(maxlen=events_max_count)
@@ -64,6 +66,7 @@ class Recorder:
         self._last = moment
         data = msgspec.json.encode(moment)
         self._moments.append(data)
+        self._times_ms.append(moment["at_ms"])
         self._size_bytes += len(data)
         if self._size_bytes > self._max_bytes:
             self._thin()
@@ -84,6 +87,15 @@ class Recorder:
             self.moments_dropped_count += len(older) - len(kept)
             self._size_bytes -= sum(len(data) for data in older[1::2])
             self._moments = kept + newer
+            self._times_ms = self._times_ms[:half:2] + self._times_ms[half:]
+
+    def moment_at(self, at_ms: int) -> Moment | None:
+        """Return the moment that was the newest at this time, the first one for a time before; None if there is none."""
+        if not self._moments:
+            return None
+        place = max(0, bisect.bisect_right(self._times_ms, at_ms) - 1)
+        moment: Moment = msgspec.json.decode(self._moments[place])
+        return moment
 
     def events_after(self, number: int) -> list[Event]:
         """Return the events behind this number, in order."""

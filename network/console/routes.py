@@ -29,6 +29,10 @@ def console_routes(console: LiveConsole) -> list[LocalRoute]:
         await console.wait_beyond(_number(request, "after"), NEWS_WAIT_S)
         return web.json_response(console.now(_number(request, "events")))
 
+    async def past(request: web.Request) -> web.Response:
+        """What was at the time `at_ms`, as far as it is recorded."""
+        return web.json_response(console.past(_number(request, "at_ms")))
+
     async def fault(request: web.Request) -> web.Response:
         return web.json_response({"done": await console.do(await read_object(request))})
 
@@ -51,6 +55,7 @@ def console_routes(console: LiveConsole) -> list[LocalRoute]:
     return [
         LocalRoute("GET", "/api/choices", choices),
         LocalRoute("GET", "/api/now", now),
+        LocalRoute("GET", "/api/past", past),
         LocalRoute("POST", "/api/faults", fault),
         LocalRoute("POST", "/api/plans/check", check_plan),
         LocalRoute("POST", "/api/plans", start_plan),

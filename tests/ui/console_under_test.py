@@ -20,11 +20,11 @@ ANSWER_TIMEOUT_S = 20.0
 
 
 class ConsoleUnderTest:
-    """Four nodes that always have something to do, and `blockrobot console` as a process of its own."""
+    """Nodes (four unless told otherwise) that always have something to do, and `blockrobot console` as a process."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, nodes: int = 4) -> None:
         self.folder = folder
-        self.network = NetworkUnderTest(folder / "network", nodes=4, network="ward-seven")
+        self.network = NetworkUnderTest(folder / "network", nodes=nodes, network="ward-seven")
         self._process: asyncio.subprocess.Process | None = None
         self._work: asyncio.Task[None] | None = None
 

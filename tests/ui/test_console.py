@@ -167,6 +167,34 @@ async def test_links_disks_and_plans_are_forms_of_the_same_faults(open_page: Pag
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
 
 
+async def test_the_live_console_is_scrolled_back_and_comes_back_to_now(open_page: Page) -> None:
+    page = open_page
+    await page.get_by_label("Node", exact=True).select_option("node-4")
+    await page.get_by_role("button", name="Pause", exact=True).click()
+    await _expect_state(page, "node-4", "paused")
+    await page.get_by_role("button", name="Resume", exact=True).click()
+    await _expect_state(page, "node-4", "signing")
+    now = page.get_by_role("button", name="Back to now")
+    await expect(now).to_be_disabled()
+    told = page.locator(".events li", has_text="node-4 is paused").first
+    await told.get_by_role("button").click()
+    await _expect_state(page, "node-4", "paused")
+    await expect(page.locator(".replay")).to_contain_text("You look at the past")
+    height = await _final_height(page)
+    await page.wait_for_timeout(1_500)
+    assert await _final_height(page) == height, "the past stands still"
+    assert await find_accessibility_faults(page, by_keyboard=False) == []
+    await now.click()
+    await _expect_state(page, "node-4", "signing")
+    await _expect_growth(page)
+    await page.get_by_role("slider").focus()
+    await page.keyboard.press("Home")
+    await expect(page.locator("output")).to_contain_text("0 ms of")
+    await page.get_by_label("Speed").select_option("16")
+    await page.get_by_role("button", name="Play").click()
+    await expect(page.locator("output")).to_contain_text("now", timeout=LONG_MS)
+
+
 async def test_the_time_line_is_filtered_by_kind_node_and_word(open_page: Page) -> None:
     page = open_page
     await page.get_by_label("Node", exact=True).select_option("node-4")

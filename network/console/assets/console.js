@@ -6,6 +6,7 @@ import { formatBytes, formatTime, plural } from "./shared/format.js";
 import { createEvents } from "./events.js";
 import { createFaults, showProblem } from "./faults.js";
 import { createStage } from "./stage.js";
+import { createTimeline } from "./timeline.js";
 
 const RETRY_MS = 2000;
 const ANSWER_MS = 20000; // the server holds an answer back for five seconds at most
@@ -39,6 +40,25 @@ async function exportRun(event, said) {
   }
 }
 
+/** Show a moment of the past once it is there, unless another one, or now, is wanted by then. */
+function createPast(parts) {
+  let wanted = 0;
+  return async (ms, isNow) => {
+    wanted += 1;
+    const own = wanted;
+    if (isNow) {
+      if (parts.newest) parts.stage.update(parts.newest.moment, parts.newest.rounds);
+      return;
+    }
+    try {
+      const { moment, rounds } = await fetchJson(`./api/past?at_ms=${Math.round(ms)}`, { signal: AbortSignal.timeout(ANSWER_MS) });
+      if (own === wanted && moment) parts.stage.update({ ...moment, at_ms: Math.max(moment.at_ms, ms) }, rounds);
+    } catch (problem) {
+      if (own === wanted) showProblem(parts.said, problem);
+    }
+  };
+}
+
 function buildPage(first, choices) {
   const network = first.network;
   const said = h("div", { class: "said" });
@@ -51,18 +71,24 @@ function buildPage(first, choices) {
   };
   const faults = createFaults({ network, choices, onSelect: select, onGroups: (groups) => parts?.stage.topology.setGroups(groups) });
   const stage = createStage({ network, onNode, onLink: (from, to) => faults.selectLink(from, to), beside: faults.element });
-  const events = createEvents({ network });
+  const events = createEvents({ network, onPick: (event) => parts.timeline.goTo(event.at_ms) });
   const recording = h("p", { class: "quiet" });
-  parts = { stage, faults, events, recording, said, folder: choices.folder };
+  parts = { stage, faults, events, recording, said, folder: choices.folder, newest: null };
+  const from = first.recording.since_ms;
+  parts.timeline = createTimeline({ from, to: Math.max(first.moment?.at_ms ?? 0, from + 1), events: [], live: true, onShow: createPast(parts) });
   const exporting = h("button", { type: "button", onclick: (event) => exportRun(event, said) }, "Export the run");
   replace(root, bar(network.name, exporting),
-    h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, "Cluster console"), said, h("div", { class: "lost", role: "alert" }), stage.element,
+    h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, "Cluster console"), said, h("div", { class: "lost", role: "alert" }), parts.timeline.element, stage.element,
       h("section", { class: "card", "aria-labelledby": "events-title" }, h("h2", { id: "events-title" }, "What happened"), events.element, recording)));
   return parts;
 }
 
 function show(parts, answer) {
-  if (answer.moment) parts.stage.update(answer.moment, answer.rounds);
+  if (answer.moment) {
+    parts.newest = answer;
+    parts.timeline.extend(answer.moment.at_ms, answer.events);
+    if (parts.timeline.isAtEnd()) parts.stage.update(answer.moment, answer.rounds);
+  }
   parts.events.add(answer.events);
   parts.faults.showPlan(answer.plan);
   for (const event of answer.events) if (event.tone === "bad" || event.kind === "finality") announce(event.text);

@@ -8,7 +8,7 @@ const SHOWN_COUNT = 200;
 
 /** {element, set(events), add(events), setNetwork, showUntil(ms or null)}; onPick(event) makes the times buttons. */
 export function createEvents({ network, onPick }) {
-  const state = { events: [], kinds: new Set(Object.keys(KINDS).filter((kind) => !ROUTINE_KINDS.includes(kind))), node: "", text: "", until: null, count: SHOWN_COUNT };
+  const state = { events: [], rows: new WeakMap(), kinds: new Set(Object.keys(KINDS).filter((kind) => !ROUTINE_KINDS.includes(kind))), node: "", text: "", until: null, count: SHOWN_COUNT };
   const list = h("ol", { class: "events", reversed: true });
   const said = h("p", { class: "quiet", role: "status" });
   const more = h("button", { type: "button", hidden: true, onclick: () => { state.count += SHOWN_COUNT; draw(); } }, "Show more");
@@ -55,10 +55,26 @@ function show(state, list, said, more, onPick) {
     && (!state.text || event.text.toLowerCase().includes(state.text)) && (state.until === null || event.at_ms <= state.until));
   const newest = found.slice(-state.count).reverse();
   list.start = found.length;
-  replace(list, newest.map((event) => row(event, onPick)));
+  arrange(list, newest.map((event) => state.rows.get(event) ?? keep(state.rows, event, row(event, onPick))));
   const words = found.length === state.events.length ? plural(found.length, "event", "events") : `${found.length} of ${plural(state.events.length, "event", "events")}`;
   if (said.textContent !== words) said.textContent = words;
   more.hidden = newest.length === found.length;
+}
+
+function keep(rows, event, made) {
+  rows.set(event, made);
+  return made;
+}
+
+/** Put these rows into the list. Rows that stay are left where they are, and so is the focus in them. */
+function arrange(list, rows) {
+  const wanted = new Set(rows);
+  for (const child of [...list.children]) if (!wanted.has(child)) child.remove();
+  let place = list.firstElementChild;
+  for (const one of rows) {
+    if (one === place) place = place.nextElementSibling;
+    else list.insertBefore(one, place);
+  }
 }
 
 function row(event, onPick) {

@@ -6,7 +6,8 @@ import { allLinks, leaderOf, linkSentence, stateWords, toneOf } from "./words.js
 
 const WIDE = { width: 720, height: 440, rx: 250, ry: 185, radius: 29, region: 96 };
 const NARROW = { width: 380, height: 400, rx: 128, ry: 165, radius: 26, region: 78 };
-const PAIRS_DRAWN_MAX_COUNT = 10;
+const PAIRS_DRAWN_MAX_COUNT = 6;  // beyond that both directions of a link share a line, and nodes are smaller
+const MANY_SHRINK = 0.8;
 const GROUPS_MAX_COUNT = 4;
 
 /** {element, update(moment), setGroups(Map|null), setSelected(name)}; onNode(name), onLink(from, to). */
@@ -14,7 +15,8 @@ export function createTopology({ network, onNode, onLink, isNarrow }) {
   const svg = s("svg", { class: "topology", role: "group", "aria-label": "The network: nodes and links. The table of nodes says the same." });
   const state = { network, shape: null, nodes: new Map(), links: new Map(), groups: null, selected: null, moment: null };
   const draw = (narrow) => {
-    state.shape = narrow ? NARROW : WIDE;
+    state.shape = shapeFor(state.network.nodes.length, narrow ? NARROW : WIDE);
+    svg.classList.toggle("many", isMany(state.network));
     layOut(svg, state, onNode, onLink);
     if (state.moment) show(state);
   };
@@ -39,6 +41,12 @@ export function createTopology({ network, onNode, onLink, isNarrow }) {
       if (state.moment) show(state);
     },
   };
+}
+
+const isMany = (network) => network.nodes.length > PAIRS_DRAWN_MAX_COUNT;
+
+function shapeFor(count, shape) {
+  return count > PAIRS_DRAWN_MAX_COUNT ? { ...shape, radius: Math.round(shape.radius * MANY_SHRINK), region: Math.round(shape.region * MANY_SHRINK) } : shape;
 }
 
 function places(network, shape) {
@@ -76,7 +84,7 @@ function layOut(svg, state, onNode, onLink) {
   const backs = regions.map((region) => drawRegion(shape, region));
   const lines = [];
   const names = network.nodes.map((node) => node.name);
-  const isBoth = names.length <= PAIRS_DRAWN_MAX_COUNT;
+  const isBoth = !isMany(network);
   for (const from of names) {
     for (const to of names) {
       if (from === to || (!isBoth && from > to)) continue;
@@ -158,7 +166,7 @@ function show(state) {
   }
   const names = state.network.nodes.map((node) => node.name);
   const links = allLinks(moment, names);
-  for (const [key, drawn] of state.links) showLink(drawn, links.get(key), names.length <= PAIRS_DRAWN_MAX_COUNT ? null : links.get(key.split(" ").reverse().join(" ")));
+  for (const [key, drawn] of state.links) showLink(drawn, links.get(key), !isMany(state.network) ? null : links.get(key.split(" ").reverse().join(" ")));
 }
 
 function showNode(drawn, node, isLeader, state) {

@@ -27,6 +27,19 @@ def test_a_moment_in_which_only_the_time_went_on_is_not_kept_twice() -> None:
     assert recorder.moments_dropped_count == 0
 
 
+def test_what_was_at_a_time_is_told_also_of_a_run_that_grew_coarser() -> None:
+    recorder = Recorder(moments_max_bytes=4_000)
+    assert recorder.moment_at(5) is None
+    for number in range(1_000):
+        recorder.add(_moment(number), [])
+    kept = _kept(recorder)
+    for at_ms in (-1, 0, 1_500, 400_400, 998_999, 999_000, 5_000_000):
+        expected = max((number for number in kept if 1_000 * number <= at_ms), default=kept[0])
+        moment = recorder.moment_at(at_ms)
+        assert moment is not None
+        assert moment["final"] == expected
+
+
 def test_memory_is_bounded_and_the_whole_run_stays_the_older_the_coarser() -> None:
     recorder = Recorder(moments_max_bytes=4_000)
     for number in range(1_000):
