@@ -11,20 +11,20 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import click
 from rich.markup import escape
 
 from clients.sdk.terminal import ask_for_enter, console, json_option, plain_errors, print_json, wipe_screen
 from clients.wallet.claiming import claim_wallet, require_wallet
+from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.guardian_sheets import write_sheets
 from clients.wallet.guardians import GuardianSet, set_json, wrong_names
 from clients.wallet.guardians_recovering import check, recover
 from clients.wallet.keystore import Keystore, WalletContent
 from clients.wallet.language import text
 from clients.wallet.making_commands import check_back, word_lines
-from clients.wallet.opening import called, read_passphrase, show_moment
+from clients.wallet.opening import called, read_passphrase
 from clients.wallet.rotating_commands import ask_or_say
 from clients.wallet.shares import (
     GUARDIANS_MAX_COUNT,
@@ -77,27 +77,8 @@ def list_(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
         return
-    if not any(one.era == era for one in content.guardian_sets):
-        console.print(text("guardians.none", command=called(ctx)))
-    for one in content.guardian_sets:
-        _print_set(one, era)
-    if content.guardian_sets:
-        console.print(text("guardians.stay", command=called(ctx)))
-
-
-def _print_set(one: GuardianSet, present_era: int) -> None:
-    values: dict[str, Any] = {"identifier": show_identifier(one.identifier), "threshold": one.threshold}
-    if one.guardians:
-        names = escape(", ".join(one.guardians))
-        moment = show_moment(one.made_at_ms)
-        console.print(text("guardians.line", moment=moment, count=len(one.guardians), names=names, **values))
-    else:
-        console.print(text("guardians.line_unknown", **values))
-    if not one.is_whole:
-        told = text("guardians.cut_short", handed=one.handed_count, count=len(one.guardians))
-        console.print(f"  [red]{told}[/red]")
-    if one.era != present_era:
-        console.print("  " + text("guardians.former"))
+    for line in guardian_lines(content, called(ctx)):
+        console.print(escape(line))
 
 
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:

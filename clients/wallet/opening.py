@@ -101,7 +101,11 @@ def called(ctx: click.Context) -> str:
     above: click.Context | None = ctx
     while above is not None and "profile" not in above.params:
         above = above.parent
-    profile = "default" if above is None else above.params["profile"]
+    return called_as("default" if above is None else above.params["profile"])
+
+
+def called_as(profile: str) -> str:
+    """Return how the wallet of a profile is called."""
     return "blockrobot wallet" if profile == "default" else f"blockrobot wallet --profile {profile}"
 
 

@@ -74,5 +74,6 @@ export async function showExport(context) {
     announce(t("export.done"));
   };
 
-  return { title: t("export.title"), node: h("div", {}, h("p", { class: "lead" }, t("export.lead")), form, result) };
+  const guardians = h("section", { class: "card", "aria-labelledby": "guardians" }, h("h2", { id: "guardians" }, t("guardians.title")), h("p", { class: "quiet" }, t("guardians.lead")), sentences(context.overview.guardians));
+  return { title: t("export.title"), node: h("div", {}, h("p", { class: "lead" }, t("export.lead")), form, result, guardians) };
 }

@@ -1,0 +1,27 @@
+"""The page tells who holds words of the wallet and what to type. It has no route for words, and shows none."""
+
+from __future__ import annotations
+
+import json
+
+from clients.wallet.guardians import GuardianSet
+from clients.wallet.shares import split_words
+from tests.unit.clients.wallet.page.conftest import Desk
+
+
+async def test_the_page_tells_of_guardians_and_how_to_name_them(desk: Desk) -> None:
+    profile = desk.session.profile
+    (first, second) = (await desk.page.get("/api/overview"))["guardians"]
+    assert first.startswith("No guardians hold these words.")
+    assert second.endswith("guardians split --guardian NAME --guardian NAME --guardian NAME")
+    assert (f"--profile {profile} " in second) == (profile != "default")
+    content = desk.session.wallet.store.content
+    shares = split_words(content.words, 2, 3)
+    content.guardian_sets.append(GuardianSet(1_800_000_000_000, 2, ["Ann", "Ben", "Cleo"], 4711, 0, 2))
+    overview = await desk.page.get("/api/overview")
+    line, cut_short, stay = overview["guardians"]
+    assert "Set 04711: any 2 of 3 bring this wallet back: Ann, Ben, Cleo." in line
+    assert cut_short.startswith("Cut short: 2 of 3")
+    assert "rotate" in stay
+    told = json.dumps(overview).split()
+    assert not any(" ".join(share.split()[:5]) in " ".join(told) for share in shares)
