@@ -121,7 +121,7 @@ class Ros1Graph:
 @contextlib.asynccontextmanager
 async def ros1_graph(folder: Path) -> AsyncIterator[Ros1Graph]:
     """A running master, which nothing knows yet."""
-    folder.mkdir(parents=True, exist_ok=True)
+    await asyncio.to_thread(folder.mkdir, parents=True, exist_ok=True)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]

@@ -114,7 +114,9 @@ class Drivers:
         reads = self.settings.get("reads_per_s", 5)
         for i in range(round(reads * seconds)):
             index = laps[round(i / reads * rate) % len(laps)]
-            events.append((i / reads, [reading | {"uid": self.scene["uid"]} for reading in [self.scene["readings"][index]]]))
+            events.append(
+                (i / reads, [reading | {"uid": self.scene["uid"]} for reading in [self.scene["readings"][index]]])
+            )
         for i in range(round(self.settings.get("storm_per_s", 0) * seconds / 10)):
             ten = [{"uid": f"STORM{(10 * i + j) % 400:04}", "antenna": 1, "distance_m": 2.0} for j in range(10)]
             events.append((10 * i / self.settings["storm_per_s"], ten))

@@ -88,12 +88,11 @@ class LiveRobot:
         await drivers.wait()
 
     async def run(self) -> Process:
-        """Start a live run; return when it says that it plays."""
-        process = await self.start(
+        """Start a live run."""
+        return await self.start(
             *("run", "--source", "ros1", "--topics", str(self.topics), "--viewpoint", VIEWPOINT),
             *("--purpose", PURPOSE, "--json"),
         )
-        return process
 
     async def say(self, process: Process, until: str) -> None:
         """Read what the run says until a line matches."""
@@ -141,7 +140,6 @@ async def test_what_ros_publishes_at_30_hz_is_recorded_whole_and_is_in_the_walle
 
         assert published["frames"] == RATE_HZ * SECONDS
         frames, intake = summary["frames"], summary["intake"]
-        print(summary, live.notices)
         assert frames["published"] == published["frames"], "every frame that was published was read"
         assert intake["heard"] == {"/kinect/depth/image": published["frames"], "/rfid": published["tag_messages"]}
         assert (intake["missed"], intake["unread"], intake["messages_refused"]) == ({}, {}, {})

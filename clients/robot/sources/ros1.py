@@ -186,7 +186,9 @@ class _Transport(xmlrpc.client.Transport):
     """A transport that gives up on a server that does not answer."""
 
     def make_connection(self, host: Any) -> HTTPConnection:
-        return HTTPConnection(host, timeout=MASTER_ANSWER_MAX_S)
+        connection = HTTPConnection(host, timeout=MASTER_ANSWER_MAX_S)
+        self._connection = host, connection  # `close` looks for it here
+        return connection
 
 
 def _proxy(uri: str) -> xmlrpc.client.ServerProxy:
