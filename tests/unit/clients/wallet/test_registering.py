@@ -13,7 +13,17 @@ import pytest
 from click.testing import CliRunner, Result
 
 from clients.bundle.cli import verify
-from clients.wallet import cli, consent_commands, notice_commands, records_command
+from clients.wallet import (
+    cli,
+    consent_commands,
+    erasure_status,
+    export_command,
+    inbox_commands,
+    notice_commands,
+    records_command,
+    sharing_commands,
+    viewing_commands,
+)
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore
@@ -23,6 +33,18 @@ from consensus.records.vouchers import encode_card_code
 from network.demo_notice import demo_notice
 from tests.unit.clients.bundle.receipting import NoticeWard
 from tests.unit.clients.wallet.conftest import CHEAP
+
+MODULES = (
+    cli,
+    consent_commands,
+    erasure_status,
+    export_command,
+    inbox_commands,
+    notice_commands,
+    records_command,
+    sharing_commands,
+    viewing_commands,
+)
 
 
 class Desk:
@@ -50,7 +72,7 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
 
         return asyncio.run(main())
 
-    for module in (cli, records_command, notice_commands, consent_commands):
+    for module in MODULES:
         monkeypatch.setattr(module, "run_opened", run_opened)
     return opened
 
@@ -338,3 +360,16 @@ def test_a_program_at_a_terminal_is_asked_on_the_side(desk: Desk, monkeypatch: p
     result = run("register", desk.code, "--purpose", "care", "--json")
     assert (asked, json.loads(result.stdout)["ok"]) == ([True], True)
     assert "Responsible:" in result.stderr
+
+
+@pytest.mark.parametrize(
+    "command", ["records", "view", "verify", "audit", "shares", "inbox", "handle", "consent list", "erasures", "export"]
+)
+def test_who_is_not_registered_is_told_how_to_be(desk: Desk, tmp_path: Path, command: str) -> None:
+    arguments = [*command.split(), str(tmp_path / "mine.zip"), "--yes"] if command == "export" else command.split()
+    done = CliRunner().invoke(cli.wallet, ["--profile", "ann", *arguments])
+    assert done.exit_code == 1, done.output
+    assert (
+        "NOT_REGISTERED. Next step: Register with the code on your card: `blockrobot wallet --profile ann register"
+        in (done.stderr)
+    )
