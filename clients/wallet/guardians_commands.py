@@ -16,7 +16,7 @@ import click
 from rich.markup import escape
 
 from clients.sdk.terminal import ask_for_enter, console, json_option, plain_errors, print_json, wipe_screen
-from clients.wallet.claiming import claim_wallet, require_wallet
+from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.guardian_sheets import write_sheets
 from clients.wallet.guardians import GuardianSet, set_json, wrong_names
@@ -38,12 +38,21 @@ from clients.wallet.shares import (
 from consensus.errors import BlockRobotError
 
 
-@contextlib.contextmanager
-def _opened(ctx: click.Context, *, from_keyring: bool = True) -> Iterator[Keystore]:
-    """Open the wallet's file, and nothing else: no network is needed."""
+def _read(ctx: click.Context) -> WalletContent:
+    """Return what the wallet's file holds, beside another program that has it too. No network is needed."""
     path: Path = ctx.obj[0]
     require_wallet(path)
-    passphrase = read_passphrase(from_keyring=from_keyring)
+    passphrase = read_passphrase()
+    with claim_or_read(path):
+        return Keystore.open(path, passphrase).content
+
+
+@contextlib.contextmanager
+def _opened(ctx: click.Context) -> Iterator[Keystore]:
+    """Open the wallet's file by a passphrase that is not the keyring's, and nothing else: no network is needed."""
+    path: Path = ctx.obj[0]
+    require_wallet(path)
+    passphrase = read_passphrase(from_keyring=False)
     with claim_wallet(path):
         yield Keystore.open(path, passphrase)
 
@@ -71,8 +80,7 @@ def list_(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot wallet guardians list
     """
-    with _opened(ctx) as store:
-        content = store.content
+    content = _read(ctx)
     era = len(content.former)
     if as_json:
         print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
@@ -153,7 +161,7 @@ def split(
     needed = _require_sensible(names, threshold)
     if out is None and (as_json or not sys.stdin.isatty()):
         raise click.UsageError("There is no terminal to show the words on: give --out FOLDER.")
-    with _opened(ctx, from_keyring=False) as store:
+    with _opened(ctx) as store:
         content = store.content
         words, era = _choose_words(content, former)
         shares = split_words(words, needed, len(names))

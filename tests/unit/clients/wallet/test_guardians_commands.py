@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from itertools import pairwise
@@ -13,6 +14,7 @@ import pytest
 from click.testing import CliRunner, Result
 from shamir_mnemonic import shamir
 
+from clients.wallet import claiming
 from clients.wallet.cli import wallet
 from clients.wallet.guardian_sheets import read_written
 from clients.wallet.keys import derive_keys
@@ -97,6 +99,17 @@ def test_the_wallet_remembers_who_and_when_and_no_word(home: Home) -> None:
     assert "Ann, Ben, Çleo & <Co>" in listed.output
     assert home.json()["sets"] == [remembered], "without a command it lists"
     assert home.run("--json", "list").exit_code == 2
+
+
+def test_beside_an_open_page_it_lists_and_hands_out_nothing(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("claim_wallet", "claim_or_read"):
+        at_once = functools.partial(getattr(claiming, name), wait_s=0, sleep=lambda _: None)
+        monkeypatch.setattr(f"clients.wallet.guardians_commands.{name}", at_once)
+    with claiming.claim_wallet(home.folder / "default.wallet"):
+        assert home.json("list")["sets"] == []
+        refused = home.json("split", *THREE, "--out", str(home.folder / "sheets"), code=1)
+    assert refused["error"]["code"] == "WALLET_BUSY"
+    assert not (home.folder / "sheets").exists()
 
 
 def test_without_guardians_it_says_what_to_type(home: Home) -> None:
