@@ -16,7 +16,14 @@ else
 $(error SYSTEM_PACKAGES is `install` (what `make test` does anyway) or `none`, not `$(SYSTEM_PACKAGES)`)
 endif
 
-.PHONY: all demo system-packages test test-fast test-long lint types docs mongo-server clean
+ROS2 ?= install
+ifeq ($(ROS2),none)
+TESTS := $(TESTS) and not ros2
+else ifneq ($(ROS2),install)
+$(error ROS2 is `install` (what `make test` does anyway) or `none`, not `$(ROS2)`)
+endif
+
+.PHONY: all demo system-packages ros2 test test-fast test-long lint types docs mongo-server clean
 
 all: $(VENV)/.runtime
 
@@ -43,7 +50,12 @@ types: $(VENV)/.develop
 system-packages:
 	@$(PYTHON) tests/system_packages.py $(SYSTEM_PACKAGES)
 
-test: system-packages lint types
+ros2: $(VENV)/.develop
+ifneq ($(ROS2),none)
+	@$(BIN)/python -m tests.robot_live.ros2_wheels
+endif
+
+test: system-packages ros2 lint types
 	$(BIN)/python -m pytest -m '$(TESTS)'
 
 test-fast: $(VENV)/.develop

@@ -1,4 +1,4 @@
-"""Says at the end which tests were left out for want of Debian packages: never a silence about them."""
+"""Says at the end which tests were left out because the user said so: never a silence about them."""
 
 from __future__ import annotations
 
@@ -6,26 +6,36 @@ from collections.abc import Sequence
 
 import pytest
 
-MARKER = "system_packages"
-_left_out: list[str] = []
+LEFT_OUT_BY = {
+    "system_packages": (
+        "they need Debian's chromium, graphviz or opencv-doc (SYSTEM_PACKAGES=none).",
+        "To run them: make test, as root or with sudo without a password; or install the packages first.",
+    ),
+    "ros2": (
+        "they need wheels of ROS 2, and a network of their own (ROS2=none).",
+        "To run them: make test, with Python 3.11 on Linux (x86-64), as root or where users may have namespaces.",
+    ),
+}
+"""What is said of tests with a marker: what they need, and how to run them."""
+
+_left_out: dict[str, list[str]] = {marker: [] for marker in LEFT_OUT_BY}
 
 
 def pytest_deselected(items: Sequence[pytest.Item]) -> None:
-    """Note who was left out, where `-m` named the marker."""
-    if items and f"not {MARKER}" in items[0].config.getoption("markexpr"):
-        _left_out.extend(item.nodeid for item in items if item.get_closest_marker(MARKER))
+    """Note who was left out, where `-m` named a marker."""
+    for marker, names in _left_out.items():
+        if items and f"not {marker}" in items[0].config.getoption("markexpr"):
+            names.extend(item.nodeid for item in items if item.get_closest_marker(marker))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say how many, where they are, and how to run them."""
-    if not _left_out:
-        return
-    files = sorted({name.partition("::")[0] for name in _left_out})
-    terminalreporter.section("left out", yellow=True)
-    terminalreporter.line(
-        f"{len(_left_out)} tests were NOT run: they need Debian's chromium, graphviz or opencv-doc (SYSTEM_PACKAGES=none)."
-    )
-    terminalreporter.line(f"They are in: {', '.join(files)}")
-    terminalreporter.line(
-        "To run them: make test, as root or with sudo without a password; or install the packages first."
-    )
+    for marker, names in _left_out.items():
+        if not names:
+            continue
+        files = sorted({name.partition("::")[0] for name in names})
+        needed, way_in = LEFT_OUT_BY[marker]
+        terminalreporter.section("left out", yellow=True)
+        terminalreporter.line(f"{len(names)} tests were NOT run: {needed}")
+        terminalreporter.line(f"They are in: {', '.join(files)}")
+        terminalreporter.line(way_in)

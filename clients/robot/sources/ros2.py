@@ -31,7 +31,7 @@ DISCOVERY_POLL_S = 0.05
 DISCOVERY_SETTLED_S = 1.0
 """For how long nothing new is to be heard of before what is advertised counts as known; DDS never says that it is done."""
 
-DISCOVERY_MAX_S = 5.0
+DISCOVERY_MIN_S, DISCOVERY_MAX_S = 2.0, 6.0
 SUBSCRIBE_MAX_S = 1.0
 DETAIL_MAX_CHARS = 200
 IMAGE_QUEUE_MAX_COUNT = 16
@@ -67,7 +67,7 @@ class Ros2Feed:
     def topics(self) -> dict[str, str]:
         """Return the topics that have a publisher; before `open` it joins the graph for that, and leaves it again.
 
-        Takes from `DISCOVERY_SETTLED_S` to `DISCOVERY_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
+        Takes from `DISCOVERY_MIN_S` to `DISCOVERY_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
         """
         if self._thread is not None:
             return dict(self._advertised)
@@ -284,7 +284,7 @@ class _Joined:
             now = self.advertised()
             if now != found:
                 found, changed_s = now, time.monotonic()
-            elif found and time.monotonic() > changed_s + DISCOVERY_SETTLED_S:
+            elif found and time.monotonic() > max(changed_s + DISCOVERY_SETTLED_S, started_s + DISCOVERY_MIN_S):
                 break
         return found
 

@@ -1,0 +1,116 @@
+"""The robot's ROS 2 feed in a process of its own, in which ROS 2 was sourced: says what it is told, when it is asked.
+
+One argument, a JSON object: `wanted`, topic to type, and `topics`, the text of a topics file. A line on standard input is a
+question, `topics`, `state` or `close`; the answer is one JSON object on a line.
+"""
+
+import json
+import signal
+import sys
+import threading
+import time
+from collections import Counter
+from pathlib import Path
+
+from clients.robot.events import Frame, Refused
+from clients.robot.sources.decoding import MessageReader
+from clients.robot.sources.message_types import LearntTypes, types_with
+from clients.robot.sources.ros2 import Ros2Feed
+from clients.robot.sources.topics import parse_topics
+from consensus.errors import BlockRobotError
+
+
+class Ear:
+    """A listener that reads each message as the robot does, and counts."""
+
+    def __init__(self, topics):
+        self.reader = MessageReader(topics)
+        self.wanted = topics.wanted
+        self.types = LearntTypes(types_with(topics.definitions), ros1=False)
+        self.lock = threading.Lock()
+        self.heard, self.events, self.lost, self.latest = Counter(), Counter(), Counter(), {}
+        self.learnt, self.failures = [], []
+
+    def learn(self, type_name, definition):
+        self.learnt.append([type_name, self.types.learn(type_name, definition)])
+
+    def deliver(self, message):
+        with self.lock:
+            self.heard[f"{message.topic} {message.type}"] += 1
+            if message.topic not in self.wanted:
+                return
+            for event in self.reader.read(message, self.types.of(message.type)):
+                name = f"{event.kind}: {event.reason}" if isinstance(event, Refused) else type(event).__name__
+                self.events[name] += 1
+                if isinstance(event, Frame):
+                    self.latest["shape"] = list(event.depth.shape)
+                    self.latest["late_ms"] = event.received_at_ms - event.captured_at_ms
+
+    def sight(self, sighting):
+        raise AssertionError
+
+    def refuse(self, refused):
+        raise AssertionError
+
+    def presence(self, part, *, here):
+        raise AssertionError
+
+    def miss(self, topic, count):
+        self.lost[topic] += count
+
+    def fail(self, error):
+        self.failures.append([error.code, error.detail])
+
+    def state(self):
+        with self.lock:
+            return {
+                "heard": self.heard,
+                "events": self.events,
+                "lost": self.lost,
+                "learnt": self.learnt,
+                "failures": self.failures,
+                **self.latest,
+            }
+
+
+def say(answer):
+    sys.stdout.write(json.dumps(answer) + "\n")
+    sys.stdout.flush()
+
+
+def main():
+    settings = json.loads(sys.argv[1])
+    handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    feed, ear = Ros2Feed(), Ear(parse_topics(settings["topics"]))
+    try:
+        if settings.get("look_first"):
+            say({"topics": feed.topics()})
+        feed.open(settings["wanted"], ear)
+    except BlockRobotError as error:
+        say({"refused": error.code, "detail": error.detail, "threads": threading.active_count()})
+        return
+    say({"opened": True})
+    for line in sys.stdin:
+        question = line.strip()
+        if question == "topics":
+            say(feed.topics())
+        elif question == "state":
+            say(ear.state())
+        elif question == "close":
+            break
+    began = time.monotonic()
+    feed.close()
+    feed.close()
+    say(
+        {
+            **ear.state(),
+            "closed_in_s": time.monotonic() - began,
+            "threads": threading.active_count(),
+            "handlers_kept": handlers == [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)],
+            "logs": sorted(path.name for path in Path.home().iterdir()),
+        }
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""A user's own message package, as sourcing a workspace makes it importable."""
