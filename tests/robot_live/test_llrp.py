@@ -3,14 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 import time
-from asyncio.subprocess import Process
 from collections import Counter
-from collections.abc import AsyncIterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -21,54 +15,10 @@ from clients.robot.sources.llrp_readings import GATHER_MS
 from clients.robot.sources.topics import LlrpReader, Topics
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import Heard, listening
-from tests.robot_live.zenoh_graph import START_TIMEOUT_S, free_port
+from tests.robot_live.tag_readers import ANN, BEN, TagReaders
+from tests.robot_live.zenoh_graph import free_port
 
-READER = Path(__file__).with_name("llrp_reader.py")
-ANN, BEN = "E28011606000020500000001", "E28011606000020500000002"
 NO_TOPICS = Topics(tags=())
-
-
-class Readers:
-    """The readers of a test."""
-
-    def __init__(self) -> None:
-        self.running: list[Process] = []
-
-    async def start(self, port: int = 0, **settings: Any) -> LlrpReader:
-        """Start a reader; return what a robot is told of it: antenna 1 looks forward, 2 back."""
-        port = port or free_port()
-        told = {"port": port, "tags": {ANN: [1], BEN: [2]}, **settings}
-        self.running.append(
-            await asyncio.create_subprocess_exec(
-                *(sys.executable, str(READER), json.dumps(told)),
-                stdout=asyncio.subprocess.PIPE,
-                stderr=asyncio.subprocess.DEVNULL,
-            )
-        )
-        output = self.running[-1].stdout
-        assert output is not None
-        assert await asyncio.wait_for(output.readline(), START_TIMEOUT_S) == b"ready\n"
-        return LlrpReader("127.0.0.1", port, front=(1,), back=(2,))
-
-    async def kill(self) -> None:
-        """Kill the newest reader."""
-        process = self.running.pop()
-        process.kill()
-        await process.communicate()
-
-    async def stop(self) -> None:
-        while self.running:
-            await self.kill()
-
-
-@pytest.fixture
-async def readers() -> AsyncIterator[Readers]:
-    """Readers that end with the test."""
-    readers = Readers()
-    try:
-        yield readers
-    finally:
-        await readers.stop()
 
 
 def age_ms(heard: Heard) -> list[int]:
@@ -76,8 +26,8 @@ def age_ms(heard: Heard) -> list[int]:
     return [(one.received_at_ms or 0) - one.last_seen_ms for one in heard.sightings]
 
 
-async def test_readings_are_sightings_with_a_facing_and_without_a_distance(readers: Readers) -> None:
-    reader = await readers.start()
+async def test_readings_are_sightings_with_a_facing_and_without_a_distance(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start()
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: {ANN, BEN} <= {one.uid for one in heard.sightings})
     assert {(one.uid, one.antenna, one.facing) for one in heard.sightings} == {
@@ -90,27 +40,27 @@ async def test_readings_are_sightings_with_a_facing_and_without_a_distance(reade
     assert heard.told_of(reader.address) == []
 
 
-async def test_a_reader_that_is_killed_and_comes_back_is_told_of_once_and_asked_again(readers: Readers) -> None:
-    reader = await readers.start()
+async def test_a_reader_that_is_killed_and_comes_back_is_told_of_once_and_asked_again(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start()
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.sightings) > 3)
-        await readers.kill()
+        await tag_readers.kill()
         await heard.until(lambda: len(heard.told_of(reader.address)) == 1)
         await asyncio.sleep(2.0)  # long enough for several attempts
         before = len(heard.sightings)
         assert heard.told_of(reader.address) == [f"{reader.address} is gone; the run waits for it."]
-        await readers.start(reader.port)
+        await tag_readers.start(reader.port)
         await heard.until(lambda: len(heard.sightings) > before + 3)
     assert heard.told_of(reader.address)[1:] == [f"{reader.address} is there."]
     assert heard.intake["gone"][reader.address] == 1
 
 
-async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(readers: Readers) -> None:
-    right = await readers.start(tags={ANN: [1]}, clock_off_s=-86_400.0)
-    left = await readers.start(tags={BEN: [1]}, clock_off_s=7_200.0)
+async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(tag_readers: TagReaders) -> None:
+    right = await tag_readers.start(tags={ANN: [1]}, clock_off_s=-86_400.0)
+    left = await tag_readers.start(tags={BEN: [1]}, clock_off_s=7_200.0)
     async with listening([LlrpFeed([left, right])], NO_TOPICS) as heard:
         await heard.until(lambda: {ANN, BEN} <= {one.uid for one in heard.sightings})
-        await readers.kill()
+        await tag_readers.kill()
         await heard.until(lambda: len(heard.told_of(left.address)) == 1)
         before = len(heard.sightings)
         await heard.until(lambda: len(heard.sightings) > before + 5)
@@ -118,9 +68,11 @@ async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(readers
     assert all(0 <= age < 1_000 for age in age_ms(heard))
 
 
-async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_there_are_tags(readers: Readers) -> None:
+async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_there_are_tags(
+    tag_readers: TagReaders,
+) -> None:
     tags = {f"E280116060000205{number:08X}": [1, 2] for number in range(21)}
-    reader = await readers.start(tags=tags, storm_per_s=10_000)
+    reader = await tag_readers.start(tags=tags, storm_per_s=10_000)
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         began = time.monotonic()
         await heard.until(lambda: sum(one.read_count for one in heard.sightings) >= 20_000)
@@ -133,25 +85,25 @@ async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_t
 
 @pytest.mark.parametrize("clock_off_s", [-1_700_000_000.0, 86_400.0])
 async def test_a_reader_whose_clock_is_wrong_tells_when_tags_were_seen_all_the_same(
-    readers: Readers, clock_off_s: float
+    tag_readers: TagReaders, clock_off_s: float
 ) -> None:
-    reader = await readers.start(clock_off_s=clock_off_s)
+    reader = await tag_readers.start(clock_off_s=clock_off_s)
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.sightings) > 10)
     assert all(0 <= age < 1_000 for age in age_ms(heard))
     assert heard.refused == []
 
 
-async def test_tags_whose_epc_makes_no_sense_are_refused_and_the_others_read(readers: Readers) -> None:
-    reader = await readers.start(tags={ANN: [1], "01": [1], "AB" * 34: [1], "": [1]})
+async def test_tags_whose_epc_makes_no_sense_are_refused_and_the_others_read(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start(tags={ANN: [1], "01": [1], "AB" * 34: [1], "": [1]})
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.sightings) > 3 and len(heard.refused) > 10)
     assert {one.uid for one in heard.sightings} == {ANN}
     assert set(heard.refused) == {("sighting", "tag")}
 
 
-async def test_a_reader_that_sends_nonsense_is_left_and_asked_again(readers: Readers) -> None:
-    reader = await readers.start(nonsense_after_s=0.5)
+async def test_a_reader_that_sends_nonsense_is_left_and_asked_again(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start(nonsense_after_s=0.5)
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.told_of(reader.address)) >= 2)
         before = len(heard.sightings)
@@ -162,21 +114,21 @@ async def test_a_reader_that_sends_nonsense_is_left_and_asked_again(readers: Rea
     ]
 
 
-async def test_a_reader_that_hangs_is_noticed_though_nothing_closes_the_connection(readers: Readers) -> None:
-    reader = await readers.start()
+async def test_a_reader_that_hangs_is_noticed_though_nothing_closes_the_connection(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start()
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.sightings) > 3)
         began = time.monotonic()
-        readers.running[-1].send_signal(19)  # SIGSTOP
+        tag_readers.running[-1].send_signal(19)  # SIGSTOP
         await heard.until(lambda: bool(heard.told_of(reader.address)))
         assert time.monotonic() - began < ASK_EVERY_S + ANSWER_MAX_S + 3 * CLOSE_MAX_S
-        readers.running[-1].send_signal(18)  # SIGCONT
+        tag_readers.running[-1].send_signal(18)  # SIGCONT
         before = len(heard.sightings)
         await heard.until(lambda: len(heard.sightings) > before + 3)
 
 
-async def test_leaving_frees_the_reader_for_the_next_and_ends_the_thread_in_time(readers: Readers) -> None:
-    reader = await readers.start()
+async def test_leaving_frees_the_reader_for_the_next_and_ends_the_thread_in_time(tag_readers: TagReaders) -> None:
+    reader = await tag_readers.start()
     for _ in range(3):
         feed = LlrpFeed([reader])
         async with listening([feed], NO_TOPICS) as heard:
@@ -188,8 +140,8 @@ async def test_leaving_frees_the_reader_for_the_next_and_ends_the_thread_in_time
         assert not feed._thread.is_alive()
 
 
-async def test_a_reader_that_is_taken_or_not_there_is_said_at_the_start(readers: Readers) -> None:
-    reader, nobody = await readers.start(), LlrpReader("127.0.0.1", free_port())
+async def test_a_reader_that_is_taken_or_not_there_is_said_at_the_start(tag_readers: TagReaders) -> None:
+    reader, nobody = await tag_readers.start(), LlrpReader("127.0.0.1", free_port())
     with pytest.raises(BlockRobotError) as caught:
         async with listening([LlrpFeed([reader, nobody])], NO_TOPICS):
             pass

@@ -92,7 +92,8 @@ class Drivers:
     def image(self, index: int, at_ms: int) -> bytes:
         if self.types["depth"] == STRING_TYPE:
             return self.text("no image at all")
-        told = self.settings.get("image", {})
+        variants = self.settings.get("images", [{}])
+        told = variants[self.counts["frames"] % len(variants)]
         data = bytes(self.codec.encode_image(self.frames[index], at_ms))
         if not told:
             return data
