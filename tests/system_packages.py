@@ -1,4 +1,4 @@
-"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film of real people, fonts.
+"""Installs the Debian packages that tests need, where they are missing: a browser, Graphviz, a film, fonts, ROS 1.
 
 Run by `make test` before the tests, with any Python and nothing installed. Must never install anything else, never ask for
 a password, and never end well with something missing.
@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 OPENCV_DOC = "/usr/share/doc/opencv-doc/*"
+DEBIAN_PYTHON = Path("/usr/lib/python3/dist-packages")
 PEDESTRIANS = Path("/usr/share/doc/opencv-doc/examples/data/vtest.avi")
 WAY_OUT = "make test SYSTEM_PACKAGES=none"
 
@@ -43,6 +44,9 @@ PACKAGES = (
         "lets pages look alike everywhere",
         file=Path("/usr/share/fonts/truetype/liberation2/LiberationSans-Regular.ttf"),
     ),
+    Package("python3-rosmaster", "runs a ROS 1 graph", file=Path("/usr/bin/rosmaster")),
+    Package("python3-rospy", "is how a robot of ROS 1 is heard", file=DEBIAN_PYTHON / "rospy" / "__init__.py"),
+    Package("python3-sensor-msgs", "knows the messages of cameras", file=DEBIAN_PYTHON / "sensor_msgs" / "__init__.py"),
 )
 
 

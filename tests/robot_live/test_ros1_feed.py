@@ -287,6 +287,49 @@ async def test_a_robot_that_finds_no_master_says_where_it_looked(tmp_path: Path)
             assert graph.uri in said["detail"]
 
 
+async def test_a_master_that_dies_while_a_robot_joins_is_given_up_with_nothing_on_standard_output(
+    scene: Path, tmp_path: Path
+) -> None:
+    async with (
+        ros1_graph(tmp_path) as graph,
+        _answering(graph.port, 2) as port,
+        ear(Ros1Graph(tmp_path, port)) as heard,
+    ):
+        said = await heard.until(lambda state: "code" in state)  # a line that is no JSON would end this
+        assert said["code"] == "FEED_UNREACHABLE"
+        assert await asyncio.wait_for(heard.process.wait(), WAIT_S) == 0
+
+
+@contextlib.asynccontextmanager
+async def _answering(master_port: int, count: int) -> AsyncIterator[int]:
+    """A port that leads to a master for so many calls, and then hangs up."""
+    calls = 0
+
+    async def pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        nonlocal calls
+        calls += 1
+        if calls <= count:
+            inwards, outwards = await asyncio.open_connection("127.0.0.1", master_port)
+            both = [asyncio.create_task(_pump(reader, outwards)), asyncio.create_task(_pump(inwards, writer))]
+            await asyncio.wait(both, return_when=asyncio.FIRST_COMPLETED)
+            for task in both:
+                task.cancel()
+            outwards.close()
+        writer.close()
+
+    server = await asyncio.start_server(pass_on, "127.0.0.1", 0)
+    try:
+        yield server.sockets[0].getsockname()[1]
+    finally:
+        server.close()
+
+
+async def _pump(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    while data := await reader.read(1 << 16):
+        writer.write(data)
+        await writer.drain()
+
+
 def test_a_master_that_takes_calls_and_never_answers_is_given_up() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         feed = Ros1Feed(f"http://127.0.0.1:{server.getsockname()[1]}")

@@ -92,13 +92,7 @@ class Ros1Feed:
         self._listener = listener
         self._topics = tuple(wanted)
         self._master.published()
-        _within(OPEN_MAX_S, lambda: _join(self._rospy, self._master.uri), self._master.uri)
-        for topic in wanted:
-            self._subscribers.append(
-                self._rospy.Subscriber(
-                    topic, self._rospy.AnyMsg, self._hear, topic, buff_size=BUFFER_BYTES, tcp_nodelay=True
-                )
-            )
+        _within(OPEN_MAX_S, self._subscribe, self._master.uri)
         self._roll_call.start()
 
     def close(self) -> None:
@@ -111,6 +105,13 @@ class Ros1Feed:
         leaving.join(CLOSE_MAX_S / 2)
         if self._roll_call.ident is not None:
             self._roll_call.join(CLOSE_MAX_S / 2)
+
+    def _subscribe(self) -> None:
+        """Join the graph and subscribe. rospy goes on trying for ever if the master does not answer just then."""
+        _join(self._rospy, self._master.uri)
+        for topic in self._topics:
+            settings = {"callback_args": topic, "buff_size": BUFFER_BYTES, "tcp_nodelay": True}
+            self._subscribers.append(self._rospy.Subscriber(topic, self._rospy.AnyMsg, self._hear, **settings))
 
     def _hear(self, message: Any, topic: str) -> None:
         """Hand over one message. rospy would print whatever this raised, so nothing may."""
@@ -206,13 +207,14 @@ def import_rospy(folder: Path) -> Any:
     try:
         rospy = importlib.import_module("rospy")
         importlib.import_module("rospy.core")
-        importlib.import_module("rosgraph.roslogging")
+        registration = importlib.import_module("rospy.impl.registration")
     except ImportError as error:
         told = f"Python {sys.version_info.major}.{sys.version_info.minor} cannot import rospy ({error}). {_INSTALL}"
         raise BlockRobotError("MIDDLEWARE_MISSING", told) from error
     finally:
         logging.setLoggerClass(loggers)
     rospy.core.configure_logging = lambda *_, **__: None  # it would write files, and take the loggers of others over
+    vars(registration)["print"] = lambda *_: None  # it speaks to standard output, which is ours
     atexit.unregister(rospy.core._ros_atexit)
     for name in LOGGERS:
         logging.getLogger(name).addHandler(logging.NullHandler())
