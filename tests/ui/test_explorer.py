@@ -22,7 +22,7 @@ from node.config import CONFIG_FILE
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.screenshots import shoot_all_ways
-from tests.ui.watched_page import NARROW, WIDE, Pages, Watch
+from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
 
 PUBLIC_NODE = "node-2"
 PLACES = ("live", "producers", "block/1", "contracts", "contract/identity", "members", "custody", "governance")
@@ -448,11 +448,18 @@ async def test_a_public_explorer_shows_headers_producers_and_counts_and_nothing_
     await expect(page.locator("#found")).to_contain_text(f"Block {place['height']}")
     await go(page, "producers")
     await expect(page.locator("main")).to_contain_text("node-4")
+    for scheme in ("dark", "light"):
+        await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+        for place_shown in ("producers", "live"):
+            await go(page, place_shown)
+            for width, height in (ZOOMED, NARROW, WIDE):
+                await page.set_viewport_size({"width": width, "height": height})
+                assert await find_accessibility_faults(page, by_keyboard=False) == []
     assert not [path for path in asked if path and not path.startswith("explorer/")]
     assert await find_accessibility_faults(page) == []
 
 
-@pytest.mark.parametrize("size", [WIDE, NARROW], ids=["wide", "narrow"])
+@pytest.mark.parametrize("size", [WIDE, NARROW, ZOOMED], ids=["wide", "narrow", "zoomed"])
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 async def test_every_page_can_be_read_and_used_by_everybody(
     pages: Pages, recorded_network: RecordedNetwork, size: tuple[int, int], scheme: Any

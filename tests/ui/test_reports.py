@@ -19,7 +19,7 @@ from network.experiments.page import build_index, build_page
 from network.experiments.run_one import Outcome
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.screenshots import FOLDER, shoot_all_ways
-from tests.ui.watched_page import NARROW
+from tests.ui.watched_page import NARROW, WIDE, ZOOMED
 from tests.unit.network.experiments.test_experiment_runs import outcome
 from tests.unit.network.test_demo_report import checks, state
 
@@ -67,8 +67,10 @@ async def look_all_ways(page: Page, report: Path, name: str) -> None:
     for scheme in ("light", "dark"):
         await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
         assert await find_accessibility_faults(page) == []
-    await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
-    assert await find_accessibility_faults(page) == []
+        for width, height in (ZOOMED, NARROW):
+            await page.set_viewport_size({"width": width, "height": height})
+            assert await find_accessibility_faults(page, by_keyboard=scheme == "light") == []
+        await page.set_viewport_size({"width": WIDE[0], "height": WIDE[1]})
     await shoot_all_ways(page, name)
 
 

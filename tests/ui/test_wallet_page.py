@@ -7,6 +7,7 @@ import asyncio
 from playwright.async_api import Page, expect
 
 from network.demo.tampering import flip_stored_byte
+from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting
 from tests.ui.watched_page import Pages, Watch
@@ -51,6 +52,7 @@ async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_gre
         await go(page, "story")
         await expect(page.locator(".story").first).to_contain_text("You checked it: it is as the robot took it.")
         await expect(page.locator(".story").last).to_contain_text("A robot met you and began to record")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_a_recording_that_comes_in_shows_by_itself_and_is_told_to_who_listens(
@@ -88,10 +90,12 @@ async def test_bytes_that_were_changed_at_their_keepers_give_a_red_seal_that_say
         await expect(seal).to_contain_text("Pictures that are not as taken: 1.")
         await page.get_by_role("slider").fill("0")
         await expect(page.locator(".stage-words")).to_contain_text("This picture was changed")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
         await page.get_by_role("button", name="Write this finding").click()
         await expect(page.locator(".seal")).to_contain_text("This finding stands in block", timeout=SETTLED_MS)
         await go(page, "inbox")
         await expect(page.locator(".notice.bad")).to_contain_text("1 recording was changed", timeout=SETTLED_MS)
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_ends_it(
@@ -112,9 +116,11 @@ async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_e
         await page.get_by_role("button", name="See what that means").click()
         await expect(page.get_by_role("heading", name="What that means")).to_be_focused()
         await expect(page.locator("#main")).to_contain_text("member of the staff")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
         await page.get_by_role("button", name="Share", exact=True).click()
         await confirm_with(page, "coffee")
         await expect(page.locator("dialog [role=alert]")).to_contain_text("not the passphrase")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
         await confirm_with(page, recorded_network.passphrase)
         await expect(page.locator(".notice.good")).to_contain_text("shared", timeout=SETTLED_MS)
         await go(page, "sharing")
@@ -124,6 +130,7 @@ async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_e
         await page.locator("dialog").get_by_role("button", name="End it").click()
         await expect(page.locator("#main")).to_contain_text("It is shared no more.", timeout=SETTLED_MS)
         await expect(card).to_contain_text("ended by you", timeout=SETTLED_MS)
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
@@ -145,6 +152,7 @@ async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
         await no.click()
         await expect(page.locator("#main")).to_contain_text("You took it back. It holds from block", timeout=SETTLED_MS)
         await expect(no).to_have_attribute("aria-pressed", "true")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_she_erases_a_meeting_and_sees_every_keepers_receipt(
@@ -163,6 +171,7 @@ async def test_she_erases_a_meeting_and_sees_every_keepers_receipt(
         await go(page, "erasing")
         await expect(page.locator("#main")).to_contain_text("erased everywhere", timeout=SETTLED_MS)
         await expect(page.locator(".receipts").first).to_contain_text("confirmed at")
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_she_takes_everything_along_in_one_file(recorded_network: RecordedNetwork, page: Page) -> None:
@@ -173,6 +182,7 @@ async def test_she_takes_everything_along_in_one_file(recorded_network: Recorded
         await page.get_by_role("button", name="Make the file").click()
         await confirm_with(page, recorded_network.passphrase)
         await expect(page.get_by_role("heading", name="The file is ready")).to_be_visible(timeout=4 * SETTLED_MS)
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
         async with page.expect_download() as download:
             await page.get_by_role("button", name="Save blockrobot-").click()
         path = await (await download.value).path()
@@ -191,6 +201,7 @@ async def test_when_the_command_ends_nothing_of_hers_is_left_on_the_screen(
         )
         await expect(page.locator("body")).to_contain_text("blockrobot wallet serve")
         assert await page.locator(".day, .latest").count() == 0
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
 async def test_locking_ends_the_command_and_a_second_browser_cannot_use_the_file(
@@ -206,6 +217,7 @@ async def test_locking_ends_the_command_and_a_second_browser_cannot_use_the_file
         await second.goto(copy.as_uri())
         await expect(second.locator(".notice.bad")).to_be_visible()
         assert await second.locator(".day").count() == 0
+        assert await find_accessibility_faults(second, by_keyboard=False) == []
         await first.get_by_role("button", name="Lock").click()
         await expect(first.get_by_role("heading", level=1)).to_have_text("The wallet is locked")
         await asyncio.wait_for(served.process.wait(), 15)

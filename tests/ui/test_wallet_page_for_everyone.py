@@ -16,10 +16,8 @@ from tests.ui.accessible import find_accessibility_faults
 from tests.ui.full_day import RECORDS_COUNT, VISITS_COUNT, measure_full_day, serve_full_day, weigh
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, VIEWS, go, open_page, serve_wallet, watch_first_meeting
-from tests.ui.watched_page import NARROW, WIDE
+from tests.ui.watched_page import NARROW, WIDE, ZOOMED
 
-ZOOMED = (320, 640)
-"""1280 pixels at 400 % (WCAG 2.2, 1.4.10)."""
 PAGE_MAX_BYTES = 150 * 1024
 TABS_MAX_COUNT = 60
 FRAMES_COUNT = 5_000

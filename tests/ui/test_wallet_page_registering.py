@@ -9,7 +9,7 @@ from playwright.async_api import Page, expect
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, serve_wallet
-from tests.ui.watched_page import Watch
+from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Watch
 from tests.walking_alone import UID
 
 
@@ -33,7 +33,11 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             await page.get_by_label("Code on your card").fill(f" {code.lower()} ")
             await page.keyboard.press("Enter")
             await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
-            assert await find_accessibility_faults(page) == []
+            for scheme in ("dark", "light"):
+                await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+                for width, height in (ZOOMED, NARROW, WIDE):
+                    await page.set_viewport_size({"width": width, "height": height})
+                    assert await find_accessibility_faults(page, by_keyboard=scheme == "light") == []
             await register.click()
             await confirm_with(page, "coffee")
             await expect(page.locator("dialog [role=alert]")).to_contain_text("not the passphrase")

@@ -11,6 +11,8 @@ from playwright.async_api import Browser, BrowserContext, ConsoleMessage, Page, 
 
 WIDE = (1280, 900)
 NARROW = (390, 844)
+ZOOMED = (320, 640)
+"""1280 pixels at 400 % (WCAG 2.2, 1.4.10)."""
 OWN_HOSTS = {"127.0.0.1", "localhost"}
 OWN_SCHEMES = {"about", "blob", "data", "file"}
 TIMEOUT_MS = 15_000
