@@ -115,7 +115,7 @@ def test_wrong_use_is_told_with_an_example_of_the_right_one(
 
 def test_a_purpose_that_is_not_published_and_a_strangers_record_are_refused(ward: Ward, tmp_path: Path) -> None:
     ward.record(ward.open_visit())
-    assert run(tmp_path / "mine.zip", "--yes", "--purpose", "curiosity").exit_code == 1
+    assert run(tmp_path / "mine.zip", "--yes", "--purpose", "curiosity").exit_code == 2
     assert run(tmp_path / "mine.zip", "--yes", "--records", "00" * 16).exit_code == 3
 
 
