@@ -41,7 +41,7 @@ DRAIN_MAX_COUNT = 256
 SAID_MAX_CHARS = 160
 ROSPEC_ID = 0x4252
 SESSION = 0
-"""In session 0 a tag answers in every round: the robot wants to know that it is still there."""
+"""Of the four sessions of Gen2 the one in which a tag answers in every round, so that one sees that it is still there."""
 
 
 def parse_address(text: str) -> LlrpReader:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,15 @@ from click.testing import CliRunner
 from clients.robot.sources import llrp, zenoh
 from clients.robot.sources.llrp import parse_address
 from clients.robot.sources.topics import LlrpReader
+from consensus.errors import BlockRobotError
+
+
+class Silence:
+    """A listener that is told nothing."""
+
+    def fail(self, error: BlockRobotError) -> None:
+        raise AssertionError(error)
+
 
 TABLES = '[[llrp]]\nhost = "10.0.0.7"\nfront = [1]\n[[llrp]]\nhost = "10.0.0.8"\n'
 
@@ -98,3 +110,25 @@ def test_what_is_no_endpoint_of_a_network_is_refused(endpoint: str) -> None:
 @pytest.mark.parametrize("domain", ["-1", "233", "x"])
 def test_what_is_no_domain_is_refused(domain: str) -> None:
     assert "--ros-domain" in parsed("--ros-domain", domain)["refused"]
+
+
+@pytest.mark.parametrize(
+    ("library", "use", "installs"),
+    [
+        ("zenoh", lambda: zenoh.ZenohFeed().topics(), "blockrobot[zenoh]"),
+        ("llrpkit.reader", lambda: llrp.LlrpFeed([LlrpReader("10.0.0.7")]).open({}, Silence()), "blockrobot[llrp]"),
+    ],
+)
+def test_where_a_library_is_missing_the_command_that_installs_it_is_named(
+    library: str, use: Callable[[], object], installs: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, library, None)  # as if it were not installed
+    with pytest.raises(BlockRobotError) as caught:
+        use()
+    assert (caught.value.code, installs in caught.value.detail) == ("MIDDLEWARE_MISSING", True)
+
+
+def test_neither_library_is_loaded_before_it_is_used() -> None:
+    code = "import sys, clients.robot.cli; print(sorted({'zenoh', 'llrpkit'} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"
