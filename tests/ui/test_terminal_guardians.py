@@ -12,7 +12,7 @@ import pytest
 
 from clients.wallet.keystore import Keystore
 from tests.ui.recorded_network import RecordedNetwork
-from tests.ui.typed import CONTROL, Typed, at_terminal
+from tests.ui.typed import CONTROL, ROWS, Typed, at_terminal
 from tests.unit.clients.wallet.conftest import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
@@ -103,6 +103,21 @@ def test_each_guardian_s_words_are_shown_alone_and_asked_back(home: Path, termin
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
     (known,) = Keystore.open(home / "wallets" / "default.wallet", PASSPHRASE).content.guardian_sets
     assert (known.guardians, known.handed_count) == (list(NAMES), 3)
+
+
+def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_it(home: Path) -> None:
+    typed = at_terminal(home, "guardians", "split", "--guardian", "Ann", "--guardian", "Ben", term="dumb")
+    typed.expect("(?i)pass[^:]*: ")
+    typed.sendline(PASSPHRASE)
+    typed.expect("Enter: ")
+    typed.sendline("")
+    typed.expect("To see that")
+    answer_check(typed, words_shown(typed))
+    typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
+    typed.expect("Enter: ")
+    typed.sendintr()
+    assert typed.ended() == 1
+    assert "\x1b" not in typed.rest()
 
 
 def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(home: Path) -> None:
