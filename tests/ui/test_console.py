@@ -17,7 +17,7 @@ from network.faults.control import FaultControl
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.screenshots import shoot_all_ways
-from tests.ui.watched_page import NARROW, Pages, Watch
+from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
 
 LONG_MS = 20_000
 PLAN = """seed = 3
@@ -247,7 +247,11 @@ async def test_a_run_is_exported_and_replays_from_a_file_of_its_own(
 async def test_it_is_worked_by_keyboard_and_read_aloud(open_page: Page) -> None:
     page = open_page
     assert await find_accessibility_faults(page) == []
-    await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    for scheme in ("dark", "light"):
+        await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
+        for width, height in (WIDE, ZOOMED, NARROW):
+            await page.set_viewport_size({"width": width, "height": height})
+            assert await find_accessibility_faults(page, by_keyboard=False) == []
     for tab in ("A node", "Partition", "A link", "A plan"):
         await page.get_by_role("tab", name=tab).click()
         assert await find_accessibility_faults(page, by_keyboard=False) == []
