@@ -91,7 +91,7 @@ def test_a_plan_and_an_option_that_says_the_same_are_not_both_taken(tmp_path: Pa
     path = tmp_path / "plan.toml"
     path.write_text("seed = 1\nrounds = 10\n")
     result = CliRunner().invoke(run_command, ["--plan", str(path), "--seeds", "3"])
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "--seeds" in result.output
 
 
