@@ -1,5 +1,5 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
-# Needed beforehand: Python 3.11 or later with venv, make, git. `make test` installs four Debian packages if they are missing
+# Needed beforehand: Python 3.11 or later with venv, make, git. `make test` installs seven Debian packages if they are missing
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
 
 PYTHON ?= python3
