@@ -1,6 +1,7 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
 # Needed beforehand: Python 3.11 or later with venv, make, git. `make test` installs seven Debian packages if they are missing
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
+# Tests of ROS 2 need Python 3.11 and a network of their own; `make test ROS2=none` leaves those out.
 
 PYTHON ?= python3
 VENV := .venv

@@ -81,7 +81,7 @@ def say(answer):
 def main():
     settings = json.loads(sys.argv[1])
     handlers = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
-    feed, ear = Ros2Feed(), Ear(parse_topics(settings["topics"]))
+    feed, ear = Ros2Feed(settings.get("domain")), Ear(parse_topics(settings["topics"]))
     try:
         if settings.get("look_first"):
             say({"topics": feed.topics()})

@@ -45,18 +45,19 @@ OPTIONS: tuple[Callable[[Any], Any], ...] = ()
 _log = logging.getLogger(__name__)
 
 
-def make_feeds(_options: Mapping[str, Any]) -> Sequence[Feed]:
-    """Return the one feed that there is: the graph that the environment names, as for any other ROS 2 program."""
-    return [Ros2Feed()]
+def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
+    """Return the one feed that the options describe."""
+    return [Ros2Feed(options.get("ros_domain"))]
 
 
 class Ros2Feed:
-    """The ROS 2 graph of this process' environment: ROS_DOMAIN_ID, RMW_IMPLEMENTATION and what else ROS 2 reads there."""
+    """The ROS 2 graph that this process' environment describes to any ROS 2 program; `domain` goes before ROS_DOMAIN_ID."""
 
     name = "ros2"
     ros1 = False
 
-    def __init__(self) -> None:
+    def __init__(self, domain: int | None = None) -> None:
+        self._domain = domain
         self._wanted: dict[str, str] = {}
         self._heard: dict[str, _Heard] = {}
         self._unusable: dict[str, str] = {}
@@ -71,7 +72,7 @@ class Ros2Feed:
         """
         if self._thread is not None:
             return dict(self._advertised)
-        joined = _Joined.join(_Library())
+        joined = _Joined.join(_Library(), self._domain)
         try:
             return joined.discover()
         finally:
@@ -89,7 +90,7 @@ class Ros2Feed:
         for topic in sorted(told):
             library.find(topic, wanted[topic])
         self._wanted = dict(wanted)
-        joined = _Joined.join(library)
+        joined = _Joined.join(library, self._domain)
         try:
             deadline_s = time.monotonic() + SUBSCRIBE_MAX_S
             while True:
@@ -241,13 +242,13 @@ class _Joined:
         self._executor = executor
 
     @classmethod
-    def join(cls, library: _Library) -> _Joined:
-        """Join the graph of the environment. Raises FEED_UNREACHABLE."""
+    def join(cls, library: _Library, domain: int | None) -> _Joined:
+        """Join the graph of a domain, the environment's if none is given. Raises FEED_UNREACHABLE."""
         rclpy = library.rclpy
         context = rclpy.context.Context()
         try:
             # Not rclpy.init: that would take our signals; and without logging nothing is written to ~/.ros/log.
-            context.init(args=[], initialize_logging=False)
+            context.init(args=[], initialize_logging=False, domain_id=domain)
             node = rclpy.node.Node(
                 NODE_NAME,
                 context=context,

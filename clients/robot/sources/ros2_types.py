@@ -19,9 +19,9 @@ _NAME = re.compile(r"([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)", re.ASCII)
 _NESTED = re.compile(r"([a-z][a-z0-9_]*)/([A-Z][A-Za-z0-9]*)", re.ASCII)
 _LIST = re.compile(r"sequence<(.+?)(?:, (\d+))?>")
 _ARRAY = re.compile(r"(.+)\[(\d+)\]")
-_TEXT = re.compile(r"(w?string)<(\d+)>")
+_TEXT = re.compile(r"string<(\d+)>")
 _PLAIN = {"boolean": "bool", "octet": "byte", "float": "float32", "double": "float64"}
-_KEPT = frozenset({"string", "wstring", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"})
+_KEPT = frozenset({"string", "int8", "uint8", "int16", "uint16", "int32", "uint32", "int64", "uint64"})
 
 
 class NotFoundError(Exception):
@@ -106,12 +106,12 @@ def _field_type(kind: str) -> tuple[str, str]:
         text, nested = _field_type(found[1])
         return f"{text}[{found[2]}]", nested
     if found := _TEXT.fullmatch(kind):
-        return f"{found[1]}<={found[2]}", ""
+        return f"string<={found[1]}", ""
     if kind in _PLAIN or kind in _KEPT:
         return _PLAIN.get(kind, kind), ""
     if found := _NESTED.fullmatch(kind):
         return kind, f"{found[1]}/msg/{found[2]}"
-    raise NotFoundError(f"a field of it is of the unknown type {kind[:64]!r}")
+    raise NotFoundError(f"a field of it is of a kind that the robot does not read, {kind[:64]!r}")
 
 
 def _hash(type_name: str, definition: str) -> str:

@@ -76,7 +76,7 @@ OPTIONS = (
         type=click.IntRange(0, DOMAIN_MAX),
         envvar="ROS_DOMAIN_ID",
         default=0,
-        help="The ROS 2 domain that is heard over Zenoh. [default: ROS_DOMAIN_ID, or 0]",
+        help="The ROS 2 domain that is heard, by rclpy or over Zenoh. [default: ROS_DOMAIN_ID, or 0]",
     ),
 )
 
@@ -129,13 +129,16 @@ class ZenohFeed:
             return _by_topic(self._announced(passing) or self._heard(passing))
 
     def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
-        """Subscribe to `wanted`. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING, TOPICS_INVALID for a type told wrongly."""
+        """Subscribe to `wanted`. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
+
+        Raises TOPICS_INVALID where a topic of which a type is wanted carries one that is not known here, or differs.
+        """
         keys = {topic: subscription_key(topic, self._domain) for topic in wanted}
         by_name = {"/" + topic.lstrip("/"): topic for topic in wanted}
         session = self._connect()
         try:
             for one in self._announced(session):
-                if one.topic in by_name:
+                if wanted.get(by_name.get(one.topic, "")):
                     self._check(one)
             library = _library()
             for topic, key in keys.items():
@@ -156,28 +159,30 @@ class ZenohFeed:
         if session is not None:
             session.close()
 
-    def agrees(self, key: TopicKey) -> bool:
-        """Tell whether a type's hash is that of the definition that its messages would be read with."""
-        if key.hash in HASHES_UNSAID:
-            return True
+    def differs(self, key: TopicKey) -> bool:
+        """Tell whether a type's hash is another than that of the definition that its messages would be read with."""
+        if key.hash in HASHES_UNSAID or not self._knows(key.type):
+            return False
         if key.type not in self._hashes:
-            known = key.type in self._types.fielddefs
-            self._hashes[key.type] = self._types.hash_rihs01(key.type) if known else ""
-        return self._hashes[key.type] == key.hash
+            self._hashes[key.type] = self._types.hash_rihs01(key.type)
+        return self._hashes[key.type] != key.hash
+
+    def _knows(self, type_name: str) -> bool:
+        return type_name in self._types.fielddefs
 
     def _check(self, one: TopicKey) -> None:
-        if self.agrees(one):
-            return
-        if one.type not in self._types.fielddefs:
+        if not self._knows(one.type):
             raise BlockRobotError(
                 "TOPICS_INVALID",
                 f"{one.topic} carries {one.type}, and Zenoh says no definitions: put its text under [definitions].",
             )
-        raise BlockRobotError(
-            "TOPICS_INVALID",
-            f"{one.topic} carries {one.type} of another definition ({one.hash[:HASH_SHOWN_CHARS]}...) than the robot knows "
-            f"({self._hashes[one.type][:HASH_SHOWN_CHARS]}...): put its text under [definitions].",
-        )
+        if self.differs(one):
+            known, found = self._hashes[one.type][:HASH_SHOWN_CHARS], one.hash[:HASH_SHOWN_CHARS]
+            raise BlockRobotError(
+                "TOPICS_INVALID",
+                f"{one.topic} carries {one.type} of another definition ({found}...) than the robot knows ({known}...): "
+                "put its text under [definitions].",
+            )
 
     def _connect(self) -> Any:
         library = _library()
@@ -251,7 +256,7 @@ class _Subscription:
                 if missed:
                     self._listener.miss(self._topic, missed)
             # Of another definition it is of another type: under a name that says so, the reader refuses it.
-            told = key.type if self._feed.agrees(key) else f"{key.type} ({key.hash[:HASH_SHOWN_CHARS]})"
+            told = f"{key.type} ({key.hash[:HASH_SHOWN_CHARS]})" if self._feed.differs(key) else key.type
             self._listener.deliver(Message(self._topic, told, at_ns, bytes(sample.payload)))
         except Exception as error:  # noqa: BLE001 - a stranger's sample must not end the library's thread
             self._listener.fail(BlockRobotError("FEED_LOST", f"Zenoh told what cannot be: {type(error).__name__}."))
