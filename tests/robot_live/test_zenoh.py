@@ -14,6 +14,7 @@ import pytest
 from clients.robot.sources import zenoh
 from clients.robot.sources.feed import CLOSE_MAX_S
 from clients.robot.sources.live import LOOK_EVERY_S
+from clients.robot.sources.sampling import Sample
 from clients.robot.sources.topics import Topics, parse_topics
 from clients.robot.sources.zenoh import ZenohFeed
 from consensus.errors import BlockRobotError
@@ -105,6 +106,22 @@ async def test_topics_of_publishers_that_do_not_announce_themselves_are_listed_a
         await heard.until(lambda: len(heard.frames) > 3)
         await asyncio.sleep(LOOK_EVERY_S + 0.5)
     assert heard.told_of(DEPTH)[1:] == ([f"{DEPTH} is there."] if heard.told_of(DEPTH) else [])
+
+
+async def test_a_type_that_is_not_known_or_differs_keeps_nothing_else_from_being_listed(
+    graph: ZenohGraph, scene: Path
+) -> None:
+    told = {"types": {"tags": WARD_TYPE}, "hashes": {"info": OTHER_HASH}}
+    await graph.start_drivers(scene, seconds=20, wait=False, **told)
+    await until_listed(graph, DEPTH)
+    sample = Sample(feed(graph))
+    await asyncio.to_thread(sample.listen, 1.5)
+    assert {topic: figures.type for topic, figures in sample.topics.items()} == {
+        DEPTH: "sensor_msgs/msg/Image",
+        TAGS: WARD_TYPE,
+        "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo (RIHS01_000000000000)",
+    }
+    assert sample.topics[DEPTH].count > 3
 
 
 async def test_what_is_published_in_another_domain_is_not_heard(graph: ZenohGraph, scene: Path) -> None:
