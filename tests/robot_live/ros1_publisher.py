@@ -71,9 +71,14 @@ class Drivers:
         image.data = self.frames[index * size : (index + 1) * size]
         for name, value in self.settings.get("image", {}).items():
             setattr(image, name, value)
+        image.data += bytes(self.settings.get("more_bytes", 0))
         return image
 
     def stamp(self, at_s):
+        if self.settings.get("stamps") == "equal":
+            at_s = self.began_s
+        elif self.settings.get("stamps") == "backwards":
+            at_s = 2 * self.began_s - at_s
         return genpy.Time.from_sec(max(0.0, at_s + self.offset_s))
 
     def array_of(self, readings, at_s):
@@ -91,6 +96,7 @@ class Drivers:
     def publish(self, events):
         """Publish (seconds from now, frame's index or readings) as they come due."""
         begin, began = time.monotonic(), time.time()
+        self.began_s = began
         for at_s, what in events:
             left = begin + at_s - time.monotonic()
             if left > 0:

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from clients.robot.sources.ros1 import Ros1Feed
+from clients.robot.sources.topics import load_topics
 from consensus.errors import BlockRobotError
 from tests.cluster.killed_robot import ROOT
 from tests.robot_live.ros1_graph import TOPICS_FILE, Ros1Graph, make_scene, ros1_graph
@@ -237,6 +238,53 @@ async def test_a_robot_whose_clock_is_wrong_is_set_right_by_when_messages_came(
         state = await heard.until(lambda state: state["frames"] > 30 and state["sightings"] > 10)
         assert abs(state["offsets_ms"]["camera"] + 1000 * offset_s) < 200
         assert state["admitted"] > 30
+
+
+@pytest.mark.parametrize("stamps", ["equal", "backwards"])
+async def test_stamps_that_stand_still_or_go_back_end_nothing(scene: Path, tmp_path: Path, stamps: str) -> None:
+    async with ros1_graph(tmp_path) as graph, ear(graph) as heard:
+        first = await drivers(graph, scene, stamps=stamps)
+        await heard.until(lambda state: state["frames"] > 20 and state["sightings"] > 10)
+        first.kill()
+        await first.wait()
+        await drivers(graph, scene)
+        before = heard.state["admitted"]
+        state = await heard.more(30)
+        assert state["admitted"] > before + 20
+
+
+async def test_a_message_larger_than_any_image_ends_its_connection_and_not_the_robots_memory(
+    scene: Path, tmp_path: Path
+) -> None:
+    async with ros1_graph(tmp_path) as graph, ear(graph) as heard:
+        await drivers(graph, scene, node="good")
+        before = await heard.more()
+        await drivers(graph, scene, node="evil", rate=2, more_bytes=400 << 20, reads_per_s=2)
+        state = await heard.more(100)
+        assert state["refused"] == {}, "it never became a message"
+        assert state["peak_mb"] - before["peak_mb"] < 300
+
+
+async def test_topics_are_listed_and_drafted_from_what_is_on_the_air(scene: Path, tmp_path: Path) -> None:
+    async with ros1_graph(tmp_path) as graph:
+        await drivers(graph, scene)
+        await asyncio.sleep(1)
+        draft = tmp_path / "draft.toml"
+        process = await asyncio.create_subprocess_exec(
+            *(sys.executable, "-m", "network.cli.main", "robot", "topics", "--source", "ros1"),
+            *("--ros-master", graph.uri, "--seconds", "2", "--draft", str(draft), "--json"),
+            env={**os.environ, "HOME": str(tmp_path), "BLOCKROBOT_HOME": str(tmp_path)},
+            cwd=ROOT,
+            stdout=asyncio.subprocess.PIPE,
+        )
+        output, _ = await asyncio.wait_for(process.communicate(), WAIT_S)
+        listed = {row["topic"]: row for row in json.loads(output)["topics"]}
+        depth, tags = listed["/kinect/depth/image"], listed["/rfid"]
+        assert (depth["encoding"], depth["could_be"], depth["type"]) == ("16UC1", ["depth"], "sensor_msgs/msg/Image")
+        assert abs(depth["rate_hz"] - NOBODY_RATE_HZ) < 2
+        assert (tags["type"], tags["could_be"]) == ("ward_msgs/msg/TagArray", ["tags"])
+        assert load_topics(draft).tags[0].map.epc == "tags[].epc"
+        assert UID.encode() not in output
 
 
 async def test_a_storm_of_readings_is_heard_whole_or_counted_and_leaves_memory_as_it_was(

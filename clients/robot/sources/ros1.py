@@ -31,6 +31,9 @@ MASTER_DEFAULT_URI = "http://127.0.0.1:11311"
 DEBIAN_FOLDER = Path("/usr/lib/python3/dist-packages")
 NODE_NAME = "blockrobot"
 BUFFER_BYTES = 1 << 20
+MESSAGE_MAX_BYTES = 80 * 1024 * 1024
+"""Room for a depth image of 4096x4096 in metres, the largest that the robot takes."""
+
 OPEN_MAX_S = 10.0
 MASTER_ANSWER_MAX_S = 3.0
 ROLL_CALL_EVERY_S = 2.0
@@ -202,24 +205,40 @@ def import_rospy(folder: Path) -> Any:
     `folder` goes behind all others: what our own environment has, numpy among it, is not taken from there.
     """
     loggers = logging.getLoggerClass()
-    if importlib.util.find_spec("rospy") is None and str(folder) not in sys.path:
-        sys.path.append(str(folder))
+    added = [str(folder)] if importlib.util.find_spec("rospy") is None and str(folder) not in sys.path else []
+    sys.path.extend(added)
     try:
         rospy = importlib.import_module("rospy")
         importlib.import_module("rospy.core")
         registration = importlib.import_module("rospy.impl.registration")
+        transport = importlib.import_module("rospy.impl.tcpros_base")
     except ImportError as error:
+        for name in added:
+            sys.path.remove(name)
         told = f"Python {sys.version_info.major}.{sys.version_info.minor} cannot import rospy ({error}). {_INSTALL}"
         raise BlockRobotError("MIDDLEWARE_MISSING", told) from error
     finally:
         logging.setLoggerClass(loggers)
     rospy.core.configure_logging = lambda *_, **__: None  # it would write files, and take the loggers of others over
     vars(registration)["print"] = lambda *_: None  # it speaks to standard output, which is ours
+    _bound_messages(transport)
     atexit.unregister(rospy.core._ros_atexit)
     for name in LOGGERS:
         logging.getLogger(name).addHandler(logging.NullHandler())
         logging.getLogger(name).propagate = False
     return rospy
+
+
+def _bound_messages(transport: Any) -> None:
+    """Let a connection end that brings more than a message may have: rospy would take in whatever is announced."""
+    receive = transport.recv_buff
+
+    def receive_bounded(connection: Any, buffer: Any, count: int) -> int:
+        if buffer.tell() > MESSAGE_MAX_BYTES:
+            raise transport.TransportTerminated("a message is too large")
+        return int(receive(connection, buffer, count))
+
+    transport.recv_buff = receive_bounded
 
 
 def _join(rospy: Any, master_uri: str) -> None:
