@@ -226,7 +226,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("SHARE_OF_ANOTHER_SPLIT", 409, "These guardian's words belong to another set than those before.", "Use sheets with the same set number only; a wallet can have been shared out several times."),
     ErrorEntry("SHARE_REPEATED", 409, "The words of this guardian are here already.", "Take those of another guardian."),
     ErrorEntry("SHARES_TOO_FEW", 409, "There are too few guardians' words for this wallet.", "Ask another guardian: the sheet says how many are needed."),
-    ErrorEntry("SHARES_CONTRADICT", 409, "These guardians' words do not lead to a wallet together: at least one of them is not what was handed out.", "Try again with other guardians' words in turn, to find whose are wrong."),
+    ErrorEntry("SHARES_CONTRADICT", 409, "These guardians' words do not lead to a wallet together: at least one of them is not what was handed out.", "Add the words of one more guardian: those that are wrong are left out."),
     ErrorEntry("WORDS_REPEATED", 400, "The same words are named twice.", "Give the words in force by --words-file, and each words that they replaced by --former, once."),
     ErrorEntry("WORDS_SWAPPED", 409, "Words that were named as former ones are in force, and the others are not.", "Restore the wallet the other way round: the words in force by --words-file, those that they replaced by --former."),
     ErrorEntry("BUNDLE_INVALID", 400, "The file is no export bundle, or it is damaged or was changed.", "Check the file as `blockrobot wallet export` wrote it: not unpacked and packed again, and copied whole."),

@@ -157,26 +157,27 @@ def _tell_progress(gathering: Gathering) -> None:
 
 
 def _gather_typed(gathering: Gathering) -> None:
-    """Ask for shares until they are enough; what does not belong to them is told and left out."""
+    """Ask for one share; what does not belong to the others is told and left out."""
     is_first = gathering.state.last_share is None
-    while not gathering.is_complete:
-        told = text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next")
-        console.print(told)
-        try:
-            share = type_share()
-        finally:
-            wipe_screen()
-        try:
-            gathering.add(share)
-        except BlockRobotError as error:
-            click.echo(say_error(error), err=True)
-            continue
-        is_first = False
-        _tell_progress(gathering)
+    console.print(text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next"))
+    try:
+        share = type_share()
+    finally:
+        wipe_screen()
+    try:
+        gathering.add(share)
+    except BlockRobotError as error:
+        click.echo(say_error(error), err=True)
+        return
+    _tell_progress(gathering)
 
 
-def _gather(files: tuple[Path, ...], *, as_json: bool) -> Gathering:
-    """Take shares in from files, then from the terminal, until they are enough. Raises SHARES_TOO_FEW and what is wrong."""
+def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
+    """Take shares in from files, then from the terminal, until they lead to 24 words; return both.
+
+    Raises SHARES_TOO_FEW and what else is wrong with files, where nobody can be asked for more.
+    """
+    may_ask = sys.stdin.isatty() and not as_json
     gathering = Gathering()
     for file in files:
         share = _read_file(file, as_json=as_json)
@@ -186,11 +187,16 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> Gathering:
             raise BlockRobotError(error.code, f"{file.name}: {error.detail}") from None
         if not as_json:
             _tell_progress(gathering)
-    if not gathering.is_complete:
-        if as_json or not sys.stdin.isatty():
-            raise BlockRobotError("SHARES_TOO_FEW", f"{gathering.needed} more of this set needed.")
+    while True:
+        try:
+            return gathering, gathering.join()
+        except BlockRobotError as error:
+            if not may_ask:
+                detail = f"{gathering.needed} more of this set needed." if error.code == "SHARES_TOO_FEW" else ""
+                raise BlockRobotError(error.code, detail) from None
+            if error.code != "SHARES_TOO_FEW":
+                click.echo(say_error(error), err=True)
         _gather_typed(gathering)
-    return gathering
 
 
 def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gathering) -> str:
@@ -274,8 +280,7 @@ def recover(
     done: dict[str, Any] = {}
     with contextlib.nullcontext() if only else claim_place(path):
         replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
-        gathering = _gather(files, as_json=as_json)
-        words = gathering.join()
+        gathering, words = _gather(files, as_json=as_json)
         require_distinct(words, replaced)
         if not as_json:
             console.print(text("guardians.enough"))

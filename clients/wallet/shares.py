@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import combinations
 
 from mnemonic import Mnemonic
 from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
@@ -105,6 +106,7 @@ class Gathering:
 
     def __init__(self) -> None:
         self.state = RecoveryState()
+        self._shares: list[Share] = []
 
     def add(self, share: Share) -> None:
         """Take in a share. Raises SHARE_OF_ANOTHER_SPLIT, SHARE_REPEATED, and SHARES_CONTRADICT if one is forged."""
@@ -118,6 +120,7 @@ class Gathering:
             self.state.add_share(share)
         except MnemonicError:
             raise self._of_another() from None
+        self._shares.append(share)
 
     def _of_another(self) -> BlockRobotError:
         known = self.state.parameters
@@ -145,11 +148,22 @@ class Gathering:
         return 0 if known is None else max(0, known.group_threshold - self.state.groups_complete())
 
     def join(self) -> str:
-        """Return the 24 words. Raises SHARES_TOO_FEW; SHARES_CONTRADICT if the digest in the shares does not fit."""
+        """Return the 24 words. Of more shares than needed any that fit together will do: forged ones are left out.
+
+        Raises SHARES_TOO_FEW, and SHARES_CONTRADICT if the digest in the shares fits none of their choices.
+        """
         if not self.is_complete:
             raise BlockRobotError("SHARES_TOO_FEW")
-        try:
-            entropy = self.state.recover(_NO_PASSPHRASE)
-        except MnemonicError:
-            raise BlockRobotError("SHARES_CONTRADICT") from None
-        return str(Mnemonic("english").to_mnemonic(entropy))
+        first = self._shares[0]
+        choices: Iterable[Sequence[Share]] = (
+            [self._shares] if first.group_count > 1 else combinations(self._shares, first.member_threshold)
+        )
+        for chosen in choices:
+            state = RecoveryState()
+            for share in chosen:
+                state.add_share(share)
+            try:
+                return str(Mnemonic("english").to_mnemonic(state.recover(_NO_PASSPHRASE)))
+            except MnemonicError:
+                continue
+        raise BlockRobotError("SHARES_CONTRADICT")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import pytest
@@ -75,6 +76,16 @@ def test_sets_that_bear_the_same_number_by_chance_are_told_apart_by_the_digest(f
     ]
     with pytest.raises(BlockRobotError, match="SHARES_CONTRADICT"):
         gathered([split[0][0].mnemonic(), split[1][1].mnemonic()]).join()
+
+
+@settings(max_examples=20, deadline=None)
+@given(entropies, st.integers(2, 4), st.data())
+def test_with_one_guardian_more_than_needed_one_who_lies_keeps_nobody_out(entropy, threshold, data):
+    words = words_of(entropy)
+    shares = [read_share(share) for share in split_words(words, threshold, threshold + 1)]
+    place = data.draw(st.integers(0, threshold))
+    shares[place] = replace(shares[place], value=data.draw(st.binary(min_size=32, max_size=32)))
+    assert gathered([share.mnemonic() for share in shares]).join() == words
 
 
 @settings(max_examples=60, deadline=None)

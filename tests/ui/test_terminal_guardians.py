@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import pytest
 
 from clients.wallet.keystore import Keystore
+from clients.wallet.shares import read_share
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, ROWS, Typed, at_terminal
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -180,6 +182,19 @@ def test_a_wrong_word_another_set_and_the_same_guardian_twice_are_told_at_once(h
         typed.expect(f"Word {place + 1} is: ")
         typed.sendline(shares[1][place])
     typed.expect("lead to one wallet")
+    choose_passphrase(typed)
+    assert typed.ended() == 0, typed.rest()
+    assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
+
+
+def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path) -> None:
+    shares = split_at(home)
+    lie = replace(read_share(" ".join(shares[0])), value=bytes(range(32))).words()
+    typed = begin_recovery(home, "--profile", "again")
+    for share in (lie, shares[1]):
+        type_words(typed, share, 33)
+    typed.expect("SHARES_CONTRADICT. Next step: Add the words of one more guardian")
+    type_words(typed, shares[2], 33)
     choose_passphrase(typed)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
