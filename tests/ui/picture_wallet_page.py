@@ -27,6 +27,7 @@ FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "page"
 COLOURS_COUNT = 256
 HEIGHT_MAX_PX = 1240
 STAFF_UID = "D0C"
+NEW_UID = "BEA"
 
 
 async def shoot(page: Page, name: str) -> None:
@@ -69,6 +70,19 @@ async def _views(network: RecordedNetwork, page: Page) -> None:
             await go(page, view)
             await shoot(page, view)
         await _erase(network, page)
+
+
+async def _register(network: RecordedNetwork, page: Page) -> None:
+    async with network.wallet("bea"):
+        code = network.issue_card(NEW_UID, "subject")
+    async with serve_wallet(network, profile="bea") as served:
+        served.pages.append(page)
+        await page.goto(served.file.as_uri())
+        await page.get_by_label("Code on your card").fill(code, timeout=SETTLED_MS)
+        await page.get_by_role("button", name="See what you are told").click()
+        await page.get_by_role("button", name="Register", exact=True).wait_for()
+        await page.get_by_label("Code on your card").fill("")
+        await shoot(page, "register")
 
 
 async def _change_one(network: RecordedNetwork) -> None:
@@ -122,6 +136,7 @@ async def make(browser: Browser, folder: Path) -> dict[str, float]:
         await network.start()
         await network.record()
         await _views(network, await pages.open())
+        await _register(network, await pages.open())
         page = await pages.open()
         async with serve_full_day(network, folder / "page") as file:
             await page.goto(file.as_uri())

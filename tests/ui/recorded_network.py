@@ -52,7 +52,11 @@ class RecordedNetwork:
     @property
     def wallet_arguments(self) -> list[str]:
         """The beginning of a wallet's command: `wallet`, the folder, the profile, the genesis file."""
-        options = ["--wallet-dir", str(self.wallet_dir), "--profile", PROFILE, "--genesis", str(self.genesis_file)]
+        return self.arguments_of(PROFILE)
+
+    def arguments_of(self, profile: str) -> list[str]:
+        """The beginning of a command of another profile's wallet."""
+        options = ["--wallet-dir", str(self.wallet_dir), "--profile", profile, "--genesis", str(self.genesis_file)]
         return ["wallet", *options]
 
     def api_url(self, name: str) -> str:

@@ -25,6 +25,7 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             served.pages.append(page)
             await page.goto(served.file.as_uri())
             await expect(page.locator("h1")).to_have_text("You are not registered yet", timeout=SETTLED_MS)
+            await expect(page.locator("#footer")).not_to_contain_text("refused", timeout=SETTLED_MS)
             register = page.get_by_role("button", name="Register", exact=True)
             await page.get_by_label("Code on your card").fill("BR1-DAMAGED")
             await page.get_by_role("button", name="See what you are told").click()

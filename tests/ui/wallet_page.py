@@ -13,7 +13,7 @@ from pathlib import Path
 
 from playwright.async_api import Page, expect
 
-from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.recorded_network import PROFILE, RecordedNetwork
 
 SETTLED_MS = 30_000
 END_S = 15.0
@@ -37,15 +37,17 @@ class ServedWallet:
 
 
 @asynccontextmanager
-async def serve_wallet(network: RecordedNetwork, language: str = "en") -> AsyncIterator[ServedWallet]:
-    """Run the command for the network's person until the end of the block."""
+async def serve_wallet(
+    network: RecordedNetwork, language: str = "en", profile: str = PROFILE
+) -> AsyncIterator[ServedWallet]:
+    """Run the command for the network's person, or another profile, until the end of the block."""
     environment = os.environ | {
         "BLOCKROBOT_PASSPHRASE_FILE": str(network.passphrase_file),
         "BLOCKROBOT_HOME": str(network.folder / "home"),
         "BLOCKROBOT_LANGUAGE": language,
     }
     process = await asyncio.create_subprocess_exec(
-        sys.executable, "-m", "network.cli.main", *network.wallet_arguments, "serve", "--no-browser", "--json",
+        sys.executable, "-m", "network.cli.main", *network.arguments_of(profile), "serve", "--no-browser", "--json",
         env=environment, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip
     assert process.stdout is not None

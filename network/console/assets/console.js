@@ -78,7 +78,7 @@ function buildPage(first, choices) {
   parts.timeline = createTimeline({ from, to: Math.max(first.moment?.at_ms ?? 0, from + 1), events: [], live: true, onShow: createPast(parts) });
   const exporting = h("button", { type: "button", onclick: (event) => exportRun(event, said) }, "Export the run");
   replace(root, bar(network.name, exporting),
-    h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, "Cluster console"), said, h("div", { class: "lost", role: "alert" }), parts.timeline.element, stage.element,
+    h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, "Cluster console"), said, h("div", { class: "lost", role: "alert" }), stage.element[0], parts.timeline.element, stage.element.slice(1),
       h("section", { class: "card", "aria-labelledby": "events-title" }, h("h2", { id: "events-title" }, "What happened"), events.element, recording)));
   return parts;
 }

@@ -17,7 +17,7 @@ export function createTimeline({ from, to, events, onShow, live = false }) {
   const state = { from, to, at: to, playing: null, speed: 1, notable: [] };
   const time = h("output", { for: "slider", class: "mono" });
   const slider = h("input", { type: "range", id: "slider", min: 0, step: FRAME_MS, oninput: () => { stop(); go(state.from + Number(slider.value)); } });
-  const play = h("button", { type: "button", class: "primary", onclick: () => (state.playing ? stop() : start()) }, "Play");
+  const play = h("button", { type: "button", class: live ? "" : "primary", onclick: () => (state.playing ? stop() : start()) }, "Play");
   const now = live && h("button", { type: "button", onclick: () => { stop(); go(state.to); } }, "Back to now");
   const speed = h("select", { id: "speed", onchange: () => { state.speed = Number(speed.value); } }, SPEEDS.map((times) => h("option", { value: times }, `${times} times`)));
   const track = h("div", { class: "marks", "aria-hidden": "true" });

@@ -112,7 +112,8 @@ function drawBar(name) {
 
 function drawFooter() {
   const verified = overview.verified;
-  const bad = overview.network.nodes.filter((node) => node.state === "lied" || node.state === "unreachable" || node.state === "refused");
+  const told = overview.state === "not_registered" ? ["lied", "unreachable"] : ["lied", "unreachable", "refused"];  // whom nobody knows yet, every node refuses
+  const bad = overview.network.nodes.filter((node) => told.includes(node.state));
   replace(footer,
     h("p", {}, verified?.height ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
     bad.length > 0 && h("ul", { class: "sentences" }, bad.map((node) => h("li", { class: node.state === "lied" ? "bad-words" : "" }, t(`footer.${node.state}`, { name: node.name }), node.sentence ? ` ${node.sentence}` : ""))),

@@ -11,7 +11,7 @@ export async function showRegister(context) {
   const result = h("div", {});
   const form = h("form", { class: "card", onsubmit: (event) => { event.preventDefault(); look(); } },
     h("p", {}, t("unregistered.text")),
-    h("div", { class: "field" }, h("label", { for: "register-code" }, t("register.code")), code, h("p", { class: "quiet", id: "register-hint" }, t("register.codeHint"))),
+    h("div", { class: "field" }, h("label", { for: "register-code" }, t("register.code")), code, h("p", { class: "quiet hint", id: "register-hint" }, t("register.codeHint"))),
     h("button", { type: "submit", class: "primary" }, t("register.look")));
 
   const look = async () => {
