@@ -1,0 +1,69 @@
+"""Where tests of ROS 2 cannot run they fail first of all and say what to type; leaving them out is said too."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+WITHOUT_RIGHTS = """
+import ctypes, os, sys
+PR_CAPBSET_DROP, CAP_SYS_ADMIN = 24, 21
+ctypes.CDLL(None).prctl(PR_CAPBSET_DROP, CAP_SYS_ADMIN)
+os.execv(sys.executable, [sys.executable, "-m", "tests.robot_live.ros2_wheels"])
+"""
+
+
+def test_without_the_right_to_a_network_of_its_own_the_way_out_is_named() -> None:
+    done = subprocess.run([sys.executable, "-c", WITHOUT_RIGHTS], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "need a network of their own" in done.stderr
+    assert "unshare --map-root-user make test" in done.stderr
+    assert "make test ROS2=none" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+@pytest.mark.ros2
+def test_without_an_index_of_packages_the_way_out_is_named(tmp_path: Path) -> None:
+    environment = {**os.environ, "XDG_DATA_HOME": str(tmp_path), "PIP_NO_INDEX": "1", "PIP_CONFIG_FILE": os.devnull}
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.robot_live.ros2_wheels"],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "cannot be installed" in done.stderr
+    assert "make test PYTHON=python3.11" in done.stderr
+    assert "make test ROS2=none" in done.stderr
+
+
+@pytest.mark.parametrize("value", ["none", "install"])
+def test_the_makefile_deselects_by_the_marker_only_when_told_to(value: str) -> None:
+    make = shutil.which("make")
+    assert make
+    told = subprocess.run(
+        [make, "--dry-run", "test", f"ROS2={value}"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert ("not ros2" in told) == (value == "none")
+    assert ("tests.robot_live.ros2_wheels" in told) == (value == "install")
+
+
+def test_who_is_left_out_is_said_in_the_last_lines() -> None:
+    told = subprocess.run(
+        [sys.executable, "-m", "pytest", "-m", "not ros2", "--collect-only", "-q", "tests/robot_live"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
+    last = told.strip().splitlines()[-6:]
+    assert any("tests were NOT run: they need wheels of ROS 2" in line for line in last), told
+    assert any("tests/robot_live/test_ros2_feed.py" in line for line in last)
