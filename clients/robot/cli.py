@@ -36,6 +36,7 @@ from clients.sdk.terminal import (
     plain_errors,
     print_json,
 )
+from consensus.exit_codes import EXIT_DONE, exit_code_of
 from consensus.genesis import Genesis
 
 _PROGRESS_EVERY_S = 0.25
@@ -183,7 +184,7 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         if error is not None:
             told["error"] = {"code": error.code, "detail": error.detail, "next_step": error.next_step}
         print_json({"ok": _lost(summary) == 0 and error is None, **summary, **told})
-        sys.exit(EXIT_FAILED if error is not None else 0)
+        sys.exit(EXIT_DONE if error is None else exit_code_of(error.entry))
     for line in summary_lines(summary):
         console.print(line)
     if was_ended:

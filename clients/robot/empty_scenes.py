@@ -150,8 +150,8 @@ def approve_scene(robot: Path, viewpoint: str, *, by: str, days: int, now_ms: in
     )
 
 
-def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
-    """Return the frames of an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+def approved_scene(robot: Path, viewpoint: str, now_ms: int) -> EmptyScene:
+    """Return an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
     scene = find_scene(robot, viewpoint)
     state = scene.state(now_ms)
     if state == "expired":
@@ -161,6 +161,12 @@ def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
     if state != "approved":
         sentence = "have not been approved" if state == "recorded" else "are not those that were approved"
         raise BlockRobotError("BACKGROUND_NOT_APPROVED", f"The empty frames of {viewpoint} {sentence}.")
+    return scene
+
+
+def approved_frames(robot: Path, viewpoint: str, now_ms: int) -> list[Depth]:
+    """Return the frames of an approved bank. Raises BACKGROUND_NOT_FOUND, _NOT_APPROVED, _EXPIRED, _INVALID."""
+    scene = approved_scene(robot, viewpoint, now_ms)
     pngs = _pngs(scene.folder, _read(scene.folder))
     return [decode_depth_png(png) for png in pngs]
 

@@ -1,7 +1,8 @@
 """Lets through what the pipeline can use, and counts the rest by reason. Must never let one bad message end a run.
 
-A stream that breaks off, or of which too many messages in a row cannot be used, ends here: what came before is worked
-through as at any other end, and `fault` says what happened.
+A stream that breaks off, or of which too many messages in a row cannot be used, ends here, and so does one for which the
+roster or the empty frames do not hold any longer: what came before is worked through as at any other end, and `fault` says
+what happened.
 """
 
 from __future__ import annotations
@@ -10,11 +11,12 @@ from collections.abc import AsyncIterator, Callable
 from typing import Any
 
 from clients.robot.events import AudioClip, ColourFrame, Event, Frame, Label, Refused, Sense, Sighting, SourceEvent
+from clients.robot.tenure import ENDS
 from consensus.errors import BlockRobotError
 
 REFUSED_IN_A_ROW_MAX_COUNT = 300
 
-_SOURCE_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"})
+_FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | ENDS
 
 
 class Inputs:
@@ -41,7 +43,7 @@ class Inputs:
                 if self.fault is not None:
                     return
         except BlockRobotError as error:
-            if error.code not in _SOURCE_FAULTS:
+            if error.code not in _FAULTS:
                 raise
             self.fault = error
 

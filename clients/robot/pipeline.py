@@ -244,7 +244,7 @@ class Pipeline:
 
     def _identify(self, sighting: Sighting) -> list[Output]:
         """Find the tag's bearer in the roster. Without her consent, as far as it is known now, a tag counts as unknown."""
-        row = self._roster.find(sighting.uid)
+        row = self._roster.find(sighting.uid, self._came_at_ms)
         if row is None:
             self._unknown_tags.note(sighting.uid)
         consents = row is not None and self._keeper.admits(row, sighting.last_seen_ms)

@@ -15,7 +15,7 @@ import cv2
 
 from clients.robot.consents import Consents, compute_stale_after_ms
 from clients.robot.delivery import Delivery
-from clients.robot.empty_scenes import approved_frames, check_empty, published_frames
+from clients.robot.empty_scenes import approved_frames, approved_scene, check_empty, published_frames
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
@@ -33,6 +33,7 @@ from clients.robot.sources.live import LiveSource
 from clients.robot.sources.source import Source, StoppableClock
 from clients.robot.spool import Spool
 from clients.robot.statistics import RunStatistics
+from clients.robot.tenure import Tenure
 from clients.robot.visits import VisitBook
 from clients.sdk.http import NetworkClient
 from clients.sdk.pin_file import PIN_FILE, open_pinned_client
@@ -74,19 +75,24 @@ class ProgressListener(Protocol):
         """Take frames_read, frames_recorded and waiting."""
 
 
-async def _events(source: Source, stop: asyncio.Event, options: ReplayOptions) -> AsyncIterator[SourceEvent]:
-    """Yield what the source gives until it ends or `stop` is set."""
+async def _events(
+    source: Source, stop: asyncio.Event, options: ReplayOptions, tenure: Tenure
+) -> AsyncIterator[SourceEvent]:
+    """Yield what the source gives until it ends or `stop` is set. Raises what ends the run before its source does."""
     if options.real_time:
         ends_ms = None if options.lasts_s is None else source.start_ms + round(options.lasts_s * 1000)
         async for event in source.play(StoppableClock(stop, ends_ms)):
             if stop.is_set():
-                return
+                break
+            tenure.check()
             yield event
     else:
         for event in source.events():
             if stop.is_set():
-                return
+                break
+            tenure.check()
             yield event
+    tenure.check()
 
 
 def _note_refused(refused: Refused, log: EventLog, now_ms: int) -> None:
@@ -108,6 +114,7 @@ class _Run:
         self._options = options
         self._progress = progress
         self._stop = stop or asyncio.Event()
+        self._over = asyncio.Event()
         self._identity = load_identity(folder)
         self._client = client
         self._chain_id = client.genesis.chain_id
@@ -138,8 +145,13 @@ class _Run:
         finally:
             watch.cancel()
 
+    def _tenure(self) -> Tenure:
+        viewpoint, now_ms = self._options.viewpoint, self._network.now_ms
+        look = (lambda: approved_scene(self._folder, viewpoint, now_ms())) if viewpoint else None
+        return Tenure(self._roster, now_ms, look)
+
     async def _play(self, source: Source) -> RunStatistics:
-        viewpoint, now_ms = self._options.viewpoint, self._network.now_ms()
+        viewpoint, now_ms, tenure = self._options.viewpoint, self._network.now_ms(), self._tenure()
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
@@ -176,12 +188,17 @@ class _Run:
             )
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
             inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
-            events = inputs.usable(_events(source, self._stop, self._options))
-            telling = asyncio.create_task(self._tell_regularly(statistics))
+            events = inputs.usable(_events(source, self._over, self._options, tenure))
+            beside = [
+                asyncio.create_task(self._tell_regularly(statistics)),
+                asyncio.create_task(tenure.watch(self._over.set)),
+                asyncio.create_task(self._heed_stop()),
+            ]
             try:
                 await pipeline.run(events, live=self._options.real_time)
             finally:
-                telling.cancel()
+                for task in beside:
+                    task.cancel()
                 await delivery.stop()
             live = source.intake_json() if isinstance(source, LiveSource) else {}
             self.intake = {**pipeline.intake_json(), **inputs.summary(), **live}
@@ -207,6 +224,11 @@ class _Run:
     def consent_figures(self) -> dict[str, Any]:
         """What the summary says of consents."""
         return self._consents.summary()
+
+    async def _heed_stop(self) -> None:
+        """Let the user end the source. That it ended by itself must not be taken for the user's word."""
+        await self._stop.wait()
+        self._over.set()
 
     async def _tell_regularly(self, statistics: RunStatistics) -> None:
         while True:

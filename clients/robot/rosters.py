@@ -20,6 +20,7 @@ class RosterBook:
     def __init__(self, roster: Roster) -> None:
         self._key = roster.key
         self._rows: dict[bytes, RosterRow] = {row.tag: row for row in roster.rows}
+        self.not_after_ms = roster.not_after_ms
 
     def __len__(self) -> int:
         return len(self._rows)
@@ -29,9 +30,12 @@ class RosterBook:
         """Everybody on the roster."""
         return tuple(self._rows.values())
 
-    def find(self, uid: str) -> RosterRow | None:
-        """Return the row of a tag, or None if the tag is nobody's who is registered."""
-        return self._rows.get(roster_tag(self._key, uid))
+    def find(self, uid: str, at_ms: int) -> RosterRow | None:
+        """Return the row of a tag that was read at a host's time, None if it is nobody's who is registered.
+
+        From the end of the roster's day on that is every tag: until tomorrow's roster nobody knows who carries one.
+        """
+        return self._rows.get(roster_tag(self._key, uid)) if at_ms < self.not_after_ms else None
 
 
 def load_roster(path: Path, identity: RobotIdentity, genesis: Genesis, now_ms: int) -> RosterBook:

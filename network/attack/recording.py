@@ -119,7 +119,7 @@ class RobotDay:
 
     def see(self, uid: str, sizes: tuple[int, ...], sequence: int) -> SpooledClip | None:
         """Seal one clip of a tag's bearer and start its delivery. Returns it; None without consent."""
-        row = self.roster.find(uid)
+        row = self.roster.find(uid, self.chain.now_ms())
         if row is None:
             return None
         alias = self.aliases.alias(uid.encode())

@@ -38,7 +38,8 @@ def row(handle: bytes) -> RosterRow:
 
 
 def roster(*handles: bytes) -> Roster:
-    return Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1, tuple(map(row, handles or (ANN, BEN))))
+    rows = tuple(map(row, handles or (ANN, BEN)))
+    return Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1 << 50, rows)
 
 
 class Ward:

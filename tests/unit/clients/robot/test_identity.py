@@ -105,9 +105,9 @@ def test_a_roster_tells_whose_a_tag_is(robot: RobotIdentity, tmp_path: Path) -> 
     path = tmp_path / "roster.sealed"
     path.write_bytes(sealed_roster(robot, make_genesis()))
     book = load_roster(path, robot, make_genesis(), NOW_MS)
-    found = book.find(f" {UID.lower()}\n")
+    found = book.find(f" {UID.lower()}\n", NOW_MS)
     assert (len(book), found and found.handle) == (1, b"h" * 32)
-    assert book.find("E200000000000002") is None
+    assert book.find("E200000000000002", NOW_MS) is None
 
 
 def test_a_roster_is_of_today_of_this_network_and_of_a_registrar(robot: RobotIdentity, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from clients.robot.events import ColourFrame, Frame, Refused, Sighting, SourceEvent
 from clients.robot.inputs import REFUSED_IN_A_ROW_MAX_COUNT, Inputs
+from clients.robot.tenure import ENDS
 from consensus.errors import BlockRobotError
 
 SHAPE = (4, 6)
@@ -80,6 +81,13 @@ async def test_a_stream_that_breaks_off_gives_all_before_the_break_and_keeps_the
     events = [frame(0), SIGHTING]
     assert await drain(inputs, events, BlockRobotError("BAG_DAMAGED", "It breaks off.")) == events
     assert inputs.summary()["fault"] == {"code": "BAG_DAMAGED", "detail": "It breaks off."}
+
+
+@pytest.mark.parametrize("code", sorted(ENDS))
+async def test_what_ends_a_run_before_its_stream_is_its_fault(code: str) -> None:
+    inputs = Inputs(SHAPE)
+    assert await drain(inputs, [SIGHTING], BlockRobotError(code, "It is over.")) == [SIGHTING]
+    assert inputs.summary()["fault"] == {"code": code, "detail": "It is over."}
 
 
 async def test_any_other_failure_is_not_taken_for_the_end_of_a_recording() -> None:

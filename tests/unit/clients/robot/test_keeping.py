@@ -40,7 +40,7 @@ class Desk:
     """A keeper with ann and ben in the picture; both consent to it."""
 
     def __init__(self, folder: Path) -> None:
-        self.roster = Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1, (row(ANN), row(BEN)))
+        self.roster = Roster(ROSTER_VERSION, bytes(32), ROBOT.public_key, bytes(32), 0, 1 << 50, (row(ANN), row(BEN)))
         self.registry = RegistryStandIn(self.roster, virtual_now_ms)
         for handle in (ANN, BEN):
             self.registry.say(handle)

@@ -55,7 +55,7 @@ def roster() -> Roster:
         sealing=bytes(ANN.public_key),
         proof=b"",
     )
-    return Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, key, 0, 1, (row,))
+    return Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, key, 0, 1 << 50, (row,))
 
 
 class Robot:
@@ -219,7 +219,7 @@ def test_every_frame_that_is_kept_goes_the_whole_way_in_the_log_under_one_alias(
 
 def test_a_tag_that_is_on_no_roster_is_recorded_by_nobody(tmp_path: Path, small_bag: Path) -> None:
     known = roster()
-    stranger = Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, bytes([9] * 32), 0, 1, known.rows)
+    stranger = Roster(ROSTER_VERSION, CHAIN, ROBOT.public_key, bytes([9] * 32), 0, 1 << 50, known.rows)
     robot = Robot(tmp_path, small_bag, stranger)
     run_virtual(robot.run())
     assert robot.network.calls == []

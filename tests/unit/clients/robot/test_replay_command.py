@@ -73,6 +73,17 @@ def test_in_json_it_is_one_object_with_the_figures_and_the_error(replay: Any) ->
     assert json.loads(replay("--json").stdout)["ok"] is True
 
 
+@pytest.mark.parametrize(
+    ("code", "exit_code"),
+    [("ROSTER_EXPIRED", 4), ("BACKGROUND_EXPIRED", 4), ("BACKGROUND_NOT_FOUND", 3), ("FEED_LOST", 1)],
+)
+@pytest.mark.parametrize("options", [(), ("--json",)])
+def test_what_ended_a_run_is_its_exit_code(replay: Any, options: tuple[str, ...], code: str, exit_code: int) -> None:
+    done = replay(*options, fault={"code": code, "detail": "It is over."})
+    assert done.exit_code == exit_code
+    assert "What came before it is recorded." in done.output
+
+
 def test_something_lost_of_another_sense_is_not_well(replay: Any) -> None:
     assert json.loads(replay("--json", lost=1).stdout)["ok"] is False
 

@@ -47,14 +47,15 @@ class Start:
         client.genesis = SimpleNamespace(chain_id=CHAIN, settings=settings)
         self.epoch = SimpleNamespace(settings=settings)
         client.light_client = SimpleNamespace(epoch=self.epoch)
+        self.network, self.stop = Network(), asyncio.Event()
         identity = RobotIdentity(ROBOT, ROBOT, ROBOT, bytes(32), KEY)
         monkeypatch.setattr(replay, "load_identity", lambda _: identity)
         monkeypatch.setattr(replay, "load_roster", lambda *_: RosterBook(known))
-        monkeypatch.setattr(replay, "RobotNetwork", lambda *_: Network())
+        monkeypatch.setattr(replay, "RobotNetwork", lambda *_: self.network)
         monkeypatch.setattr(replay, "NetworkMajority", lambda *_: self.registry)
         options = ReplayOptions(folder / "roster", "demo", 200, folder / "events.jsonl", True, False)
         self.source = BagSource(bag)
-        self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None)
+        self.run = replay._Run(folder, client, options, lambda figures, *, last=False: None, self.stop)
 
     async def block_after(self, seconds: float) -> None:
         await asyncio.sleep(seconds)
