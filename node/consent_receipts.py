@@ -1,5 +1,5 @@
 """Signs receipts of what people said about consent. Must never sign anything that is not final, or is not of the node's
-own organisation, or that somebody else asks for than whose word it is.
+own organisation, or that somebody else asks for than whose word it is; nor a consent to what people were not told.
 """
 
 from __future__ import annotations
@@ -16,7 +16,15 @@ from consensus.records.consent_receipts import (
     read_word,
     sign_as_controller,
 )
-from consensus.records.notices import PublishedNotice, newest_key, read_published, read_row, version_key
+from consensus.records.consents import GIVEN
+from consensus.records.notices import (
+    PublishedNotice,
+    newest_key,
+    read_published,
+    read_row,
+    require_told,
+    version_key,
+)
 from consensus.transaction import decode_transaction
 from node.api.services import LedgerSnapshot, SignedReceipt
 
@@ -32,7 +40,8 @@ class ConsentReceipts:
         """Return the signed receipt of a caller's own word.
 
         Raises CONSENT_RECEIPT_ELSEWHERE if she is of another organisation, NOT_FOUND for a transaction that is not
-        final, not hers, or too old to be kept, CONSENT_WORD_MISSING, NOTICE_INVALID.
+        final, not hers, or too old to be kept, CONSENT_WORD_MISSING, NOTICE_INVALID, and as `require_told` for a consent
+        beyond the notice that was in force.
         """
         organisation = self._organisation(snapshot, caller)
         place = snapshot.locate(txid)
@@ -53,7 +62,10 @@ class ConsentReceipts:
             index=place.index,
             time_ms=block.header.timestamp_ms,
         )
-        document = build_document(word, organisation, find_notice(snapshot, organisation, word))
+        published = find_notice(snapshot, organisation, word)
+        if word.status == GIVEN and published is not None:
+            require_told(published, word.purposes, word.sensors)
+        document = build_document(word, organisation, published)
         return SignedReceipt(
             document=document,
             key=self._key.public_key,

@@ -100,8 +100,9 @@ def give(
 ) -> None:
     """Consent to purposes, by the depth camera unless you name other sensors.
 
-    If your organisation tells you something that this wallet never showed, it shows that first, and asks. A purpose that
-    its notice does not name is refused. The receipt, signed by your organisation and by you, lands in the wallet.
+    If your organisation tells you something that this wallet never showed, it shows that first, and asks. What its
+    notice does not name is refused: a purpose, a sensor for it, or consent where it rests on another ground. The
+    receipt, signed by your organisation and by you, lands in the wallet.
 
     Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
     """
@@ -127,7 +128,7 @@ def give(
         notices = Notices(opened)
         told = await notices.current()
         notice = told.as_json() if notices.is_new(told) else None
-        told.require_named(purposes)
+        told.require_named(purposes, chosen)
         if notice is not None:
             require_said(yes=yes)
             question = text("consent.ask", purposes=", ".join(purposes), sensors=", ".join(chosen))

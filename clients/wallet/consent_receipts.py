@@ -1,6 +1,7 @@
 """The wallet's consent receipts: fetched from a node of one's own organisation, checked, signed, kept.
 
-Must never sign or keep a receipt that does not say what this wallet's own key said, as the chain holds it.
+Must never sign or keep a receipt that does not say what this wallet's own key said, as the chain holds it, nor one of a
+consent to what the notice in force did not ask for.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode
 from consensus.records.consent_receipts import sign_as_person
 from consensus.records.consents import GIVEN
+from consensus.records.notices import require_told
 
 ASK_PAUSE_S = 0.25
 ASK_PASSES_COUNT = 12
@@ -63,7 +65,7 @@ class ConsentReceipts:
         `said_elsewhere`, with another copy of the wallet, nobody here knows what was shown.
 
         Raises CONSENT_RECEIPT_INVALID for one that is not what was said, CONSENT_RECEIPT_ELSEWHERE if no node of the
-        own organisation signs any, and what nodes refuse with.
+        own organisation signs any, as `require_told` for a consent beyond the notice, and what nodes refuse with.
         """
         content = self._wallet.store.content
         if txid not in content.receipts_due:
@@ -72,6 +74,8 @@ class ConsentReceipts:
         entry = await self._fetch(txid)
         checked = self._check(entry, signed=False)
         await self._require_own(checked, txid)
+        if checked.word.status == GIVEN and checked.published is not None:
+            require_told(checked.published, checked.word.purposes, checked.word.sensors)
         document, signature = entry.document.encode(), bytes.fromhex(entry.controller_signature)
         own = sign_as_person(self._wallet.keys.identity, document, signature)
         entry = msgspec.structs.replace(entry, person_signature=own.hex())

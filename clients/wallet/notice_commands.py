@@ -17,6 +17,7 @@ from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
+from consensus.records.consent_receipts import FIRST_SENSORS
 
 
 def show_told(told: Told, *, err: bool = False) -> None:
@@ -139,7 +140,8 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
     """Register with the CODE on your card, and consent to the purposes named, by the depth camera.
 
     First it shows what the organisation that issued the card tells you about your data, and asks. Without a purpose you
-    consent to nothing, and no robot records you. A purpose that the notice does not name is refused.
+    consent to nothing, and no robot records you. A purpose that the notice does not name, or not
+    by that camera, or that rests on another ground, is refused.
 
     Example: blockrobot wallet register BR1-... --purpose demo
     """
@@ -151,7 +153,7 @@ def register(ctx: click.Context, code: str, purposes: tuple[str, ...], yes: bool
         notices = Notices(opened)
         told, shown = await notices.for_card(code), -1
         while told.version > shown:  # a newer one may come while she reads
-            told.require_named(purposes)
+            told.require_named(purposes, FIRST_SENSORS)
             tell_first(notices, told, _ask_of(purposes), yes=yes, as_json=as_json)
             shown, told = told.version, await notices.for_card(code)
         done = await opened.register(code, list(purposes))

@@ -17,13 +17,16 @@ from consensus.errors import BlockRobotError
 from consensus.records.notices import (
     NoticeRow,
     PublishedNotice,
+    askable_pairs,
     newest_key,
     read_published,
     read_row,
+    require_told,
     tell_changes,
     tell_notice,
     version_key,
 )
+from consensus.records.sensors import SENSORS
 from consensus.records.vouchers import decode_card_code
 
 
@@ -46,22 +49,25 @@ class Told:
         """The version in force, 0 where there is none."""
         return 0 if self.published is None else self.published.row.version
 
-    def names(self, purpose: str) -> bool:
-        """Tell whether she can agree to a purpose: whether it is named, or nothing is published."""
-        return self.published is None or purpose in {each.code for each in self.published.notice.purposes}
-
-    def require_named(self, purposes: Sequence[str]) -> None:
-        """Raise PURPOSE_NOT_TOLD unless it names all these purposes: nobody can agree to what she was not told.
-
-        Where nothing is published she is told that, and may go on.
-        """
+    def askable(self, purposes: Sequence[str]) -> dict[str, list[str]]:
+        """Return of these purposes those to which she can agree, each with its sensors; all where nothing is published."""
         if self.published is None:
-            return
-        known = [purpose.code for purpose in self.published.notice.purposes]
-        missing = ", ".join(repr(code) for code in purposes if not self.names(code))
-        if missing:
-            told = f"The notice of {self.organisation} (version {self.version}) does not name {missing}."
-            raise BlockRobotError("PURPOSE_NOT_TOLD", f"{told} It names: {', '.join(known)}.")
+            return {code: sorted(SENSORS) for code in purposes}
+        named = askable_pairs(self.published.notice)
+        return {code: named[code] for code in purposes if code in named}
+
+    def other_grounds(self) -> dict[str, str]:
+        """Return the purposes that rest on no consent, each with its ground of Art. 6."""
+        named = [] if self.published is None else self.published.notice.purposes
+        return {purpose.code: purpose.lawful_basis for purpose in named if not purpose.rests_on_consent}
+
+    def require_named(self, purposes: Sequence[str], sensors: Sequence[str]) -> None:
+        """Raise unless it names all these sensors for all these purposes, and asks: nobody can agree to anything else.
+
+        Where nothing is published she is told that, and may go on. Raises as `require_told`.
+        """
+        if self.published is not None:
+            require_told(self.published, purposes, sensors)
 
     def lines(self) -> list[str]:
         """Return it for people: the words, without what changed."""

@@ -7,7 +7,7 @@ keys and no spaces, so that equal words have one hash; the contract `consent` ke
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,7 @@ SOURCES = ("robot", "registrar", "yourself", "network")
 LAWFUL_BASES = tuple(f"Art. 6(1)({letter})" for letter in "abcdef")
 SPECIAL_BASES = ("none", *(f"Art. 9(2)({letter})" for letter in "abcdefghij"))
 CONSENT_BASIS = "Art. 6(1)(a)"
+EXPLICIT_CONSENT_BASIS = "Art. 9(2)(a)"
 RIGHTS_NAMED = ("15", "16", "17", "18", "20", "21", "7(3)", "77")
 """The rights that every notice names, by article: Art. 13(2)(b) to (d)."""
 
@@ -53,6 +54,11 @@ class NoticePurpose(_Part, frozen=True):
     special_basis: str
     sensors: list[str]
     storage_days: int
+
+    @property
+    def rests_on_consent(self) -> bool:
+        """Whether a person is asked: by Art. 6, or by Art. 9 beside another ground of Art. 6."""
+        return self.lawful_basis == CONSENT_BASIS or self.special_basis == EXPLICIT_CONSENT_BASIS
 
 
 class Category(_Part, frozen=True):
@@ -246,6 +252,32 @@ def read_published(organisation: str, value: Any) -> PublishedNotice | None:
     if not isinstance(document, bytes) or notice_digest(document) != row.digest:
         raise BlockRobotError("NOTICE_INVALID", "Its words do not have the hash that the chain names.")
     return PublishedNotice(row, decode_notice(document))
+
+
+def askable_pairs(notice: Notice) -> dict[str, list[str]]:
+    """Return to what a person can consent under a notice: the sensors of each purpose that rests on consent."""
+    return {each.code: sorted(each.sensors) for each in notice.purposes if each.rests_on_consent}
+
+
+def require_told(published: PublishedNotice, purposes: Sequence[str], sensors: Sequence[str]) -> None:
+    """Raise unless a person can consent to each of these purposes by each of these sensors under a notice.
+
+    PURPOSE_NOT_TOLD for one that it does not name, CONSENT_NOT_ASKED for one that rests on another ground,
+    SENSOR_NOT_TOLD for a sensor that it does not name for the purpose. A no is never held to this.
+    """
+    named = {each.code: each for each in published.notice.purposes}
+    told = f"The notice of {published.row.organisation} (version {published.row.version})"
+    missing = ", ".join(repr(code) for code in purposes if code not in named)
+    if missing:
+        raise BlockRobotError("PURPOSE_NOT_TOLD", f"{told} does not name {missing}. It names: {', '.join(named)}.")
+    for purpose in (named[code] for code in purposes):
+        if not purpose.rests_on_consent:
+            detail = f"{told} rests {purpose.code!r} on {purpose.lawful_basis} GDPR, not on consent."
+            raise BlockRobotError("CONSENT_NOT_ASKED", detail)
+        beyond = ", ".join(repr(code) for code in sensors if code not in purpose.sensors)
+        if beyond:
+            known = ", ".join(purpose.sensors) or "no sensor"
+            raise BlockRobotError("SENSOR_NOT_TOLD", f"{told} names for {purpose.code!r}: {known}. Not: {beyond}.")
 
 
 def tell_notice(notice: Notice) -> list[str]:

@@ -103,9 +103,21 @@ async def test_what_the_notice_does_not_name_has_a_no_and_no_yes(shown: Shown) -
     await page.get_by_role("button", name="I have read it").click(timeout=SOON_MS)
     unnamed = page.locator(".choices", has_text="does not name this")
     await expect(unnamed).to_have_count(1)
-    await expect(unnamed.locator("[data-key^=yes]").first).to_be_disabled()
+    await expect(unnamed.locator("[data-key^=yes]")).to_have_count(0)
     await expect(unnamed.locator("[data-key^=no]").first).to_be_enabled()
     await expect(page.locator(".choices:not(:has-text('does not name this')) [data-key^=yes]").first).to_be_enabled()
+
+
+async def test_no_switch_stands_where_the_notice_names_no_sensor_or_asks_for_no_consent(shown: Shown) -> None:
+    page, chain = shown.page, shown.ward.chain
+    chain.must(chain.admin, "consent", "publish_notice", encode_notice(demo_notice()))
+    await page.evaluate("() => { location.hash = '#/consent'; }")
+    await page.get_by_role("button", name="I have read it").click(timeout=SOON_MS)
+    safety, audit = (page.locator(f".choices[aria-labelledby=purpose-{code}]") for code in ("safety", "audit"))
+    await expect(safety.locator("[data-key^=yes]")).to_have_count(1)
+    await expect(safety.locator("[data-key=yes-safety-depth]")).to_be_enabled()
+    await expect(audit).to_contain_text("it rests on Art. 6(1)(c) GDPR (a legal duty)")
+    await expect(audit.locator("button")).to_have_count(0)
 
 
 async def test_every_view_stands_without_a_complaint_of_the_browser(shown: Shown) -> None:

@@ -43,15 +43,17 @@ async def _consents(session: PageSession, _request: web.Request) -> web.Response
         notices = Notices(wallet)
         found, told = await Consenting(wallet).choices(), await notices.current()
     known = [code for code in wallet.genesis.purposes if code not in OWN_PURPOSES]
-    named = [code for code in known if told.names(code)]
+    askable = told.askable(known)
+    grounds = {code: ground for code, ground in told.other_grounds().items() if code in known}
     spoken = {row["purpose"] for row in map(choice_json, found.rows)}
-    offered = [code for code in known if code in named or code in spoken]
+    shown = [code for code in known if code in askable or code in grounds or code in spoken]
     return answer_json(
         {
             "height": found.height,
             "choices": [choice_json(row) for row in found.rows],
-            "purposes": {code: PURPOSES.get(code, code) for code in offered},
-            "named": named,
+            "purposes": {code: PURPOSES.get(code, code) for code in shown},
+            "askable": askable,
+            "grounds": grounds,
             "sensors": SENSORS,
             "notice": _told(notices, told),
         }
@@ -97,7 +99,7 @@ async def _give(session: PageSession, request: web.Request) -> web.Response:
         told = await notices.current()
         if told.version != version:
             raise BlockRobotError("NOTICE_NOT_SHOWN")
-        told.require_named(purposes)
+        told.require_named(purposes, sensors)
         notices.note_shown(told)
         job.tell("writing it into the ledger")
         word = await Consenting(wallet).give(

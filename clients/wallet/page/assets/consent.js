@@ -36,18 +36,30 @@ export async function showConsent(context) {
 
   const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => h("section", { class: "card choices", "aria-labelledby": `purpose-${purpose}` },
     h("h2", { id: `purpose-${purpose}` }, purposeName(purpose, sentence)),
-    !data.named.includes(purpose) && h("p", { class: "quiet" }, t("consent.unnamed", { organisation: data.notice.organisation })),
-    Object.keys(data.sensors).map((sensor) => choiceRow(purpose, sensor))));
+    groundOf(purpose),
+    Object.keys(data.sensors).filter((sensor) => isAskable(purpose, sensor) || choiceOf(purpose, sensor) !== undefined).map((sensor) => choiceRow(purpose, sensor))));
+
+  const isAskable = (purpose, sensor) => data.askable[purpose]?.includes(sensor) === true;
+
+  const choiceOf = (purpose, sensor) => data.choices.find((one) => one.purpose === purpose && one.sensor === sensor);
+
+  const groundOf = (purpose) => {
+    if (data.askable[purpose] !== undefined) return null;
+    const ground = data.grounds[purpose];
+    const { organisation } = data.notice;
+    return h("p", { class: "quiet" }, ground === undefined ? t("consent.unnamed", { organisation }) : t("consent.otherGround", { organisation, ground, why: t(`consent.ground.${ground.at(-2)}`) }));
+  };
 
   const choiceRow = (purpose, sensor) => {
-    const choice = data.choices.find((one) => one.purpose === purpose && one.sensor === sensor);
+    const choice = choiceOf(purpose, sensor);
     const isYes = choice?.status === "given";
     const isNo = choice !== undefined && !isYes;
     const name = `${sensorName(sensor)}, ${purposeName(purpose)}`;
     return h("div", { class: "choice", role: "group", "aria-label": name },
-      h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height))),
+      h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height)),
+        data.askable[purpose] !== undefined && !isAskable(purpose, sensor) && h("div", { class: "quiet" }, t("consent.unnamedSensor", { organisation: data.notice.organisation }))),
       h("div", { class: "row yes-no" },
-        h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking || !data.named.includes(purpose), onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),
+        isAskable(purpose, sensor) && h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking, onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),
         h("button", { type: "button", "data-key": `no-${purpose}-${sensor}`, class: isNo ? "chosen" : "", "aria-pressed": String(isNo), "aria-label": t("consent.noTo", { name }), disabled: isWorking, onclick: () => say(isYes ? "withdraw" : "refuse", [purpose], [sensor]) }, t("consent.no"))));
   };
 

@@ -164,6 +164,36 @@ async def test_a_node_signs_for_nobody_but_whose_word_it_is(ward: NoticeWard) ->
     assert caught.value.code == "CONSENT_WORD_MISSING"
 
 
+@pytest.mark.parametrize(
+    ("purpose", "sensor", "code"),
+    [
+        ("safety", "rgb", "SENSOR_NOT_TOLD"),
+        ("audit", "depth", "CONSENT_NOT_ASKED"),
+        ("teaching", "depth", "PURPOSE_NOT_TOLD"),
+    ],
+)
+async def test_nobody_countersigns_a_consent_beyond_the_notice(
+    ward: NoticeWard, purpose: str, sensor: str, code: str
+) -> None:
+    """Whoever has a program of her own can write it into the chain: the organisation does not sign it, nor does she."""
+    txid = (await Consenting(ward.wallet).give([purpose], [sensor])).txid
+    issuer, member = ward.network.issuer, ward.wallet.keys.identity.public_key
+    with pytest.raises(BlockRobotError) as caught:
+        issuer.issue(ward.network.ledger, txid, member)
+    assert caught.value.code == code
+    with pytest.MonkeyPatch.context() as node_of_before:
+        node_of_before.setattr("node.consent_receipts.require_told", lambda *_: None)
+        with pytest.raises(BlockRobotError) as caught:
+            await ConsentReceipts(ward.wallet).obtain(txid)
+    assert caught.value.code == code
+    assert ward.wallet.store.content.receipts == []
+    (missing,) = (await ConsentReceipts(ward.wallet).all()).missing
+    assert (missing[0], missing[1].code) == (txid, code)
+    for entry in ("refuse", "withdraw"):
+        no = await ConsentReceipts(ward.wallet).obtain(await say(ward, entry, (purpose,)))
+        assert no.published is not None, "a no is signed in any case"
+
+
 async def test_who_is_no_custodian_signs_nothing_that_counts(ward: NoticeWard) -> None:
     forger = key_of("stranger")
     ward.network.forge = lambda signed: replace(

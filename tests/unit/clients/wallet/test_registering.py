@@ -337,6 +337,38 @@ def test_nobody_consents_to_a_purpose_that_the_notice_does_not_name(desk: Desk) 
     assert "You consent to: care" in ok("consent", "give", "--purpose", "care")
 
 
+def test_nobody_consents_to_a_sensor_that_the_notice_does_not_name_for_the_purpose(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    ok("register", desk.code, "--purpose", "safety")
+    code, detail = refusal("consent", "give", "--purpose", "safety", "--sensor", "depth", "--sensor", "rgb")
+    assert (code, "'rgb'" in detail, "depth" in detail) == ("SENSOR_NOT_TOLD", True, True)
+    assert desk.words == {"safety": ["depth"]}, "what is partly refused is refused as a whole"
+    assert json.loads(run("consent", "refuse", "--purpose", "safety", "--sensor", "rgb", "--json").output)["ok"]
+
+
+def test_nobody_consents_to_what_does_not_rest_on_consent(desk: Desk) -> None:
+    desk.ward.publish(demo_notice())
+    code, detail = refusal("register", desk.code, "--purpose", "audit")
+    assert (code, "Art. 6(1)(c)" in detail) == ("CONSENT_NOT_ASKED", True)
+    assert desk.wallet.store.content.handle == b""
+    ok("register", desk.code)
+    assert refusal("consent", "give", "--purpose", "audit", "--sensor", "audio")[0] == "CONSENT_NOT_ASKED"
+    assert desk.words == {}
+    for word in ("refuse", "withdraw"):
+        assert json.loads(run("consent", word, "--purpose", "audit", "--json").output)["ok"], "a no is always heard"
+
+
+def test_what_she_once_agreed_to_she_can_take_back_after_the_notice_names_it_no_more(desk: Desk) -> None:
+    ok("register", desk.code)
+    ok("consent", "give", "--purpose", "safety", "--sensor", "rgb")
+    desk.ward.publish(demo_notice())
+    assert desk.words == {"safety": ["rgb"]}, "a changed notice ends no consent"
+    taken = json.loads(run("consent", "withdraw", "--purpose", "safety", "--sensor", "rgb", "--json").output)
+    assert (taken["ok"], taken["count"]) == (True, 1)
+    (row,) = json.loads(run("consent", "list", "--json").output)["choices"]
+    assert row["status"] == "withdrawn"
+
+
 def test_without_a_terminal_a_consent_is_said_with_yes_or_not_at_all(desk: Desk) -> None:
     desk.ward.publish(demo_notice())
     for as_json in ([], ["--json"]):

@@ -96,13 +96,32 @@ async def test_nobody_consents_on_the_page_to_what_the_notice_does_not_name(desk
     notice = encode_notice(msgspec.structs.replace(demo_notice(), purposes=kept))
     desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", notice)
     consents = await desk.page.get("/api/consents")
-    assert "care" not in consents["named"]
-    assert consents["named"], "the others are offered"
+    assert "care" not in consents["askable"]
+    assert consents["askable"], "the others are offered"
     assert "care" in consents["purposes"], "what she once agreed to she can take back"
-    assert set(consents["purposes"]) == {*consents["named"], "care"}
+    assert set(consents["purposes"]) == {*consents["askable"], *consents["grounds"], "care"}
     wish = {"purposes": ["care"], "sensors": ["depth"], "notice_version": 1}
     job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
     assert job["error"]["code"] == "PURPOSE_NOT_TOLD"
+
+
+async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_a_purpose_rests_on(desk: Desk) -> None:
+    before = await desk.page.get("/api/consents")
+    assert before["askable"]["safety"] == sorted(before["sensors"]), "nothing is published: she is told that"
+    notice = encode_notice(demo_notice())
+    desk.ward.chain.must(desk.ward.chain.admin, "consent", "publish_notice", notice)
+    consents = await desk.page.get("/api/consents")
+    assert consents["askable"]["safety"] == ["depth"]
+    assert consents["askable"]["care"] == ["audio", "depth", "emotion", "rgb"]
+    assert "audit" not in consents["askable"]
+    assert consents["grounds"] == {"audit": "Art. 6(1)(c)"}
+    assert "audit" in consents["purposes"], "she is told that it is done, and on what ground"
+    for purpose, sensor, code in (("safety", "rgb", "SENSOR_NOT_TOLD"), ("audit", "depth", "CONSENT_NOT_ASKED")):
+        wish = {"purposes": [purpose], "sensors": [sensor], "notice_version": 1}
+        job = await desk.page.follow(await desk.page.post("/api/consents/give", wish))
+        assert job["error"]["code"] == code
+        refused = {"purposes": [purpose], "sensors": [sensor]}
+        assert (await desk.page.do("/api/consents/refuse", refused))["status"] == "refused"
 
 
 async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
