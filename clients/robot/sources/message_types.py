@@ -6,8 +6,10 @@ Must never show what a message says: only types are described here.
 from __future__ import annotations
 
 import functools
+import threading
+from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -15,9 +17,15 @@ from rosbags.typesys.store import Typestore
 
 from clients.robot.messages import typestore
 from clients.robot.sources.feed import Message
+from clients.robot.sources.type_bounds import is_bounded
 from consensus.errors import BlockRobotError
 
 DEFINITION_MAX_CHARS = 256 * 1024
+DEFINITIONS_MAX_COUNT = 64
+"""How many definitions of live publishers are kept; what is forgotten is worked out again when it is told again."""
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 
 @functools.cache
@@ -45,11 +53,14 @@ class MessageTypes:
     def __init__(self, store: Typestore, *, ros1: bool) -> None:
         self._store = store
         self._ros1 = ros1
+        self._bounded: dict[str, bool] = {}
 
     def decode(self, message: Message) -> Any:
         """Return a message as an object with the fields of its type. Raises FRAME_INVALID, reason `undecodable`."""
         read = self._store.deserialize_ros1 if self._ros1 else self._store.deserialize_cdr
         try:
+            if not self._is_bounded(message.type):
+                raise ValueError(message.type)
             return read(message.data, message.type)
         except Exception as error:
             detail = f"A message of {message.topic} is no {message.type}."
@@ -57,7 +68,7 @@ class MessageTypes:
 
     def knows(self, type_name: str) -> bool:
         """Tell whether messages of a type can be decoded."""
-        return type_name in self._store.types
+        return type_name in self._store.types and self._is_bounded(type_name)
 
     def field_names(self, type_name: str) -> list[str]:
         """Return the names of a type's own fields, none if it is not known."""
@@ -91,33 +102,61 @@ class MessageTypes:
     def _fields(self, type_name: str) -> list[Any]:
         return list(self._store.fielddefs[type_name][1]) if self.knows(type_name) else []
 
+    def _is_bounded(self, type_name: str) -> bool:
+        if type_name not in self._store.types:
+            return True
+        if type_name not in self._bounded:
+            self._bounded[type_name] = is_bounded(type_name, self._store.fielddefs, ros1=self._ros1)
+        return self._bounded[type_name]
+
 
 class LearntTypes:
     """What a live feed's types look like: as the feed tells, else as the user's definitions or ROS itself say.
 
-    Each type's definition stands for itself, with the types in it: two nodes may disagree about one that both use.
+    Each type's definition stands for itself, with the types in it: two nodes may disagree about one that both use. What is
+    no definition, or asks for more work than its messages' bytes, is as if never told. Any thread may use it.
     """
 
     def __init__(self, known: Typestore, *, ros1: bool) -> None:
         self._ros1 = ros1
         self._known = MessageTypes(known, ros1=ros1)
-        self._learnt: dict[str, tuple[str, MessageTypes]] = {}
+        self._lock = threading.Lock()
+        self._worked_out: OrderedDict[tuple[str, str], MessageTypes | None] = OrderedDict()
+        self._newest: OrderedDict[str, MessageTypes | None] = OrderedDict()
 
     def learn(self, type_name: str, definition: str) -> bool:
-        """Take the newest definition of a type; return whether it makes sense. What is not one is as if never told."""
-        if type_name in self._learnt and self._learnt[type_name][0] == definition:
-            return True
+        """Take the newest definition of a type; return whether it makes sense."""
+        with self._lock:
+            types = self._work_out(type_name, definition)
+            _keep(self._newest, type_name, types)
+            return types is not None
+
+    def of(self, type_name: str, definition: str = "") -> MessageTypes:
+        """Return the types to decode a message with: by its own definition if it came with one, else by the newest."""
+        with self._lock:
+            types = self._work_out(type_name, definition) if definition else self._newest.get(type_name)
+        return types or self._known
+
+    def _work_out(self, type_name: str, definition: str) -> MessageTypes | None:
+        if len(definition) > DEFINITION_MAX_CHARS:
+            return None
+        key = type_name, definition
+        return _keep(self._worked_out, key, self._worked_out[key] if key in self._worked_out else self._parse(*key))
+
+    def _parse(self, type_name: str, definition: str) -> MessageTypes | None:
+        store = get_typestore(Stores.EMPTY)
         try:
-            store = get_typestore(Stores.EMPTY)
-            if len(definition) > DEFINITION_MAX_CHARS:
-                return False
             store.register(get_types_from_msg(definition, type_name))
         except Exception:  # noqa: BLE001 - a stranger's text fails in many ways
-            self._learnt.pop(type_name, None)
-            return False
-        self._learnt[type_name] = (definition, MessageTypes(store, ros1=self._ros1))
-        return True
+            return None
+        types = MessageTypes(store, ros1=self._ros1)
+        return types if types.knows(type_name) else None
 
-    def of(self, type_name: str) -> MessageTypes:
-        """Return the types to decode a message of this type with, by what is known of it now."""
-        return self._learnt[type_name][1] if type_name in self._learnt else self._known
+
+def _keep(kept: OrderedDict[Key, Value], key: Key, value: Value) -> Value:
+    """Put a value last of so many; what was not used for the longest goes."""
+    kept[key] = value
+    kept.move_to_end(key)
+    if len(kept) > DEFINITIONS_MAX_COUNT:
+        kept.popitem(last=False)
+    return value
