@@ -36,6 +36,7 @@ class Recorder:
         self._times_ms: list[int] = []
         self._size_bytes = 0
         self._last: Moment | None = None
+        self._looked_ms = 0
         self._events: deque[Event] = deque(maxlen=events_max_count)
         self._routine: deque[Event] = deque(maxlen=routine_max_count)
         self._number = 0
@@ -61,6 +62,7 @@ class Recorder:
         """Keep a moment and what is new in it."""
         for event in events:
             self.tell(event)
+        self._looked_ms = moment["at_ms"]
         if self._last is not None and {**moment, "at_ms": 0} == {**self._last, "at_ms": 0}:
             return
         self._last = moment
@@ -114,5 +116,8 @@ class Recorder:
         return {**counts, "words": words}
 
     def moments_json(self) -> bytes:
-        """Return all moments as one JSON array, oldest first."""
-        return b"[" + b",".join(self._moments) + b"]"
+        """Return all moments as one JSON array, oldest first; the last one is that of the last look, changed or not."""
+        moments = list(self._moments)
+        if self._last is not None and self._looked_ms > self._times_ms[-1]:
+            moments.append(msgspec.json.encode({**self._last, "at_ms": self._looked_ms}))
+        return b"[" + b",".join(moments) + b"]"

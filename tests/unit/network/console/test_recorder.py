@@ -21,10 +21,22 @@ def _kept(recorder: Recorder) -> list[int]:
 def test_a_moment_in_which_only_the_time_went_on_is_not_kept_twice() -> None:
     recorder = Recorder()
     recorder.add(_moment(1), [])
-    recorder.add({**_moment(1), "at_ms": 2_000}, [])
+    recorder.add({**_moment(1), "at_ms": 1_500}, [])
     recorder.add(_moment(2), [])
     assert _kept(recorder) == [1, 2]
     assert recorder.moments_dropped_count == 0
+
+
+def test_a_run_reaches_to_the_last_look_though_nothing_had_changed_by_then() -> None:
+    recorder = Recorder()
+    recorder.add(_moment(1), [])
+    for at_ms in (2_000, 24_000):
+        recorder.add({**_moment(1), "at_ms": at_ms}, [])
+    first, last = json.loads(recorder.moments_json())
+    assert (first["at_ms"], last) == (1_000, {**first, "at_ms": 24_000})
+    assert recorder.moments_count == 1, "nothing more is kept for it"
+    recorder.add({**_moment(2), "at_ms": 25_000}, [])
+    assert _kept(recorder) == [1, 2]
 
 
 def test_what_was_at_a_time_is_told_also_of_a_run_that_grew_coarser() -> None:
