@@ -1,4 +1,4 @@
-"""Measures a camera's or tag reader's clock against the host's from the stream itself, and puts both on one timeline.
+"""Measures a camera's and tag readers' clocks against the host's from the streams themselves, for one timeline of all.
 
 A message is received after its stamp, never before: of (received - stamp) only the lower edge is the clock's offset,
 and what lies above it is delay. The edge is a line (offset and drift) under the least of every few seconds. The
@@ -7,7 +7,7 @@ shortest delay cannot be told from the offset and stays in it. Pure; must never 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Any, TypeVar
 
@@ -23,6 +23,7 @@ DRIFT_MAX_PPM = 500.0  # quartz is within 100
 DRIFT_SPAN_MIN_MS = 60_000
 STEP_MIN_MS = 50.0  # smaller steps of a clock are taken for delay
 STEP_BINS_COUNT = 3
+READERS_MAX_COUNT = 32  # more than a robot can be told of
 READING_MAX_MS = 10_000  # of a longer reading its end counts: some readers tell when they saw a tag first of all
 _PPM = 1e-6
 _Kind = TypeVar("_Kind", bound=Event)
@@ -259,22 +260,29 @@ def _middle_slope(points: list[tuple[float, float]]) -> float:
     return (y1 - y0) / (x1 - x0)
 
 
-class RunClocks:
-    """The two clocks of a run. Gives back frames as they are, and sightings moved onto the camera's timeline.
+@dataclass(slots=True)
+class _Reader:
+    """One origin of readings: its clock, and what waits until it is clear whether that was set."""
 
-    What does not fit waits (at most `CONFIRM_COUNT` events a stream) until it is clear that the clock was set, and is
-    refused, counted in `refused`, if it was not. `shortened_count` readings were too long. An event without a time of
-    receipt is taken at its word.
+    clock: ClockEstimator = field(default_factory=ClockEstimator)
+    held: list[Sighting] = field(default_factory=list)
+
+
+class RunClocks:
+    """The clocks of a run: the camera's, and one for each origin of sightings, `READERS_MAX_COUNT` at most.
+
+    Gives back frames as they are, and sightings moved onto the camera's timeline. What does not fit waits (at most
+    `CONFIRM_COUNT` events a stream) until it is clear that the clock was set, and is refused, counted in `refused`, if
+    it was not. `shortened_count` readings were too long. An event without a time of receipt is taken at its word.
     """
 
     def __init__(self) -> None:
         self.camera = ClockEstimator()
-        self.reader = ClockEstimator()
         self.refused = {"frame-time": 0, "sighting-time": 0}
         self.shortened_count = 0
         self.newest_ms: int | None = None
         self._held_frames: list[Frame] = []
-        self._held_sightings: list[Sighting] = []
+        self._readers: dict[str, _Reader] = {}  # the one heard last stands last
 
     def admit(self, event: Event) -> list[Event]:
         """Take an event in order of receipt and return those that may go on."""
@@ -287,9 +295,9 @@ class RunClocks:
     def flush(self) -> None:
         """Refuse what is still in doubt: nothing more will arrive."""
         self.refused["frame-time"] += len(self._held_frames)
-        self.refused["sighting-time"] += len(self._held_sightings)
         self._held_frames.clear()
-        self._held_sightings.clear()
+        for reader in self._readers.values():
+            self._refuse_held(reader)
 
     @property
     def camera_offset_ms(self) -> int:
@@ -297,10 +305,11 @@ class RunClocks:
         return round(self.camera.offset_at(self.newest_ms or 0) or 0.0)
 
     def estimates(self) -> dict[str, ClockEstimate]:
-        """Return the newest estimates by the names `reader` and `camera`; none for a stream that told no receipt."""
+        """Return the newest estimates: `camera`, and `reader ORIGIN` for each; none for what told no time of receipt."""
         at = self.newest_ms if self.newest_ms is not None else 0
-        both = {"reader": self.reader.estimate(at), "camera": self.camera.estimate(at)}
-        return {name: estimate for name, estimate in both.items() if estimate is not None}
+        found = {f"reader {origin}".rstrip(): one.clock.estimate(at) for origin, one in sorted(self._readers.items())}
+        found["camera"] = self.camera.estimate(at)
+        return {name: estimate for name, estimate in found.items() if estimate is not None}
 
     def _admit_frame(self, frame: Frame) -> list[Frame]:
         if frame.received_at_ms is None:
@@ -318,8 +327,21 @@ class RunClocks:
             sighting = replace(sighting, first_seen_ms=sighting.last_seen_ms - READING_MAX_MS)
         if sighting.received_at_ms is None:
             return [sighting]
-        standing = self.reader.observe(sighting.last_seen_ms, sighting.received_at_ms)
-        return [self._move(one) for one in self._sort(sighting, standing, self._held_sightings, "sighting-time")]
+        reader = self._reader_of(sighting.origin)
+        standing = reader.clock.observe(sighting.last_seen_ms, sighting.received_at_ms)
+        return [self._move(one, reader.clock) for one in self._sort(sighting, standing, reader.held, "sighting-time")]
+
+    def _reader_of(self, origin: str) -> _Reader:
+        """Return an origin's reader; for a new one too many, that is forgotten which was not heard for longest."""
+        reader = self._readers.pop(origin, None) or _Reader()
+        if len(self._readers) >= READERS_MAX_COUNT:
+            self._refuse_held(self._readers.pop(next(iter(self._readers))))
+        self._readers[origin] = reader
+        return reader
+
+    def _refuse_held(self, reader: _Reader) -> None:
+        self.refused["sighting-time"] += len(reader.held)
+        reader.held.clear()
 
     def _sort(self, event: _Kind, standing: Standing, held: list[_Kind], name: str) -> list[_Kind]:
         if standing is Standing.DOUBTFUL:
@@ -335,11 +357,11 @@ class RunClocks:
         self.refused[name] += len(waited)
         return [event]
 
-    def _move(self, sighting: Sighting) -> Sighting:
+    def _move(self, sighting: Sighting, clock: ClockEstimator) -> Sighting:
         """Return a sighting on the camera's timeline."""
         received_ms = sighting.received_at_ms or 0
         to_camera = -round(self.camera.offset_at(received_ms) or 0.0)
-        shift = round(self.reader.offset_at(received_ms) or 0.0) + to_camera
+        shift = round(clock.offset_at(received_ms) or 0.0) + to_camera
         return replace(
             sighting,
             first_seen_ms=sighting.first_seen_ms + shift,

@@ -48,7 +48,8 @@ class Sighting:
 
     `distance_m` is from the camera to the tag, with standard deviation `sigma_m`; both are None when the reader
     cannot tell. First and last seen are the reader's stamps; `received_at_ms` is the host's, None where the source
-    cannot tell. The UID is left out of the printed form on purpose.
+    cannot tell. `origin` says whose stamps they are: a topic, or a reader's address. The UID is left out of the printed
+    form on purpose.
     """
 
     first_seen_ms: int
@@ -61,6 +62,7 @@ class Sighting:
     sigma_m: float | None = None
     read_count: int = 1
     received_at_ms: int | None = field(default=None, compare=False)  # the same reading may be reported twice
+    origin: str = field(default="", compare=False)
 
     @property
     def middle_ms(self) -> int:

@@ -214,18 +214,19 @@ def test_a_sighting_that_is_too_late_changes_no_decision_and_is_counted(delay: i
         max_size=25,
     ),
     st.lists(st.tuples(st.integers(0, LAST_MS), st.integers(0, 30)), min_size=1, max_size=60),
-    st.integers(-86_400_000, 86_400_000),
+    st.tuples(st.integers(-86_400_000, 86_400_000), st.integers(-86_400_000, 86_400_000)),
     st.integers(-200, 200),
 )
-def test_with_a_readers_clock_that_is_off_and_drifts_frames_are_paired_as_by_true_time(
-    read: list[tuple[str, int, int]], taken: list[tuple[int, int]], offset_ms: int, drift_ppm: int
+def test_with_readers_whose_clocks_are_off_and_drift_frames_are_paired_as_by_true_time(
+    read: list[tuple[str, int, int]], taken: list[tuple[int, int]], offsets_ms: tuple[int, int], drift_ppm: int
 ) -> None:
-    """Only frames nearer to a window's end than the delays that hide the offset may differ."""
+    """Only frames nearer to a window's end than the delays that hide an offset may differ. Each tag has its reader."""
     clocks, pairing = RunClocks(), Pairing(WINDOW_MS, 2 * LATENESS_MS)
     script: list[tuple[int, int, Frame | Sighting]] = []
     for alias, at, delay in read:
-        stamp = START_MS + at + offset_ms + round(drift_ppm * 1e-6 * at)
-        script.append((at + delay, len(script), Sighting(stamp, stamp, alias, received_at_ms=START_MS + at + delay)))
+        stamp = START_MS + at + offsets_ms["ab".index(alias)] + round(drift_ppm * 1e-6 * at)
+        seen = Sighting(stamp, stamp, alias, origin=f"/{alias}", received_at_ms=START_MS + at + delay)
+        script.append((at + delay, len(script), seen))
     for number, (at, delay) in enumerate(taken):
         script.append((at + delay, len(script), Frame(START_MS + at, number, DEPTH, START_MS + at + delay)))
     decided: list[Decision] = []

@@ -59,7 +59,8 @@ class MessageReader:
         at_ms = came_ms if stamped is None else stamped
         received_ms = came_ms + shift_ms
         if kind == "tags":
-            sightings, reasons = self._tags[message.topic].map.read(content, at_ms, shift_ms, received_ms)
+            tag_map = self._tags[message.topic].map
+            sightings, reasons = tag_map.read(content, at_ms, shift_ms, received_ms, message.topic)
             yield from sightings
             for reason in reasons:
                 yield Refused(received_ms, KINDS[kind], reason)

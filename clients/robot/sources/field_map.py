@@ -100,10 +100,13 @@ class TagMap:
         every = (self.epc, self.antenna, self.facing, self.rssi, self.distance, sigma, self.first_seen, self.last_seen)
         return tuple(path for path in (*every, self.read_count) if path)
 
-    def read(self, message: Any, at_ms: int, shift_ms: int, received_at_ms: int) -> tuple[list[Sighting], list[str]]:
+    def read(
+        self, message: Any, at_ms: int, shift_ms: int, received_at_ms: int, origin: str = ""
+    ) -> tuple[list[Sighting], list[str]]:
         """Return the sightings of a message, and the reasons of those readings that make no sense.
 
-        `at_ms` is when it was read if no field says so. Raises FRAME_INVALID when the message as a whole is unusable.
+        `at_ms` is when it was read if no field says so; `origin` is the topic. Raises FRAME_INVALID when the message as
+        a whole is unusable.
         """
         columns = {path: read_path(message, path) for path in self.paths}
         lists = {len(values) for path, values in columns.items() if "[]" in path}
@@ -116,12 +119,12 @@ class TagMap:
         for index in range(count):
             row = {path: values[index] if "[]" in path else values for path, values in columns.items()}
             try:
-                sightings.append(self._one(row, at_ms, shift_ms, received_at_ms))
+                sightings.append(self._one(row, at_ms, shift_ms, received_at_ms, origin))
             except BlockRobotError as error:
                 reasons.append(str(error.context.get("reason", "field")))
         return sightings, reasons
 
-    def _one(self, row: dict[str, Any], at_ms: int, shift_ms: int, received_at_ms: int) -> Sighting:
+    def _one(self, row: dict[str, Any], at_ms: int, shift_ms: int, received_at_ms: int, origin: str) -> Sighting:
         last = stamp_ms(row[self.last_seen], self.time_unit) if self.last_seen else None
         first = stamp_ms(row[self.first_seen], self.time_unit) if self.first_seen else last
         first = at_ms if first is None else first
@@ -141,6 +144,7 @@ class TagMap:
             sigma_m=sigma,
             read_count=max(1, int(_finite(row[self.read_count]))) if self.read_count else 1,
             received_at_ms=received_at_ms,
+            origin=origin,
         )
 
     def _distance(self, row: dict[str, Any]) -> tuple[float | None, float | None]:

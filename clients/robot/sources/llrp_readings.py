@@ -83,6 +83,7 @@ class LlrpReadings:
             rssi_dbm=float(report.peak_rssi.peak_rssi) if report.peak_rssi is not None else 0.0,
             read_count=max(1, report.tag_seen_count.tag_count) if report.tag_seen_count is not None else 1,
             received_at_ms=received_ms,
+            origin=self._reader.address,
         )
 
     def _facing(self, antenna: int) -> Facing:

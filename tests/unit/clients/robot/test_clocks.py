@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from clients.robot.clocks import (
     CONFIRM_COUNT,
     DELAY_MAX_MS,
     HORIZON_MS,
+    READERS_MAX_COUNT,
     READING_MAX_MS,
     ClockEstimate,
     ClockEstimator,
@@ -211,6 +213,49 @@ def test_sightings_come_out_on_the_cameras_timeline_and_frames_as_they_are(camer
         "reader": -reader_ms,
         "camera": -camera_ms,
     }
+
+
+@pytest.mark.parametrize("off_ms", [-DAY_MS, -5_000, -1_500, 1_500, 5_000, DAY_MS])
+def test_each_origin_of_readings_has_a_clock_of_its_own(off_ms: int) -> None:
+    clocks = RunClocks()
+    for number in range(300):
+        at = START_MS + number * 100
+        clocks.admit(frame(number, at, at))
+        for origin, stamp in (("/rfid", at + off_ms), ("10.0.0.7:5084", at)):
+            (moved,) = sightings(clocks.admit(replace(sighting(stamp, at), origin=origin)))
+            assert (moved.first_seen_ms, moved.origin) == (at, origin)
+    clocks.flush()
+    assert clocks.refused == {"frame-time": 0, "sighting-time": 0}
+    assert {name: found.offset_ms for name, found in clocks.estimates().items()} == {
+        "reader /rfid": -off_ms,
+        "reader 10.0.0.7:5084": 0,
+        "camera": 0,
+    }
+
+
+def test_what_one_reader_leaves_in_doubt_another_does_not_clear() -> None:
+    clocks = RunClocks()
+    out = []
+    for number in range(40):
+        at = START_MS + number * 500
+        clocks.admit(replace(sighting(at, at), origin="/other"))
+        out += sightings(clocks.admit(replace(sighting(at - (DAY_MS if number >= 20 else 0), at), origin="/rfid")))
+    assert [one.first_seen_ms for one in out] == [START_MS + number * 500 for number in range(40)]
+    assert clocks.refused["sighting-time"] == 0
+
+
+def test_so_many_origins_are_remembered_and_the_one_longest_unheard_is_forgotten_first() -> None:
+    clocks = RunClocks()
+    for number in range(READERS_MAX_COUNT + 5):
+        clocks.admit(replace(sighting(START_MS, START_MS), origin="/always"))
+        clocks.admit(replace(sighting(START_MS, START_MS), origin=f"/{number}"))
+        wrong = replace(sighting(START_MS + DAY_MS, START_MS), origin=f"/{number}")
+        assert clocks.admit(wrong) == [], "it waits, in doubt"
+    assert len(clocks.estimates()) == READERS_MAX_COUNT
+    assert {"reader /always", f"reader /{READERS_MAX_COUNT + 4}"} <= clocks.estimates().keys()
+    assert clocks.refused["sighting-time"] == 6, "what waited with a clock that is forgotten is refused"
+    clocks.flush()
+    assert clocks.refused["sighting-time"] == READERS_MAX_COUNT + 5
 
 
 def test_where_no_receipt_is_told_stamps_are_taken_at_their_word() -> None:

@@ -77,7 +77,10 @@ def shifted(event: Event, by_ms: int, *, received_too: bool = False) -> Event:
 
 def test_the_log_tells_what_is_known_of_both_clocks(run: Callable[[Change], ChangedRobot]) -> None:
     robot = run(lambda events: events)
-    assert {event["case"] for event in logged(robot, "CLOCK_ESTIMATED")} == {"clock-reader", "clock-camera"}
+    assert {event["case"] for event in logged(robot, "CLOCK_ESTIMATED")} == {
+        "clock-reader /rfid/sightings",
+        "clock-camera",
+    }
     for event in logged(robot, "CLOCK_ESTIMATED"):
         assert event["detail"]["offset_ms"] == 0
         assert event["detail"]["uncertainty_ms"] > 0
@@ -90,7 +93,7 @@ def test_a_readers_wrong_clock_changes_nothing_but_the_estimate(
 ) -> None:
     robot = run(lambda events: [shifted(one, off_ms) if isinstance(one, Sighting) else one for one in events])
     assert robot.statistics.covered == 6
-    found = [event for event in logged(robot, "CLOCK_ESTIMATED") if event["case"] == "clock-reader"]
+    found = [event for event in logged(robot, "CLOCK_ESTIMATED") if event["case"] == "clock-reader /rfid/sightings"]
     assert {event["detail"]["offset_ms"] for event in found} == {-off_ms}
     assert logged(robot, "MESSAGE_REFUSED") == []
 

@@ -42,7 +42,7 @@ def test_a_report_is_a_sighting_without_a_distance() -> None:
     (sighting,) = sightings(readings.flush())
     assert sighting.uid == "E28011606000020512345678"
     assert (sighting.antenna, sighting.facing, sighting.rssi_dbm, sighting.read_count) == (1, Facing.FRONT, -61.0, 3)
-    assert (sighting.distance_m, sighting.sigma_m) == (None, None)
+    assert (sighting.distance_m, sighting.sigma_m, sighting.origin) == (None, None, READER.address)
     assert (sighting.first_seen_ms, sighting.last_seen_ms, sighting.received_at_ms) == (NOW_MS, NOW_MS, NOW_MS)
 
 
