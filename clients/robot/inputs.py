@@ -15,18 +15,30 @@ from clients.robot.tenure import ENDS
 from consensus.errors import BlockRobotError
 
 REFUSED_IN_A_ROW_MAX_COUNT = 300
+NOTED_EACH_COUNT = 300
+"""So many refusals of one kind and reason are noted one by one, those after them so many at once:"""
+
+NOTED_TOGETHER_COUNT = 1_000
 
 _FAULTS = frozenset({"BAG_DAMAGED", "FEED_LOST"}) | ENDS
 
 
 class Inputs:
-    """The gate before the pipeline. `shape` is (height, width) of the empty scene, which every frame must have."""
+    """The gate before the pipeline. `shape` is (height, width) of the empty scene, which every frame must have.
 
-    def __init__(self, shape: tuple[int, int], note: Callable[[Refused], None] | None = None) -> None:
+    Of a `live` source only frames can become useless: anybody may hold an odd tag before a reader, or publish nonsense.
+    `note` is told of refusals, and of how many: each at first, later many at once, since a run may last for days.
+    """
+
+    def __init__(
+        self, shape: tuple[int, int], note: Callable[[Refused, int], None] | None = None, *, live: bool = False
+    ) -> None:
         self.refused: dict[str, dict[str, int]] = {}
         self.fault: BlockRobotError | None = None
         self._shape = shape
-        self._note = note
+        self._note = note or (lambda _refused, _count: None)
+        self._live = live
+        self._unnoted: dict[tuple[str, str], tuple[Refused, int]] = {}
         self._in_a_row: dict[str, int] = {}
 
     async def usable(self, events: AsyncIterator[SourceEvent]) -> AsyncIterator[Event | Sense]:
@@ -47,6 +59,12 @@ class Inputs:
                 raise
             self.fault = error
 
+    def close(self) -> None:
+        """Note what was not noted yet."""
+        for refused, count in self._unnoted.values():
+            self._note(refused, count)
+        self._unnoted.clear()
+
     def summary(self) -> dict[str, Any]:
         """Return what was refused, by kind and reason, and what ended the stream if that was no proper end."""
         fault = self.fault and {"code": self.fault.code, "detail": self.fault.detail}
@@ -66,14 +84,24 @@ class Inputs:
         """Count a message that cannot be used; too many in a row are a fault."""
         counts = self.refused.setdefault(refused.kind, {})
         counts[refused.reason] = counts.get(refused.reason, 0) + 1
-        if self._note is not None:
-            self._note(refused)
+        self._note_it(refused, counts[refused.reason])
         in_a_row = self._in_a_row.get(refused.kind, 0) + 1
         self._in_a_row[refused.kind] = in_a_row
-        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT:
+        if in_a_row < REFUSED_IN_A_ROW_MAX_COUNT or (self._live and refused.kind != "frame"):
             return
         detail = f"{in_a_row} messages in a row were no usable {refused.kind}, the last for its {refused.reason}."
         self.fault = BlockRobotError("FRAMES_UNUSABLE", detail)
+
+    def _note_it(self, refused: Refused, number: int) -> None:
+        if number <= NOTED_EACH_COUNT:
+            self._note(refused, 1)
+            return
+        what = (refused.kind, refused.reason)
+        count = self._unnoted.pop(what, (refused, 0))[1] + 1
+        if count == NOTED_TOGETHER_COUNT:
+            self._note(refused, count)
+        else:
+            self._unnoted[what] = (refused, count)
 
 
 _KINDS: dict[type, str] = {

@@ -82,21 +82,20 @@ async def _events(
     if options.real_time:
         ends_ms = None if options.lasts_s is None else source.start_ms + round(options.lasts_s * 1000)
         async for event in source.play(StoppableClock(stop, ends_ms)):
-            if stop.is_set():
+            if stop.is_set() or tenure.is_over:
                 break
-            tenure.check()
             yield event
     else:
         for event in source.events():
-            if stop.is_set():
+            if stop.is_set() or tenure.is_over:
                 break
-            tenure.check()
             yield event
     tenure.check()
 
 
-def _note_refused(refused: Refused, log: EventLog, now_ms: int) -> None:
-    log.write(now_ms, MESSAGE_REFUSED, f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}", reason=refused.reason)
+def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> None:
+    detail: dict[str, str | int] = {"reason": refused.reason, **({} if count == 1 else {"count": count})}
+    log.write(now_ms, MESSAGE_REFUSED, f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}", **detail)
 
 
 class _Run:
@@ -187,7 +186,11 @@ class _Run:
                 now_ms=self._network.now_ms,
             )
             source.shift_to(self._network.now_ms() + _START_DELAY_MS)
-            inputs = Inputs((height, width), lambda refused: _note_refused(refused, log, self._network.now_ms()))
+            inputs = Inputs(
+                (height, width),
+                lambda refused, count: _note_refused(refused, count, log, self._network.now_ms()),
+                live=isinstance(source, LiveSource),
+            )
             events = inputs.usable(_events(source, self._over, self._options, tenure))
             beside = [
                 asyncio.create_task(self._tell_regularly(statistics)),
@@ -200,6 +203,7 @@ class _Run:
                 for task in beside:
                     task.cancel()
                 await delivery.stop()
+                inputs.close()
             live = source.intake_json() if isinstance(source, LiveSource) else {}
             self.intake = {**pipeline.intake_json(), **inputs.summary(), **live}
             self._tell(statistics, last=True)

@@ -43,16 +43,25 @@ class Tenure:
         self._scene = look() if look is not None else None
         self._over: BlockRobotError | None = None
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the run must end; `check` says why."""
+        self._judge()
+        return self._over is not None
+
     def check(self) -> None:
         """Raise one of `ENDS` if the run must end, from then on every time."""
+        self._judge()
+        if self._over is not None:
+            raise self._over
+
+    def _judge(self) -> None:
         now_ms = self._now_ms()
         if self._over is None and now_ms >= self._roster.not_after_ms:
             self._over = BlockRobotError("ROSTER_EXPIRED", "The roster's day ended during the run.")
         if self._over is None and self._scene is not None and now_ms >= self._scene.expires_at_ms:
             detail = f"The approval of the empty frames of {self._scene.viewpoint} ended during the run."
             self._over = BlockRobotError("BACKGROUND_EXPIRED", detail)
-        if self._over is not None:
-            raise self._over
 
     async def watch(self, end: Callable[[], None]) -> None:
         """Look again and again, also while nothing comes; call `end` and return once the run must end."""

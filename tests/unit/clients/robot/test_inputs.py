@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from clients.robot.events import ColourFrame, Frame, Refused, Sighting, SourceEvent
-from clients.robot.inputs import REFUSED_IN_A_ROW_MAX_COUNT, Inputs
+from clients.robot.inputs import NOTED_EACH_COUNT, NOTED_TOGETHER_COUNT, REFUSED_IN_A_ROW_MAX_COUNT, Inputs
+from clients.robot.sources.llrp_readings import LlrpReadings
 from clients.robot.tenure import ENDS
 from consensus.errors import BlockRobotError
+from tests.unit.clients.robot.sources.test_llrp_readings import NOW_MS, READER, report
 
 SHAPE = (4, 6)
 SIGHTING = Sighting(1, 2, "E1")
@@ -33,7 +35,7 @@ async def drain(inputs: Inputs, events: Sequence[SourceEvent], end: BlockRobotEr
 
 async def test_what_can_be_used_comes_through_and_the_rest_is_counted_and_noted() -> None:
     noted: list[Refused] = []
-    inputs = Inputs(SHAPE, noted.append)
+    inputs = Inputs(SHAPE, lambda refused, _: noted.append(refused))
     wrong = frame(1, (4, 5))
     events = [frame(0), wrong, Refused(3, "frame", "step"), SIGHTING, Refused(4, "sighting", "tag"), frame(2)]
     assert await drain(inputs, events) == [events[0], SIGHTING, events[5]]
@@ -66,6 +68,44 @@ async def test_too_many_bad_frames_in_a_row_end_the_stream_with_a_fault() -> Non
     assert inputs.fault is not None
     assert inputs.fault.code == "FRAMES_UNUSABLE"
     assert "encoding" in inputs.fault.detail
+
+
+@pytest.mark.parametrize("kind", ["sighting", "rgb", "label", "audio"])
+async def test_what_strangers_send_never_ends_a_live_run_and_is_counted(kind: str) -> None:
+    inputs = Inputs(SHAPE, live=True)
+    events = [*[Refused(1, kind, "tag")] * (5 * REFUSED_IN_A_ROW_MAX_COUNT), frame(1)]
+    assert await drain(inputs, events) == events[-1:]
+    assert inputs.summary() == {"messages_refused": {kind: {"tag": 5 * REFUSED_IN_A_ROW_MAX_COUNT}}, "fault": None}
+    recorded = Inputs(SHAPE)
+    assert await drain(recorded, events) == []
+    assert recorded.summary()["fault"]["code"] == "FRAMES_UNUSABLE"
+
+
+async def test_an_odd_tag_before_a_reader_does_not_end_a_live_run() -> None:
+    readings, inputs = LlrpReadings(READER), Inputs(SHAPE, live=True)
+    events: list[SourceEvent] = []
+    for number in range(1_000):
+        events += readings.take(report(epc=bytes(62)), NOW_MS + number * 10)
+        events += [frame(number)] if number % 100 == 99 else []
+    assert [event for event in await drain(inputs, events) if isinstance(event, Frame)] == events[100::101]
+    assert inputs.summary() == {"messages_refused": {"sighting": {"tag": 1_000}}, "fault": None}
+
+
+async def test_a_live_camera_of_which_nothing_can_be_used_ends_the_run_whatever_else_comes() -> None:
+    inputs = Inputs(SHAPE, live=True)
+    events = [Refused(1, "frame", "encoding"), SIGHTING] * REFUSED_IN_A_ROW_MAX_COUNT
+    assert len(await drain(inputs, [*events, SIGHTING])) == REFUSED_IN_A_ROW_MAX_COUNT - 1
+    assert inputs.fault is not None
+    assert inputs.fault.code == "FRAMES_UNUSABLE"
+
+
+async def test_a_storm_of_bad_messages_does_not_fill_the_log_and_none_is_lost_from_it() -> None:
+    noted: list[int] = []
+    inputs = Inputs(SHAPE, lambda _, count: noted.append(count), live=True)
+    await drain(inputs, [Refused(1, "sighting", "tag")] * (NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5))
+    assert noted == [1] * NOTED_EACH_COUNT + [NOTED_TOGETHER_COUNT] * 2
+    inputs.close()
+    assert sum(noted) == NOTED_EACH_COUNT + 2 * NOTED_TOGETHER_COUNT + 5
 
 
 async def test_a_good_frame_in_between_begins_the_count_anew_and_sightings_do_not() -> None:
