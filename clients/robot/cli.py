@@ -202,8 +202,12 @@ def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool) -> None
 
 
 def _lost(summary: dict[str, Any]) -> int:
-    """Return how much of what was covered was neither recorded nor withheld, all senses together."""
-    return int(summary["frames"]["lost"]) + sum(int(counts["lost"]) for counts in summary["senses"].values())
+    """Return how much was neither recorded nor withheld, all senses together, and how much never came or was not read."""
+    kept_from = sum(int(counts["lost"]) for counts in (summary["frames"], *summary["senses"].values()))
+    never_read = sum(
+        int(count) for what in ("missed", "never_came") for count in summary["intake"].get(what, {}).values()
+    )
+    return kept_from + never_read
 
 
 robot.add_command(topics)

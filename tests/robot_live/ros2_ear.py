@@ -29,12 +29,13 @@ class Ear:
         self.types = LearntTypes(types_with(topics.definitions), ros1=False)
         self.lock = threading.Lock()
         self.heard, self.events, self.lost, self.latest = Counter(), Counter(), Counter(), {}
-        self.learnt, self.failures = [], []
+        self.learnt, self.failures, self.unusable_topics, self.there = [], [], [], []
 
     def learn(self, type_name, definition):
         self.learnt.append([type_name, self.types.learn(type_name, definition)])
 
-    def deliver(self, message):
+    def deliver(self, message, definition=""):
+        assert definition == ""
         with self.lock:
             self.heard[f"{message.topic} {message.type}"] += 1
             if message.topic not in self.wanted:
@@ -53,10 +54,14 @@ class Ear:
         raise AssertionError
 
     def presence(self, part, *, here):
-        raise AssertionError
+        assert here
+        self.there.append(part)
 
     def miss(self, topic, count):
         self.lost[topic] += count
+
+    def unusable(self, topic, error, *, for_good):
+        self.unusable_topics.append([topic, error.code, error.detail, for_good])
 
     def fail(self, error):
         self.failures.append([error.code, error.detail])
@@ -69,6 +74,8 @@ class Ear:
                 "lost": self.lost,
                 "learnt": self.learnt,
                 "failures": self.failures,
+                "unusable": self.unusable_topics,
+                "there": self.there,
                 **self.latest,
             }
 

@@ -10,6 +10,7 @@ import signal
 import socket
 import sys
 import time
+import xmlrpc.client
 from asyncio.subprocess import Process
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
@@ -324,6 +325,41 @@ async def test_a_robot_leaves_in_time_whatever_the_master_does(scene: Path, tmp_
         await heard.close()
         assert time.monotonic() - began < 15
         assert heard.process.returncode == 0
+
+
+async def test_a_robot_whose_node_somebody_shuts_down_says_so_and_ends(scene: Path, tmp_path: Path) -> None:
+    async with ros1_graph(tmp_path) as graph, ear(graph) as heard:
+        await drivers(graph, scene)
+        await heard.more()
+        await asyncio.to_thread(_rosnode_kill, graph.uri)
+        said = await heard.until(lambda state: "code" in state)  # a line that is no JSON would end this
+        assert said["code"] == "FEED_LOST"
+        assert "rosnode kill" in said["detail"]
+        assert await asyncio.wait_for(heard.process.wait(), WAIT_S) == 0
+
+
+def _rosnode_kill(master_uri: str) -> None:
+    with xmlrpc.client.ServerProxy(master_uri) as master:
+        _, _, (_, subscribers, _) = master.getSystemState("/rosnode")  # type: ignore[misc]
+        nodes = {str(node) for _, named in subscribers for node in named}  # type: ignore[union-attr]
+        (robot,) = [node for node in nodes if node.startswith("/blockrobot")]
+        _, _, uri = master.lookupNode("/rosnode", robot)  # type: ignore[misc]
+    with xmlrpc.client.ServerProxy(str(uri)) as node:
+        node.shutdown("/rosnode", "killed")
+
+
+async def test_publishers_that_disagree_about_a_type_are_each_read_by_their_own_definition(
+    scene: Path, tmp_path: Path
+) -> None:
+    async with ros1_graph(tmp_path) as graph, ear(graph) as heard:
+        await drivers(graph, scene, node="first", reads_per_s=50)
+        await heard.until(lambda state: state["sightings"] > 3)
+        one = heard.state["latest"]["distance_m"]
+        await drivers(graph, scene, node="second", reads_per_s=50, other_tags=True)
+        before = heard.state["sightings"]
+        state = await heard.until(lambda state: state["sightings"] > before + 200)
+        assert (state["refused"], state["uids"]) == ({}, 1)
+        assert abs(state["latest"]["distance_m"] - one) < 1
 
 
 async def test_a_robot_that_finds_no_master_says_where_it_looked(tmp_path: Path) -> None:

@@ -211,21 +211,31 @@ def test_a_type_without_package_that_appears_later_is_told_and_the_rest_is_heard
         await graph.talk(seconds=20, tags="ward", wait=False)
         state = await ear.until("state", heard(DEPTH, IMAGE, 20))
 
-        assert [code for code, _ in state["failures"]] == ["MIDDLEWARE_MISSING"], "told once"
-        assert "ward_msgs" in state["failures"][0][1]
+        (told,) = state["unusable"]
+        assert (told[0], told[1], told[3]) == (RFID, "MIDDLEWARE_MISSING", True)
+        assert "ward_msgs" in told[2]
+        assert state["failures"] == [], "the feed is there"
 
     on_graph(story)
 
 
-def test_a_type_that_was_built_of_another_version_is_refused_rather_than_misread(on_graph: ON_GRAPH) -> None:
+def test_a_type_that_was_built_of_another_version_is_refused_rather_than_misread_until_its_publisher_ends(
+    on_graph: ON_GRAPH,
+) -> None:
     async def story(graph: Ros2Graph) -> None:
-        _, ear = await asyncio.gather(
-            graph.talk(seconds=20, tags="ward", tags_hash="ab" * 32, wait=False), graph.listen({RFID: ""})
+        other, ear = await asyncio.gather(
+            graph.talk(seconds=100, tags="ward", tags_hash="ab" * 32, wait=False), graph.listen({RFID: ""})
         )
-        state = await ear.until("state", lambda state: state["failures"])
+        state = await ear.until("state", lambda state: state["unusable"])
 
-        assert "built with another version of ward_msgs/msg/TagArray" in state["failures"][0][1]
-        assert state["heard"] == {}
+        topic, _, detail, is_for_good = state["unusable"][0]
+        assert (topic, is_for_good) == (RFID, False)
+        assert "built with another version of ward_msgs/msg/TagArray" in detail
+        assert (state["heard"], state["failures"]) == ({}, [])
+        other.kill()
+        await graph.talk(seconds=100, tags="ward", wait=False, node="good")
+        state = await ear.until("state", heard(RFID, TAG_TYPE, 3))
+        assert (state["there"], state["failures"]) == ([RFID], [])
 
     on_graph(story)
 

@@ -39,8 +39,8 @@ class Listener(Protocol):
         The text may go on with the definitions of the types in it, each after a line of `=` and a line `MSG: pkg/Name`.
         """
 
-    def deliver(self, message: Message) -> None:
-        """Take one message of a wanted topic."""
+    def deliver(self, message: Message, definition: str = "") -> None:
+        """Take one message of a wanted topic; by `definition` it is read if its publisher told one with it."""
 
     def sight(self, sighting: Sighting) -> None:
         """Take one reading of a tag from a reader that needs no decoding."""
@@ -53,6 +53,12 @@ class Listener(Protocol):
 
     def presence(self, part: str, *, here: bool) -> None:
         """Learn that a part of the feed, a reader or a topic's only publisher, is gone for now, or is back."""
+
+    def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        """Learn that a wanted topic cannot be heard as it is advertised now, and why; `for_good` says that it never can.
+
+        `presence` tells when it can again.
+        """
 
     def fail(self, error: BlockRobotError) -> None:
         """Learn that the feed is gone for good (FEED_LOST): what came before is worked through, and the run ends."""

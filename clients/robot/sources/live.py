@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from types import TracebackType
@@ -19,7 +19,7 @@ from clients.robot.events import Depth, Refused, Sighting, SourceEvent
 from clients.robot.sources.decoding import KINDS, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.feed import Feed, Message
 from clients.robot.sources.live_queue import LiveQueue, Queued
-from clients.robot.sources.message_types import LearntTypes, types_with
+from clients.robot.sources.message_types import LearntTypes, MessageTypes, types_with
 from clients.robot.sources.source import Clock, SystemClock
 from clients.robot.sources.topics import Topics
 from clients.robot.sources.watching import Watch
@@ -28,6 +28,7 @@ from consensus.errors import BlockRobotError
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 INFO_WAIT_S = 2.0
 LOOK_EVERY_S = 2.0
+SENTENCES_MAX_COUNT = 256
 YIELD_EVERY_COUNT = 16
 _FOREVER_MS = 1 << 53
 
@@ -37,6 +38,7 @@ Tell = Callable[[str], None]
 class LiveSource:
     """What `feeds` bring of `topics`, while inside the context; `tell` is told in a sentence what comes and goes.
 
+    `tell` is called while `play` runs, in its thread; that nobody reads it (OSError, ValueError) ends nothing.
     What comes before `play` begins is not heard, but for the camera's focal length. Entering raises FEED_UNREACHABLE,
     MIDDLEWARE_MISSING, and TOPICS_INVALID when a topic is there and carries what it cannot.
     """
@@ -54,6 +56,8 @@ class LiveSource:
         self._is_playing = False
         self._failure: BlockRobotError | None = None
         self._wake: Callable[[], None] = lambda: None
+        self._sentences: deque[str] = deque(maxlen=SENTENCES_MAX_COUNT)
+        self._wake_teller: Callable[[], None] = lambda: None
         self._heard: Counter[str] = Counter()
         self._missing: Counter[str] = Counter()
         self._gone: Counter[str] = Counter()
@@ -125,11 +129,13 @@ class LiveSource:
         loop = asyncio.get_running_loop()
         came = asyncio.Event()
         self._wake = lambda: _call_in(loop, came.set)
+        self._wake_teller = lambda: _call_in(loop, self._tell_all)
         ending = asyncio.create_task((clock or SystemClock()).sleep_until(_FOREVER_MS))
         ending.add_done_callback(lambda _: came.set())
         watching = asyncio.create_task(self._watch())
         self._began_ms, self._frame_came_s = SystemClock().now_ms(), time.monotonic()
         self._is_playing, taken_count = True, 0
+        self._tell_all()
         try:
             while not ending.done():
                 came.clear()
@@ -149,6 +155,7 @@ class LiveSource:
             self._unread = self._queue.clear()
             ending.cancel()
             watching.cancel()
+            self._tell_all()
 
     def intake_json(self) -> dict[str, Any]:
         """Return how much came on each topic and how often one was gone; how much never came, though it was sent.
@@ -166,8 +173,8 @@ class LiveSource:
             "gone": dict(sorted(gone.items())),
         }
 
-    def hear(self, message: Message, types: LearntTypes) -> None:
-        """Take a message of a feed, from any thread."""
+    def hear(self, message: Message, types: MessageTypes) -> None:
+        """Take a message of a feed and what to decode it by, from any thread."""
         if message.topic not in self._kinds:
             self._look_through(message, types)
         elif self._is_playing:
@@ -176,7 +183,7 @@ class LiveSource:
                 self._heard[message.topic] += 1
             if kind == "frame":
                 self._frame_came_s = time.monotonic()
-            self._queue.put(Queued(kind, (message, types.of(message.type))))
+            self._queue.put(Queued(kind, (message, types)))
 
     def hear_ready(self, kind: str, event: Sighting | Refused) -> None:
         """Take what needs no decoding, from any thread."""
@@ -184,8 +191,8 @@ class LiveSource:
             self._queue.put(Queued(kind, event))
 
     def note_missing(self, topic: str, count: int) -> None:
-        """Count what a feed lost on the way, from any thread."""
-        if self._is_playing:
+        """Count what a feed lost on the way of what is wanted, from any thread."""
+        if self._is_playing and topic in self._kinds:
             with self._counting:
                 self._missing[topic] += count
 
@@ -193,7 +200,17 @@ class LiveSource:
         """Say that a part of a feed is gone, or back, from any thread."""
         with self._counting:
             self._gone[part] += not here
-        self._tell(f"{part} is there." if here else f"{part} is gone; the run waits for it.")
+        self._say(f"{part} is there." if here else f"{part} is gone; the run waits for it.")
+
+    def note_unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        """Say that a topic cannot be heard, and count it as refused; without a camera there is no run. From any thread."""
+        if topic == self._topics.depth and for_good:
+            self.lose(error)
+            return
+        self._say(f"{error.detail} The run goes on without {topic}.")
+        if topic in self._kinds:
+            kind = self._kinds[topic]
+            self._queue.put(Queued(kind, Refused(SystemClock().now_ms(), kind, "type")))
 
     def lose(self, error: BlockRobotError) -> None:
         """Take a feed's failure, from any thread."""
@@ -208,21 +225,31 @@ class LiveSource:
     def _read(self, entry: Queued) -> Sequence[SourceEvent]:
         return self._reader.read(*entry.what) if isinstance(entry.what, tuple) else [entry.what]
 
-    def _look_through(self, message: Message, types: LearntTypes) -> None:
+    def _look_through(self, message: Message, types: MessageTypes) -> None:
         """Take the focal length from a CameraInfo, once."""
         if self._focal_px is None and message.type == INFO_TYPE:
             with suppress(BlockRobotError):
-                self._focal_px = read_focal_px(types.of(message.type).decode(message))
+                self._focal_px = read_focal_px(types.decode(message))
             self._focal_known.set()
 
     async def _watch(self) -> None:
         while True:
             for feed, watch in self._watches.items():
                 for sentence in watch.look(await asyncio.to_thread(_advertised, feed)):
-                    self._tell(sentence)
+                    self._say(sentence)
             for sentence in next(iter(self._watches.values())).listen(time.monotonic(), self._frame_came_s):
-                self._tell(sentence)
+                self._say(sentence)
             await asyncio.sleep(LOOK_EVERY_S)
+
+    def _say(self, sentence: str) -> None:
+        """Have a sentence told, from any thread: whoever listens may be slow, or gone."""
+        self._sentences.append(sentence)
+        self._wake_teller()
+
+    def _tell_all(self) -> None:
+        while self._sentences:
+            with suppress(OSError, ValueError):
+                self._tell(self._sentences.popleft())
 
 
 class _Ear:
@@ -231,14 +258,12 @@ class _Ear:
     def __init__(self, source: LiveSource, types: LearntTypes) -> None:
         self._source = source
         self._types = types
-        self._lock = threading.Lock()
 
     def learn(self, type_name: str, definition: str) -> None:
-        with self._lock:
-            self._types.learn(type_name, definition)
+        self._types.learn(type_name, definition)
 
-    def deliver(self, message: Message) -> None:
-        self._source.hear(message, self._types)
+    def deliver(self, message: Message, definition: str = "") -> None:
+        self._source.hear(message, self._types.of(message.type, definition))
 
     def sight(self, sighting: Sighting) -> None:
         self._source.hear_ready("sighting", sighting)
@@ -252,6 +277,9 @@ class _Ear:
     def presence(self, part: str, *, here: bool) -> None:
         self._source.note_presence(part, here=here)
 
+    def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        self._source.note_unusable(topic, error, for_good=for_good)
+
     def fail(self, error: BlockRobotError) -> None:
         self._source.lose(error)
 
@@ -259,7 +287,7 @@ class _Ear:
 def _advertised(feed: Feed) -> Mapping[str, str] | None:
     try:
         return feed.topics()
-    except BlockRobotError:
+    except Exception:  # noqa: BLE001 - a library fails in ways of its own, and the watch must go on
         return None
 
 

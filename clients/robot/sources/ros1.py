@@ -17,9 +17,10 @@ import threading
 import time
 import xmlrpc.client
 from collections.abc import Callable, Mapping, Sequence
-from http.client import HTTPConnection, HTTPException
+from contextlib import suppress
+from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import click
@@ -40,6 +41,7 @@ ROLL_CALL_EVERY_S = 2.0
 NAME_MAX_CHARS = 256
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
 LOGGERS = ("rospy", "rosout", "rosgraph", "rosmaster", "roslib", "topic")
+Answer = TypeVar("Answer")
 _TYPE = re.compile(r"([A-Za-z]\w*)/([A-Za-z]\w*)", re.ASCII)
 _INSTALL = (
     "On Debian: sudo apt-get install --no-install-recommends python3-rospy python3-sensor-msgs; that is found by itself. "
@@ -81,7 +83,6 @@ class Ros1Feed:
         self._listener: Listener | None = None
         self._subscribers: list[Any] = []
         self._topics: tuple[str, ...] = ()
-        self._definitions: dict[str, str] = {}
         self._closing = threading.Event()
         self._roll_call = threading.Thread(target=self._call_roll, name="ros1-roll-call", daemon=True)
 
@@ -123,24 +124,30 @@ class Ros1Feed:
             return
         at_ns = time.time_ns()
         header = message._connection_header
-        type_name, definition = ros_type(str(header.get("type", ""))), header.get("message_definition", "")
-        if isinstance(definition, str) and definition != self._definitions.get(type_name):
-            self._definitions[type_name] = definition
-            listener.learn(type_name, definition)
-        listener.deliver(Message(topic, type_name, at_ns, bytes(message._buff or b"")))
+        # Two nodes may disagree about a type, and each has a thread of its own here.
+        type_name, definition = ros_type(str(header.get("type", ""))), str(header.get("message_definition", ""))
+        listener.deliver(Message(topic, type_name, at_ns, bytes(message._buff or b"")), definition)
 
     def _call_roll(self) -> None:
-        """Register again with a master that has forgotten this node, which rospy never does: it was started anew."""
+        """Register again with a master that has forgotten this node, which rospy never does: it was started anew.
+
+        Who was shut down, as anybody on the graph may ask, is deaf for good: rospy cannot be started twice.
+        """
         while not self._closing.wait(ROLL_CALL_EVERY_S):
-            try:
+            if self._rospy.is_shutdown():
+                if self._listener is not None and not self._closing.is_set():
+                    detail = (
+                        "Somebody on the ROS 1 graph has shut this node down, as `rosnode kill` does. Start it again."
+                    )
+                    self._listener.fail(BlockRobotError("FEED_LOST", detail))
+                return
+            with suppress(Exception):  # the master is away, or no master any more; what is connected goes on
                 node = self._rospy.get_name()
                 missing = set(self._topics) - self._master.subscribed(node)
                 for topic in sorted(missing) if not self._closing.is_set() else ():
                     publishers = self._master.subscribe(node, topic, self._rospy.get_node_uri())
                     with _proxy(self._rospy.get_node_uri()) as own:
                         own.publisherUpdate("/master", topic, publishers)
-            except (BlockRobotError, OSError, HTTPException, xmlrpc.client.Error):
-                continue  # the master is away; what is connected goes on
 
 
 class Master:
@@ -160,30 +167,41 @@ class Master:
 
     def published(self) -> dict[str, str]:
         """Return the topics that have a publisher, with their types."""
-        rows = self._ask("getPublishedTopics", f"/{NODE_NAME}", "")
-        return {str(topic): ros_type(str(kind)) for topic, kind in rows}
+        return self._ask(_read_topics, "getPublishedTopics", f"/{NODE_NAME}", "")
 
     def subscribed(self, node: str) -> set[str]:
         """Return the topics that the master knows a node to subscribe to."""
-        _, subscribers, _ = self._ask("getSystemState", node)
-        return {str(topic) for topic, nodes in subscribers if node in nodes}
+
+        def read(answer: Any) -> set[str]:
+            _, subscribers, _ = answer
+            return {str(topic) for topic, nodes in subscribers if node in nodes}
+
+        return self._ask(read, "getSystemState", node)
 
     def subscribe(self, node: str, topic: str, node_uri: str) -> list[str]:
         """Register a node's subscription; return the addresses of the topic's publishers."""
-        return [str(uri) for uri in self._ask("registerSubscriber", node, topic, "*", node_uri)]
+        return self._ask(_read_uris, "registerSubscriber", node, topic, "*", node_uri)
 
-    def _ask(self, method: str, *arguments: str) -> Any:
+    def _ask(self, read: Callable[[Any], Answer], method: str, *arguments: str) -> Answer:
         try:
             with _proxy(self.uri) as master:
                 code, told, answer = getattr(master, method)(*arguments)
-        except (OSError, HTTPException, xmlrpc.client.Error, ValueError, TypeError) as error:
+            if code == 1:
+                return read(answer)
+        except Exception as error:  # what is no master answers in many ways
             raise BlockRobotError(
                 "FEED_UNREACHABLE",
                 f"No ROS 1 master answers at {self.uri}. Start it (roscore), or name it with --ros-master URI.",
             ) from error
-        if code != 1:
-            raise BlockRobotError("FEED_UNREACHABLE", f"The ROS 1 master at {self.uri} refuses: {str(told)[:200]}.")
-        return answer
+        raise BlockRobotError("FEED_UNREACHABLE", f"The ROS 1 master at {self.uri} refuses: {str(told)[:200]}.")
+
+
+def _read_topics(answer: Any) -> dict[str, str]:
+    return {str(topic): ros_type(str(kind)) for topic, kind in answer}
+
+
+def _read_uris(answer: Any) -> list[str]:
+    return [str(uri) for uri in answer]
 
 
 class _Transport(xmlrpc.client.Transport):
@@ -210,7 +228,7 @@ def import_rospy(folder: Path) -> Any:
     try:
         rospy = importlib.import_module("rospy")
         importlib.import_module("rospy.core")
-        registration = importlib.import_module("rospy.impl.registration")
+        talkative = [importlib.import_module(f"rospy.impl.{name}") for name in ("registration", "masterslave")]
         transport = importlib.import_module("rospy.impl.tcpros_base")
     except ImportError as error:
         for name in added:
@@ -220,7 +238,8 @@ def import_rospy(folder: Path) -> Any:
     finally:
         logging.setLoggerClass(loggers)
     rospy.core.configure_logging = lambda *_, **__: None  # it would write files, and take the loggers of others over
-    vars(registration)["print"] = lambda *_: None  # it speaks to standard output, which is ours
+    for module in talkative:
+        vars(module)["print"] = lambda *_: None  # they speak to standard output, which is ours
     _bound_messages(transport)
     atexit.unregister(rospy.core._ros_atexit)
     for name in LOGGERS:

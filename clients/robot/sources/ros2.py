@@ -83,7 +83,7 @@ class Ros2Feed:
 
         Waits up to `SUBSCRIBE_MAX_S` for the publishers of topics whose type is told. Raises FEED_UNREACHABLE, and
         MIDDLEWARE_MISSING when rclpy or such a type cannot be imported, or is not the publisher's. Of other topics that
-        is told to `listener` as a failure, and the rest is heard all the same.
+        is told to `listener` as unusable, and the rest is heard all the same.
         """
         library = _Library()
         told = {topic for topic, type_name in wanted.items() if type_name}
@@ -97,7 +97,7 @@ class Ros2Feed:
                 for topic, error in self._look(joined, listener):
                     if topic in told:
                         raise error
-                    listener.fail(error)
+                    _tell_unusable(listener, topic, error)
                 if not told - self._heard.keys() or time.monotonic() > deadline_s:
                     break
                 time.sleep(DISCOVERY_POLL_S)
@@ -118,8 +118,8 @@ class Ros2Feed:
         try:
             while not self._closing.is_set():
                 if time.monotonic() >= look_at_s:
-                    for _, error in self._look(joined, listener):
-                        listener.fail(error)
+                    for topic, error in self._look(joined, listener):
+                        _tell_unusable(listener, topic, error)
                     look_at_s = time.monotonic() + LOOK_EVERY_S
                 joined.spin(SPIN_MAX_S)
         except Exception as error:  # noqa: BLE001 - rclpy fails in many ways, and nobody else watches its thread
@@ -139,7 +139,8 @@ class Ros2Feed:
             advertised[topic] = _choose_type({one.type for one in publishers}, heard.type if heard else "", told)
             try:
                 self._subscribe(joined, listener, topic, [one for one in publishers if one.type == advertised[topic]])
-                self._unusable.pop(topic, None)
+                if self._unusable.pop(topic, None) is not None:
+                    listener.presence(topic, here=True)
             except BlockRobotError as error:
                 if self._unusable.get(topic) != error.detail:
                     unusable.append((topic, error))
@@ -161,7 +162,7 @@ class Ros2Feed:
                 f"The publisher of {topic} was built with another version of {wish.type} than the one that Python finds. "
                 f"Build {package} anew for both, source it, and start again."
             )
-            raise BlockRobotError("MIDDLEWARE_MISSING", detail)
+            raise BlockRobotError("MIDDLEWARE_MISSING", detail, until="the publisher ends")
         if topic not in self._heard:
             listener.learn(wish.type, found.definition)
             wish.subscription = joined.subscribe(topic, wish, listener)
@@ -189,6 +190,11 @@ class _Publisher:
 def _choose_type(offered: set[str], heard: str, told: str) -> str:
     """Return which type of a topic is listened to: the one that was, else the one that was told, else any."""
     return next((name for name in (heard, told) if name in offered), min(offered))
+
+
+def _tell_unusable(listener: Listener, topic: str, error: BlockRobotError) -> None:
+    """What Python cannot import now it never can; a publisher of another version may end and leave others."""
+    listener.unusable(topic, error, for_good="until" not in error.context)
 
 
 def _cut(error: Exception) -> str:

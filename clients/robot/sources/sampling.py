@@ -66,13 +66,15 @@ class Sample:
         with self._lock:
             self._types.learn(type_name, definition)
 
-    def deliver(self, message: Message) -> None:
+    def deliver(self, message: Message, definition: str = "") -> None:
         """Count a message, and keep it if it is its topic's first."""
         with self._lock:
             if message.topic in self.topics:
+                if definition:
+                    self._types.learn(message.type, definition)
                 self.topics[message.topic].count += 1
                 self.topics[message.topic].type = message.type or self.topics[message.topic].type
-                self._first.setdefault(message.topic, (message, self._types.of(message.type)))
+                self._first.setdefault(message.topic, (message, self._types.of(message.type, definition)))
 
     def sight(self, sighting: Sighting) -> None:
         """Take no notice: a reader has no topics."""
@@ -85,6 +87,9 @@ class Sample:
 
     def presence(self, part: str, *, here: bool) -> None:
         """Take no notice: what is there is listed."""
+
+    def unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
+        """Take no notice: what came of the others is listed."""
 
     def fail(self, error: BlockRobotError) -> None:
         """Take no notice: what came before is listed."""

@@ -23,13 +23,17 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
     sources: list[BagSource] = []
 
     def run(
-        *options: str, fault: dict[str, str] | None = None, lost: int = 0, unknown: tuple[int, int] = (0, 0)
+        *options: str,
+        fault: dict[str, str] | None = None,
+        lost: int = 0,
+        unknown: tuple[int, int] = (0, 0),
+        **live: dict[str, int],
     ) -> Result:
         async def summarised(_folder: Path, source: BagSource, *_rest: object) -> dict[str, Any]:
             sources.append(source)
             tags = {"readings": unknown[0], "tags": unknown[1], "more_tags": False}
             refused = {"frame": {"size": 2, "step": 1}}
-            intake = {"messages_refused": refused, "unknown_tags": tags, "fault": fault}
+            intake = {"messages_refused": refused, "unknown_tags": tags, "fault": fault, **live}
             senses = {"rgb": {**FRAMES, "lost": lost}}
             consents = ConsentFigures().as_json()
             return {"frames": FRAMES, "senses": senses, "records": 3, "intake": intake, "consents": consents}
@@ -86,6 +90,12 @@ def test_what_ended_a_run_is_its_exit_code(replay: Any, options: tuple[str, ...]
 
 def test_something_lost_of_another_sense_is_not_well(replay: Any) -> None:
     assert json.loads(replay("--json", lost=1).stdout)["ok"] is False
+
+
+@pytest.mark.parametrize("what", ["missed", "never_came"])
+def test_something_lost_on_the_way_or_for_lack_of_room_is_not_well(replay: Any, what: str) -> None:
+    assert json.loads(replay("--json", **{what: {"frame": 1}}).stdout)["ok"] is False
+    assert json.loads(replay("--json", **{what: {}}, unread={"frame": 1}, gone={"/rfid": 2}).stdout)["ok"] is True
 
 
 @pytest.mark.parametrize(

@@ -204,13 +204,97 @@ async def test_readings_of_a_reader_of_its_own_stand_beside_the_cameras_frames()
         camera.frame(0)
         reader.do("sight", Sighting(NOW_MS, NOW_MS, "E9"))
         reader.do("presence", "reader 192.0.2.1", here=False)
-        reader.do("miss", "/something", 3)
+        camera.do("miss", DEPTH, 3)
+        camera.do("miss", INFO, 5)
         events = await played.count(2)
         await played.end()
     assert [type(event) for event in events] == [Frame, Sighting]
     assert "reader 192.0.2.1 is gone; the run waits for it." in told
     assert source.intake_json()["gone"]["reader 192.0.2.1"] == 1
-    assert source.intake_json()["never_came"] == {"/something": 3}
+    assert source.intake_json()["never_came"] == {DEPTH: 3}, "nothing was wanted of the other but its focal length"
+
+
+async def test_a_topic_that_cannot_be_heard_is_said_and_counted_and_the_rest_is_heard() -> None:
+    feed, told = FeedByHand(), []
+    why = BlockRobotError("MIDDLEWARE_MISSING", "Topic /rfid/sightings carries ward_msgs/msg/Tag.")
+    with LiveSource([feed], Topics(), told.append) as source:
+        feed.do("unusable", TAGS, why, for_good=True)
+        played = await playing(source)
+        feed.do("unusable", DEPTH, why, for_good=False)
+        feed.do("unusable", INFO, why, for_good=True)
+        feed.do("presence", DEPTH, here=True)
+        feed.frame(0)
+        events = await played.count(3)
+        await played.end()
+    assert [(one.kind, one.reason) for one in events if isinstance(one, Refused)] == [
+        ("sighting", "type"),
+        ("frame", "type"),
+    ]
+    assert isinstance(events[-1], Frame)
+    assert [f"{why.detail} The run goes on without {topic}." in told for topic in (TAGS, DEPTH, INFO)] == [True] * 3
+    assert f"{DEPTH} is there." in told
+
+
+async def test_a_camera_topic_that_can_never_be_heard_ends_the_run() -> None:
+    feed = FeedByHand()
+    with LiveSource([feed], Topics()) as source:
+        played = await playing(source)
+        feed.do("unusable", DEPTH, BlockRobotError("MIDDLEWARE_MISSING", "No sensor_msgs."), for_good=True)
+        with pytest.raises(BlockRobotError, match=r"FEED_LOST: No sensor_msgs\."):
+            await asyncio.wait_for(played.task, 5)
+
+
+async def test_nobody_who_reads_what_is_said_neither_ends_a_run_nor_reaches_the_feeds_thread() -> None:
+    def tell(sentence: str) -> None:
+        threads.append(threading.current_thread())
+        raise (BrokenPipeError if len(threads) % 2 else ValueError)(sentence)
+
+    feed, threads = FeedByHand(), list[threading.Thread]()
+    with LiveSource([feed], Topics(), tell) as source:
+        feed.listener.presence("reader", here=False)  # type: ignore[union-attr]
+        played = await playing(source)
+        feed.do("presence", "reader", here=True)
+        feed.frame(0)
+        await played.count(1)
+        await played.end()
+    assert threads == [threading.current_thread()] * len(threads)
+    assert len(threads) >= 2
+
+
+async def test_a_library_that_fails_in_a_way_of_its_own_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live, "LOOK_EVERY_S", 0.0)
+
+    class Failing(FeedByHand):
+        asked_count = 0
+
+        def topics(self) -> dict[str, str]:
+            self.asked_count += 1
+            if self.asked_count in (2, 3):
+                raise RuntimeError("the context is not valid")
+            return super().topics()
+
+    feed, told = Failing("graph"), []
+    with LiveSource([feed], Topics(), told.append) as source:
+        played = await playing(source)
+        async with asyncio.timeout(5):
+            while "graph answers again." not in told:  # noqa: ASYNC110
+                await asyncio.sleep(0)
+        await played.end()
+    assert "graph does not answer; what is connected goes on." in told
+
+
+async def test_messages_of_nodes_that_disagree_about_a_type_are_each_read_by_what_came_with_them() -> None:
+    feed = FeedByHand()
+    topics = parse_topics("[[tags]]\ntopic = '/rfid/sightings'\nepc = 'epc'")
+    first, second = b"\0\1\0\0\3\0\0\0E1\0", b"\0\1\0\0\7\0\0\0\3\0\0\0E2\0"
+    with LiveSource([feed], topics) as source:
+        played = await playing(source)
+        for _ in range(2):
+            feed.do("deliver", Message(TAGS, "ward_msgs/msg/Tag", 0, first), "string epc")
+            feed.do("deliver", Message(TAGS, "ward_msgs/msg/Tag", 0, second), "uint32 antenna\nstring epc")
+        events = await played.count(4)
+        await played.end()
+    assert [event.uid for event in events if isinstance(event, Sighting)] == ["E1", "E2"] * 2
 
 
 async def test_topics_that_vanish_and_return_are_said_and_do_not_end_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -311,3 +395,15 @@ def test_a_sample_tells_how_much_came_of_each_topic_and_keeps_the_first_message_
     assert sample.first(DEPTH).encoding == "16UC1"
     assert sample.first(TAGS) is None
     assert feed.closed_count == 1
+
+
+def test_a_sample_explains_a_type_by_the_definition_that_came_with_a_message() -> None:
+    class Talkative(FeedByHand):
+        def open(self, wanted: Mapping[str, str], listener: Listener) -> None:
+            super().open(wanted, listener)
+            self.do("deliver", Message(TAGS, "ward_msgs/msg/Tag", 0, b"\0\1\0\0\3\0\0\0E1\0"), "string epc")
+
+    sample = Sample(Talkative(topics={TAGS: "ward_msgs/msg/Tag"}))
+    sample.listen(0.01)
+    assert sample.types_of("ward_msgs/msg/Tag").paths("ward_msgs/msg/Tag") == ["epc"]
+    assert sample.first(TAGS).epc == "E1"

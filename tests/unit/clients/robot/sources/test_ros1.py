@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
+import threading
+import xmlrpc.client
+from collections.abc import Iterator
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import pytest
@@ -69,3 +74,56 @@ def test_a_feed_that_was_never_opened_can_be_closed_twice() -> None:
     feed = Ros1Feed(MASTER_DEFAULT_URI)
     feed.close()
     feed.close()
+
+
+@contextlib.contextmanager
+def answering(body: bytes) -> Iterator[str]:
+    """An HTTP server that gives the same answer to every call; yields its address."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/xml")
+            self.send_header("Content-Length", str(len(body)))
+            self.end_headers()
+            self.wfile.write(body)
+
+        def log_message(self, *_: object) -> None:
+            pass
+
+    server = HTTPServer(("127.0.0.1", 0), Handler)
+    serving = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+    serving.start()
+    try:
+        yield f"http://127.0.0.1:{server.server_port}"
+    finally:
+        server.shutdown()
+        serving.join()
+        server.server_close()
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"<html><br></html>",
+        b"",
+        b"\xff\xfe",
+        xmlrpc.client.dumps(([1, "", 7],), methodresponse=True).encode(),
+        xmlrpc.client.dumps((7,), methodresponse=True).encode(),
+        xmlrpc.client.dumps(([0, "no", ""],), methodresponse=True).encode(),
+    ],
+)
+def test_what_answers_and_is_no_master_is_told_as_one_that_cannot_be_reached(body: bytes) -> None:
+    with answering(body) as uri:
+        master = Master(uri)
+        for ask in (master.published, lambda: master.subscribed("/n"), lambda: master.subscribe("/n", "/t", uri)):
+            with pytest.raises(BlockRobotError) as refused:
+                ask()
+            assert refused.value.code == "FEED_UNREACHABLE"
+            assert uri in refused.value.detail
+
+
+def test_a_master_whose_list_of_topics_has_a_row_too_short_is_no_master() -> None:
+    rows = xmlrpc.client.dumps(([1, "", [["/topic"]]],), methodresponse=True).encode()
+    with answering(rows) as uri, pytest.raises(BlockRobotError, match="FEED_UNREACHABLE"):
+        Master(uri).published()
