@@ -44,8 +44,8 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("BLOCK_INVALID", 400, "The block breaks a rule of the protocol.", "Ask another node; this one is damaged or dishonest."),
     ErrorEntry("GENESIS_INVALID", 400, "The genesis file is damaged or its parts contradict each other.", "Get the genesis file again from your organisation."),
     # Pages for one person on this machine
-    ErrorEntry("PAGE_LINK_INVALID", 401, "The link that opened this page has been used, has expired, or is not one of this page's.", "Make a new link: run the command that opened the page again."),
-    ErrorEntry("PAGE_SESSION_REQUIRED", 401, "This page has no session, or its session has ended.", "Open the page by a new link: run the command that opened it again."),
+    ErrorEntry("PAGE_LINK_INVALID", 401, "The link that opened this page has been used, has expired, or is not one of this page's.", "A page that was reloaded, or opened twice, needs a new link: press Enter in the terminal where its command runs; if that has ended, run it again."),
+    ErrorEntry("PAGE_SESSION_REQUIRED", 401, "This page has no session, or its session has ended.", "Open the page by a new link: press Enter in the terminal where its command runs; if that has ended, run it again."),
     ErrorEntry("PAGE_ORIGIN_REFUSED", 403, "The request does not come from this page itself.", "Open the page by the link that the command made, not by another name or from another page."),
     # Transactions
     ErrorEntry("TRANSACTION_TOO_LARGE", 413, "The transaction is larger than the chain allows.", "Split it into smaller transactions."),
@@ -214,7 +214,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("PASSPHRASE_WEAK", 403, "The passphrase is too easy to guess: whoever copies the wallet's file can try as many as he likes.", "Choose a longer one, of 15 letters or more: four or five words that come to nobody else's mind are good."),
     ErrorEntry("PASSPHRASE_UNCONFIRMED", 400, "The passphrase was typed differently the second time.", "Begin again, and type the same twice."),
     ErrorEntry("WORDS_NOT_CHECKED", 409, "The words that were typed are not those that were shown.", "Run the command again when you can write them down."),
-    ErrorEntry("WALLET_BUSY", 409, "Another program has this wallet open.", "Close its page (`blockrobot wallet serve`), or wait until the other command has ended; then try again.", retryable=True),
+    ErrorEntry("WALLET_BUSY", 409, "Another program has this wallet open.", "If it is `blockrobot wallet serve`: press Enter in the terminal where it runs for a new link to its page, or Ctrl-C to end it. Otherwise wait until the other command has ended; then try again.", retryable=True),
     ErrorEntry("PASSPHRASE_LOCKED", 429, "The passphrase was wrong too often.", "Wait as long as the sentence says, then try again.", retryable=True),
     ErrorEntry("CLIP_NOT_OPEN", 409, "This recording is not open any more.", "Open it again."),
     ErrorEntry("JOB_NOT_STOPPABLE", 409, "This cannot be stopped: it may stand on the ledger already.", "Wait until it is done."),

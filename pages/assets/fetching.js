@@ -38,6 +38,24 @@ export function hasSession() {
   return session !== "";
 }
 
+let underWayCount = 0;
+
+function warn(event) {
+  event.preventDefault();
+}
+
+/** Have the browser ask before the page is reloaded or closed while `work` is under way: the session would end with it. */
+export async function keepOpen(work) {
+  underWayCount += 1;
+  window.addEventListener("beforeunload", warn);
+  try {
+    return await work();
+  } finally {
+    underWayCount -= 1;
+    if (underWayCount === 0) window.removeEventListener("beforeunload", warn);
+  }
+}
+
 async function ask(path, { method = "GET", body, headers = {}, signal } = {}) {
   let response;
   try {

@@ -5,6 +5,7 @@ Behind it are real contracts and proofs in this process; no network is started.
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import re
 from collections.abc import AsyncIterator
@@ -14,8 +15,9 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 from msgspec.structs import replace
-from playwright.async_api import Page, expect
+from playwright.async_api import Dialog, Page, expect
 
+from clients.wallet.consenting import Consenting, Word
 from clients.wallet.page import clip_routes
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
@@ -79,6 +81,54 @@ async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_co
     await page.evaluate("() => { location.hash = '#/inbox'; }")
     await expect(page.locator("h1")).to_have_text(await page.locator("h1").inner_text())
     await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+
+
+async def test_a_page_that_was_reloaded_says_how_to_come_back(shown: Shown, watch: Watch) -> None:
+    watch.expect("status of 401")
+    page = shown.page
+    await page.reload()
+    await expect(page.get_by_role("alert")).to_contain_text("press Enter in the terminal", timeout=SOON_MS)
+    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+
+
+async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
+    shown: Shown, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    page, may_go_on, was_asked, asked = shown.page, asyncio.Event(), asyncio.Event(), list[str]()
+    refuse = Consenting.refuse
+
+    async def slowly(self: Consenting, *what: list[str]) -> Word:
+        await may_go_on.wait()
+        return await refuse(self, *what)
+
+    async def stay(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        await dialog.dismiss()
+        was_asked.set()
+
+    monkeypatch.setattr(Consenting, "refuse", slowly)
+    page.on("dialog", stay)
+    await page.evaluate("() => { location.hash = '#/consent'; }")
+    await page.locator("[data-key=no-research-rgb]").click(timeout=SOON_MS)
+    await expect(page.get_by_text("Writing your word into the ledger").first).to_be_visible(timeout=SOON_MS)
+    await page.evaluate("() => { setTimeout(() => location.reload(), 0); }")
+    async with asyncio.timeout(SOON_MS / 1000):
+        await was_asked.wait()
+    may_go_on.set()
+    await expect(page.locator("#main")).to_contain_text("You said no.", timeout=SOON_MS)
+    await page.goto("about:blank")
+    assert asked == ["beforeunload"], "once nothing is under way nobody is asked"
+
+
+@pytest.mark.parametrize(
+    "place", ["day/2026-99-99", "day/<img src=x onerror=alert(1)>", "day/%", "record/x", "visit/-", "day", "toString"]
+)
+async def test_an_address_that_names_nothing_is_answered_in_plain_words(shown: Shown, place: str) -> None:
+    page = shown.page
+    await page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
+    await expect(page.locator("h1")).to_have_text("There is no such page", timeout=SOON_MS)
+    await page.get_by_role("link", name="To your recordings").click()
+    await expect(page.locator(".lead")).to_contain_text("2 recordings", timeout=SOON_MS)
 
 
 async def test_recordings_that_come_in_keep_no_page_open_at_which_nobody_is(shown: Shown) -> None:

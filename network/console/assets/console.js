@@ -1,7 +1,7 @@
 // The live console: opens the session, follows the network, hands what is asked to the server.
 
 import { announce, h, replace } from "./shared/dom.js";
-import { fetchBytes, fetchJson, openSession } from "./shared/fetching.js";
+import { fetchBytes, fetchJson, keepOpen, openSession } from "./shared/fetching.js";
 import { formatBytes, formatTime, plural } from "./shared/format.js";
 import { createEvents } from "./events.js";
 import { createFaults, showProblem } from "./faults.js";
@@ -18,15 +18,15 @@ function bar(name, ...buttons) {
 
 function showEnd(problem) {
   replace(root, bar("Cluster console"), h("main", { class: "page", id: "main", tabindex: -1 }, h("h1", {}, "The console is not open here"),
-    h("div", { class: "notice bad" }, h("p", {}, problem.detail), h("p", { class: "quiet" }, `${problem.code}. ${problem.nextStep}`)),
-    h("p", {}, "A link opens the page once. In the terminal where the console runs, press Enter for another link; or start it with ", h("code", {}, "blockrobot console"), ".")));
+    h("div", { class: "notice bad" }, h("p", {}, problem.detail), h("p", { class: "quiet" }, `${problem.code}.`)),
+    h("p", {}, "A page that was reloaded needs a new link: in the terminal where the console runs, press Enter for another link; or start it with ", h("code", {}, "blockrobot console"), ".")));
 }
 
 async function exportRun(event, said) {
   const button = event.currentTarget;
   button.disabled = true;
   try {
-    const { bytes, headers } = await fetchBytes("./api/export", { method: "POST", body: {} });
+    const { bytes, headers } = await keepOpen(() => fetchBytes("./api/export", { method: "POST", body: {} }));
     const name = /filename="([\w.-]+)"/.exec(headers.get("Content-Disposition") ?? "")?.[1] ?? "blockrobot-run.html";
     const url = URL.createObjectURL(new Blob([bytes], { type: "text/html" }));
     h("a", { href: url, download: name }).click();

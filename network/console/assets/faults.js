@@ -1,7 +1,7 @@
 // Every fault of the command line as buttons and forms. The server reads, refuses and does them as the commands do.
 
 import { announce, ask, h, replace } from "./shared/dom.js";
-import { fetchJson } from "./shared/fetching.js";
+import { fetchJson, keepOpen } from "./shared/fetching.js";
 
 const GROUPS_MAX_COUNT = 4;
 
@@ -10,7 +10,7 @@ async function carryOut(said, fields, button) {
   if (button) { button.disabled = true; button.setAttribute("aria-busy", "true"); }
   replace(said, h("p", { class: "notice" }, "…"));
   try {
-    const answer = await fetchJson("./api/faults", { method: "POST", body: fields });
+    const answer = await keepOpen(() => fetchJson("./api/faults", { method: "POST", body: fields }));
     replace(said, h("p", { class: "notice good" }, `Done: ${answer.done}.`));
     announce(`Done: ${answer.done}.`);
     return true;

@@ -14,6 +14,7 @@ export function welcomePage({ reason = null, forMembers = false }) {
       ? "This node shows headers, producers and counts to anybody. What transactions say, who is a member, and what custodians reported, it shows to members of the network in their own sessions."
       : "This node serves an explorer of the network's chain. It shows what it knows to members of the network, each in a session of her own, and nothing to anybody else."),
     told,
+    h("p", {}, "A page that was reloaded has lost its session: run ", h("code", {}, "blockrobot explore"), " again."),
     card("How to get in",
       h("ol", {},
         h("li", {}, "Open a terminal on the machine that holds your key: your wallet, or the network's folder."),

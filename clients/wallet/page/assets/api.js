@@ -1,7 +1,7 @@
 // What the page asks of the wallet's program, and nothing else. Must never keep a passphrase, nor try one again by itself.
 
 import { ask, h } from "./shared/dom.js";
-import { fetchBytes, fetchJson, Problem } from "./shared/fetching.js";
+import { fetchBytes, fetchJson, keepOpen, Problem } from "./shared/fetching.js";
 import { language, t } from "./texts.js";
 
 const AGAIN_MS = 700;
@@ -50,7 +50,7 @@ export function get(path, query, signal) {
 
 /** Send JSON. Never sent twice by itself. */
 export function post(path, body = {}, signal) {
-  return guarded(() => fetchJson(address(path), { method: "POST", body, signal, headers: headers() }));
+  return keepOpen(() => guarded(() => fetchJson(address(path), { method: "POST", body, signal, headers: headers() })));
 }
 
 /** Have something forgotten; what is gone already is as good. */
@@ -64,7 +64,11 @@ export function getBytes(path, query, signal) {
 }
 
 /** Follow a job to its end: `onChange(job)` at each step. Returns its result; throws its Problem. */
-export async function follow(job, onChange = () => {}, signal) {
+export function follow(job, onChange = () => {}, signal) {
+  return keepOpen(() => followToEnd(job, onChange, signal));
+}
+
+async function followToEnd(job, onChange, signal) {
   let after;
   for (;;) {
     const state = await get(`jobs/${job}`, { after, wait_ms: after === undefined ? undefined : JOB_WAIT_MS }, signal);

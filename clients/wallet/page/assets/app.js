@@ -45,8 +45,32 @@ const context = {
 };
 
 function place() {
-  const [name = "", ...rest] = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
-  return { name: name in VIEWS ? name : "", rest };
+  const [name = "", ...rest] = location.hash.replace(/^#\/?/, "").split("/").map(decodePart);
+  return { name, rest };
+}
+
+function decodePart(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return text;
+  }
+}
+
+function isDay(text = "") {
+  const noon = new Date(`${text}T12:00:00Z`);
+  return /^\d{4}-\d\d-\d\d$/.test(text) && !Number.isNaN(noon.getTime()) && noon.toISOString().startsWith(text);
+}
+
+/** Tell whether an address can name something: a view, and the day or the recording that it is about. */
+function isPlace({ name, rest }) {
+  if (name === "day") return isDay(rest[0]);
+  if (name === "record" || name === "visit") return /^[0-9a-f]+$/.test(rest[0] ?? "");
+  return Object.hasOwn(VIEWS, name);
+}
+
+function showNoPlace() {
+  return { title: t("problem.noPlace"), node: h("div", { class: "card" }, h("p", {}, t("problem.noPlaceText")), h("p", {}, h("a", { href: "#/" }, t("problem.noPlaceNext")))) };
 }
 
 async function showPlace({ keepFocus = false } = {}) {
@@ -54,11 +78,12 @@ async function showPlace({ keepFocus = false } = {}) {
   leaving = new AbortController();
   const signal = leaving.signal;
   const { name, rest } = place();
+  const isThere = isPlace({ name, rest });
   drawBar(name);
   main.setAttribute("aria-busy", "true");
   let view;
   try {
-    const show = await VIEWS[name]();
+    const show = isThere ? await VIEWS[name]() : showNoPlace;
     if (signal.aborted) return;
     view = overview.state === "not_registered" ? await showRegistering() : await show(context, ...rest);
   } catch (error) {
@@ -197,7 +222,7 @@ function tellNew(ids) {
 async function start() {
   main.before(news);
   onClosed((problem) => {
-    if (!isClosed) close(t(problem.status === 401 ? "closed.session" : "closed.ended"), t("closed.next"));
+    if (!isClosed) close(t(problem.status === 401 ? "closed.session" : "closed.ended"), t(problem.status === 401 ? "closed.newLink" : "closed.next"));
   });
   document.getElementById("skip").addEventListener("click", (event) => {
     event.preventDefault();

@@ -104,6 +104,18 @@ def test_who_is_refused_hears_which_command_has_the_wallet_and_since_when(file: 
             assert re.match(told, busy.value.detail)
 
 
+def test_whoever_finds_a_page_open_hears_how_to_get_to_it(file: Path) -> None:
+    with (
+        click.Context(click.Command("serve"), info_name="blockrobot wallet serve"),
+        claim_wallet(file),
+        pytest.raises(BlockRobotError) as busy,
+        claim_wallet(file, wait_s=0, sleep=lambda _: None),
+    ):
+        pass
+    assert "`blockrobot wallet serve`" in busy.value.detail
+    assert "press Enter in the terminal where it runs for a new link" in busy.value.next_step
+
+
 @pytest.mark.parametrize(
     "note", [b"", b"{", b"\xff" * 2000, b'{"command": "x", "process": 1, "since_ms": 99999999999999999}']
 )
