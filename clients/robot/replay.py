@@ -19,10 +19,11 @@ from clients.robot.empty_scenes import approved_frames, approved_scene, check_em
 from clients.robot.event_log import MESSAGE_REFUSED, EventLog
 from clients.robot.events import Refused, SourceEvent
 from clients.robot.hiding.background import empty_bank, learn_background
-from clients.robot.hiding.hider import FOCAL_DEFAULT_PX, Hider
+from clients.robot.hiding.hider import Hider
 from clients.robot.identity import load_identity
 from clients.robot.inputs import Inputs
 from clients.robot.keeping import note_dropped
+from clients.robot.lens import Lens
 from clients.robot.network import COPIES_DEFAULT_COUNT, RobotNetwork
 from clients.robot.one_run import only_run
 from clients.robot.open_visits import OpenVisits
@@ -94,8 +95,11 @@ async def _events(
 
 
 def _note_refused(refused: Refused, count: int, log: EventLog, now_ms: int) -> None:
-    detail: dict[str, str | int] = {"reason": refused.reason, **({} if count == 1 else {"count": count})}
-    log.write(now_ms, MESSAGE_REFUSED, f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}", **detail)
+    case = f"{refused.kind}-refused-{log.counts[MESSAGE_REFUSED]}"
+    if count == 1:
+        log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason)
+    else:
+        log.write(now_ms, MESSAGE_REFUSED, case, reason=refused.reason, count=count)
 
 
 class _Run:
@@ -129,6 +133,7 @@ class _Run:
             now_ms=self._network.now_ms,
         )
         self.intake: dict[str, Any] = {}
+        self.camera: dict[str, Any] = {}
 
     async def work(self, source: Source) -> RunStatistics:
         """Work through a source and return the figures once all its records are final. Raises REGISTRY_STALE.
@@ -154,7 +159,8 @@ class _Run:
         empty = approved_frames(self._folder, viewpoint, now_ms) if viewpoint else source.empty_frames()
         check_empty(empty)
         bank = tuple(empty_bank(published_frames(empty)))
-        hider = Hider(learn_background(empty), focal_px=source.focal_px or FOCAL_DEFAULT_PX)
+        hider = Hider(learn_background(empty))
+        lens = Lens(source, hider.use_focal_px, live=isinstance(source, LiveSource))
         statistics = RunStatistics(window_ms=hider.pairing.window_ms)
         open_visits = OpenVisits(self._folder / "open-visits", self._identity.spool)
         await self._network.publish_empty_frames(bank)
@@ -191,7 +197,7 @@ class _Run:
                 lambda refused, count: _note_refused(refused, count, log, self._network.now_ms()),
                 live=isinstance(source, LiveSource),
             )
-            events = inputs.usable(_events(source, self._over, self._options, tenure))
+            events = inputs.usable(lens.learnt(_events(source, self._over, self._options, tenure)))
             beside = [
                 asyncio.create_task(self._tell_regularly(statistics)),
                 asyncio.create_task(tenure.watch(self._over.set)),
@@ -206,6 +212,7 @@ class _Run:
                 inputs.close()
             live = source.intake_json() if isinstance(source, LiveSource) else {}
             self.intake = {**pipeline.intake_json(), **inputs.summary(), **live}
+            self.camera = lens.as_json()
             self._tell(statistics, last=True)
         return statistics
 
@@ -260,7 +267,8 @@ async def replay_recording(
     """Replay a source through the robot in `folder` and return its summary once all its records are final.
 
     When `stop` is set the source ends there, and what came before is worked through as at any other end.
-    `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any.
+    `intake` in the summary counts messages that could not be used, and names the `fault` that ended the source, if any;
+    `camera` tells the focal length and where it is from.
     Raises ROBOT_RUNNING, EMPTY_SCENE_MISSING, BACKGROUND_*, BAG_*, ROSTER_*, SPOOL_*, REGISTRY_STALE, and what the
     network refuses for good.
     """
@@ -277,6 +285,7 @@ async def replay_recording(
         "senses": statistics.senses_json(),
         "latency_ms": statistics.latency_json(),
         "intake": run.intake,
+        "camera": run.camera,
         "records": statistics.records_final,
         "stored_bytes": statistics.stored_bytes,
         "spool_peak_bytes": run.spool_peak_bytes,

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.lens import ASSUMED
 from consensus.errors import BlockRobotError
 
 
@@ -30,6 +32,7 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
         told = ", ".join(f"{count} for {reason}" for reason, count in reasons.items())
         yield f"Not usable: {sum(reasons.values())} of kind {kind} ({told})."
     yield from _live_lines(intake)
+    yield from _focal_lines(summary.get("camera", {}))
 
 
 def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
@@ -42,6 +45,21 @@ def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
         yield f"Not read: {count} messages of kind {kind} had just come when the run ended."
     for topic, count in intake.get("gone", {}).items():
         yield f"Gone {count} {'time' if count == 1 else 'times'} for a while: {topic}."
+
+
+def _focal_lines(camera: dict[str, Any]) -> Iterator[str]:
+    """Yield by what guess people were measured, if by one."""
+    count = camera.get("frames_before", 0)
+    if count and camera["focal_from"] == ASSUMED:
+        yield (
+            f"No focal length is known: {camera['focal_px']:g} pixels were assumed, and people's sizes are wrong by as "
+            "much as that is. Publish CameraInfo beside the depth topic, or write focal_px into the topics file."
+        )
+    elif count:
+        yield (
+            f"The focal length ({camera['focal_px']:g} pixels) came late: before that {count} frames were measured by "
+            f"{FOCAL_DEFAULT_PX:g}."
+        )
 
 
 def _unknown_lines(unknown: dict[str, Any]) -> Iterator[str]:

@@ -115,6 +115,11 @@ class LoopedSource:
         """The depth camera's focal length in pixels, None if the recording does not tell."""
         return self._recording.focal_px
 
+    @property
+    def focal_from(self) -> str:
+        """Where the focal length is from."""
+        return self._recording.focal_from
+
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first event happens at `start_ms`."""
         self._recording.shift_to(start_ms)

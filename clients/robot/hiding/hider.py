@@ -114,6 +114,10 @@ class Hider:
         self._newest_ms: int | None = None
         self._forgot_ms = 0
 
+    def use_focal_px(self, focal_px: float) -> None:
+        """Measure frames from now on by this focal length, in pixels."""
+        self._focal_px = focal_px
+
     @property
     def held_count(self) -> int:
         """How many frames' cuts are held in memory: those not yet decided or with an owner still in doubt."""

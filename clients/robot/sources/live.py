@@ -105,6 +105,11 @@ class LiveSource:
         return self._focal_px
 
     @property
+    def focal_from(self) -> str:
+        """Where the focal length is from."""
+        return "camera-info" if self._topics.focal_px is None else "topics"
+
+    @property
     def camera_topic(self) -> str:
         """The topic of depth images."""
         return self._topics.depth

@@ -76,6 +76,11 @@ class BagSource:
         beside = info_topic(self._topics)
         return read_focal_px(self._recording.first(beside)) if beside in self._recording.topics else None
 
+    @property
+    def focal_from(self) -> str:
+        """Where the focal length is from."""
+        return "camera-info" if self._topics.focal_px is None else "topics"
+
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first usable event happens at `start_ms`."""
         self.shift_ms += start_ms - self.start_ms

@@ -73,6 +73,10 @@ class Source(Protocol):
     def focal_px(self) -> float | None:
         """The depth camera's focal length in pixels, None if the source does not know it."""
 
+    @property
+    def focal_from(self) -> str:
+        """Where `focal_px` is from: `topics` (the user's word), `camera-info` or `scenario`."""
+
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first event happens at `start_ms`; a live source takes no notice."""
 

@@ -57,6 +57,11 @@ class SyntheticSource:
         """The focal length of the scenario's camera."""
         return self._scenario.focal_px
 
+    @property
+    def focal_from(self) -> str:
+        """Where the focal length is from."""
+        return "scenario"
+
     def shift_to(self, start_ms: int) -> None:
         """Move the timeline so that the first event happens at `start_ms`."""
         self.shift_ms += start_ms - self.start_ms

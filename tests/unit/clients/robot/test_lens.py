@@ -1,0 +1,129 @@
+"""The focal length of a live camera comes when the camera comes: it is waited for, used from then on, and told."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from clients.robot.events import Frame, Sighting, SourceEvent
+from clients.robot.hiding import hider
+from clients.robot.hiding.hider import FOCAL_DEFAULT_PX
+from clients.robot.lens import FOCAL_WAIT_MAX_S, Lens
+from clients.robot.run_words import summary_lines
+from clients.robot.sources.rosbag import BagSource
+from clients.robot.sources.source import Source
+from clients.robot.sources.topics import Topics
+from tests.unit.clients.robot.test_days_end import a_day
+from tests.unit.clients.robot.test_replay_command import FRAMES
+from tests.virtual_time import run_virtual, virtual_now_ms
+
+FOCAL_PX = 131.0
+
+
+def frame(number: int) -> Frame:
+    return Frame(number, number, np.ones((4, 6), np.uint16))
+
+
+class Camera(BagSource):
+    """A recording whose focal length is known only so long after the test began."""
+
+    known_after_ms = 0
+    began_ms = 0
+
+    @property
+    def focal_px(self) -> float | None:
+        return FOCAL_PX if virtual_now_ms() - self.began_ms >= self.known_after_ms else None
+
+
+async def story(
+    bag: Path, known_after_s: float, frames: int, *, live: bool = True
+) -> tuple[list[float], list[int], Lens]:
+    """Return what was used, when each event went on (ms), and the lens; a reading comes first, frames every second."""
+    used: list[float] = []
+    camera = Camera(bag)
+    camera.began_ms, camera.known_after_ms = virtual_now_ms(), round(known_after_s * 1000)
+    lens = Lens(camera, used.append, live=live)
+
+    async def events() -> AsyncIterator[SourceEvent]:
+        yield Sighting(1, 2, "E1")
+        for number in range(frames):
+            yield frame(number)
+            await asyncio.sleep(1)
+
+    went = [virtual_now_ms() - camera.began_ms async for _ in lens.learnt(events())]
+    return used, went, lens
+
+
+def test_what_is_known_at_the_start_is_used_and_nothing_waits(small_bag: Path) -> None:
+    used, went, lens = run_virtual(story(small_bag, 0, 3))
+    assert (used, went) == ([FOCAL_PX], [0, 0, 1_000, 2_000])
+    assert lens.as_json() == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 0}
+
+
+def test_the_first_frame_waits_for_the_focal_length_and_readings_do_not(small_bag: Path) -> None:
+    used, went, lens = run_virtual(story(small_bag, 1.5, 2))
+    assert (used, went[0]) == ([FOCAL_PX], 0)
+    assert 1_500 <= went[1] < 1_600
+    assert lens.as_json()["frames_before"] == 0
+
+
+def test_a_focal_length_that_comes_later_still_counts_from_then_on(small_bag: Path) -> None:
+    used, went, lens = run_virtual(story(small_bag, 4.5, 5))
+    assert used == [FOCAL_PX]
+    assert went[1] == pytest.approx(FOCAL_WAIT_MAX_S * 1000, abs=60)
+    assert lens.as_json() == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 3}
+
+
+def test_one_that_never_comes_is_told_as_assumed(small_bag: Path) -> None:
+    used, _, lens = run_virtual(story(small_bag, 3_600, 4))
+    assert used == []
+    assert lens.as_json() == {"focal_px": FOCAL_DEFAULT_PX, "focal_from": "assumed", "frames_before": 4}
+
+
+def test_a_recording_tells_it_at_once_or_never(small_bag: Path) -> None:
+    _, went, _ = run_virtual(story(small_bag, 3_600, 2, live=False))
+    assert went == [0, 0, 1_000]
+
+
+@pytest.mark.parametrize(("told", "origin"), [(None, "camera-info"), (500.0, "topics")])
+def test_a_source_says_where_its_focal_length_is_from(small_bag: Path, told: float | None, origin: str) -> None:
+    source: Source = BagSource(small_bag, topics=Topics(focal_px=told))
+    assert source.focal_from == origin
+
+
+@pytest.mark.usefixtures("inline_threads")
+def test_a_run_tells_its_focal_length_and_where_it_is_from(
+    tmp_path: Path, small_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BagSource, "focal_px", FOCAL_PX)
+    measured_by: list[float] = []
+    segment = hider.segment
+    monkeypatch.setattr(hider, "segment", lambda *given: [measured_by.append(given[2]), segment(*given)][1])
+
+    async def told(day: Any) -> None:
+        await day.ends_with("", frames=6)
+        assert set(measured_by) == {FOCAL_PX}
+        assert day.start.run.camera == {"focal_px": FOCAL_PX, "focal_from": "camera-info", "frames_before": 0}
+
+    a_day(tmp_path, small_bag, monkeypatch, told)
+
+
+@pytest.mark.parametrize(
+    ("camera", "told"),
+    [
+        ({"focal_px": 525.0, "focal_from": "assumed", "frames_before": 9}, "525 pixels were assumed"),
+        ({"focal_px": 131.0, "focal_from": "camera-info", "frames_before": 9}, "before that 9 frames"),
+        ({"focal_px": 131.0, "focal_from": "camera-info", "frames_before": 0}, ""),
+    ],
+)
+def test_a_guess_is_said_at_the_end(camera: dict[str, Any], told: str) -> None:
+    intake = {"messages_refused": {}, "unknown_tags": {"readings": 0}}
+    consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
+    summary = {"frames": FRAMES, "records": 1, "senses": {}, "intake": intake, "consents": consents, "camera": camera}
+    said = [line for line in summary_lines(summary) if "focal" in line]
+    assert (told in said[0]) if told else said == []
