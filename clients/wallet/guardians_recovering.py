@@ -70,12 +70,13 @@ def type_share() -> Share:
     """Ask for a share at the terminal until it is whole; single words can be put right. Raises Abort at a Ctrl-C."""
     words = _type_words()
     while True:
+        share = None
         try:
             share = read_share(" ".join(words))
             require_of_wallet(share)
             return share
         except BlockRobotError as error:
-            if error.code == "SHARE_WORD_UNKNOWN" or len(words) != SHARE_WORDS_COUNT:
+            if share is not None or len(words) != SHARE_WORDS_COUNT:
                 click.echo(say_error(error), err=True)
                 words = _type_words()
                 continue

@@ -96,9 +96,16 @@ def read_share(written: str) -> Share:
 
 
 def require_of_wallet(share: Share) -> None:
-    """Raise SHARE_INVALID for a share of something that is no wallet of ours: another length, or far too much work."""
+    """Raise SHARE_INVALID for a share of something that is no wallet of ours: another length, or far too much work.
+
+    Also for one that is enough by itself: nobody was ever handed one, and its words would be the guardian's own.
+    """
     if len(share.value) != _ENTROPY_BYTES or share.iteration_exponent > ITERATION_EXPONENT_MAX_COUNT:
         raise BlockRobotError("SHARE_INVALID", "These words are whole, but a share of something else than a wallet.")
+    if share.group_threshold < THRESHOLD_MIN_COUNT and share.member_threshold < THRESHOLD_MIN_COUNT:
+        raise BlockRobotError(
+            "SHARE_INVALID", "These words lead to a wallet alone, which no guardian's do: it would not be yours."
+        )
 
 
 class Gathering:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -244,6 +245,23 @@ def test_too_few_a_repeated_one_and_spoilt_words_make_no_wallet(home: Home) -> N
         assert not (home.folder / "again.wallet").exists()
     assert "unknown.txt: Word 12 is not on the list." in home.recover(str(unknown), code=1)["detail"]
     assert "32 words, not 33" in home.recover(str(short), code=1)["detail"]
+
+
+def test_a_guardian_whose_words_would_do_alone_puts_no_wallet_of_his_in_the_place_of_hers(home: Home) -> None:
+    """`split` makes no set of one; another program does, and under any number."""
+    first, second, _ = home.split()["sheets"]
+    own = bytes(range(32))
+    ((alone,),) = shamir.generate_mnemonics(1, [(1, 1)], own)
+    under_her_number = replace(read_share(alone), identifier=read_share(read_written(Path(first))).identifier)
+    for number, words in enumerate((alone, under_her_number.mnemonic())):
+        forged = home.folder / f"forged-{number}.txt"
+        forged.write_text(words)
+        for files in ((str(forged),), (str(forged), second), (second, str(forged))):
+            refused = home.recover(*files, code=1)
+            assert refused["code"] == "SHARE_INVALID"
+            assert "alone" in refused["detail"]
+            assert not (home.folder / "again.wallet").exists()
+        assert home.json("check", str(forged), code=1)["error"]["code"] == "SHARE_INVALID"
 
 
 def test_where_a_wallet_is_already_nobody_is_asked_for_anything(home: Home) -> None:
