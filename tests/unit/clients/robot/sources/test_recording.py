@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rosbags.rosbag1 import Writer as Ros1Writer
 
 from clients.robot.sources.recording import Recording
 from consensus.errors import BlockRobotError
@@ -173,3 +174,16 @@ def test_a_message_of_another_type_is_undecodable(recording: Path) -> None:
     with pytest.raises(BlockRobotError) as refused:
         opened.types.decode(type(message)(message.topic, IMAGE, message.at_ns, message.data))
     assert (refused.value.code, refused.value.context["reason"]) == ("FRAME_INVALID", "undecodable")
+
+
+@pytest.mark.timeout(20)
+def test_a_recording_whose_definition_asks_for_endless_work_is_not_worked_through(tmp_path: Path) -> None:
+    """Ten bytes that tell of four thousand million values of nothing."""
+    path, name = tmp_path / "evil.bag", "a_msgs/msg/Tag"
+    text = f"a_msgs/Nothing[] x\nstring epc\n{'=' * 80}\nMSG: a_msgs/Nothing\n"
+    with Ros1Writer(path) as writer:
+        tags = writer.add_connection("/tags", name, msgdef=text, md5sum="0" * 32)
+        writer.write(tags, START_MS * 1_000_000, b"\xff\xff\xff\xff\2\0\0\0AB")
+    recording = Recording(path)
+    assert not recording.types.knows(name)
+    assert recording.first("/tags") is None
