@@ -18,11 +18,14 @@ from clients.robot import cli
 from clients.robot.consents import ConsentFigures
 from clients.robot.events import Label, SourceEvent
 from clients.robot.replay import ReplayOptions, _events
+from clients.robot.rosters import RosterBook
 from clients.robot.scenario import Scenario
 from clients.robot.sources.source import Clock, StoppableClock, SystemClock, play_events
 from clients.robot.sources.synthetic import SyntheticSource
 from clients.robot.synthetic_recording import load_or_draw_tags
+from clients.robot.tenure import Tenure
 from clients.robot.unknown_tags import UnknownTags
+from tests.unit.clients.robot.test_pipeline import roster
 from tests.virtual_time import run_virtual
 
 FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
@@ -49,7 +52,8 @@ async def listen(stop: asyncio.Event, options: ReplayOptions, stop_after: int = 
     """Return how many events came until the end."""
     count = 0
     source: Any = Estimates()
-    async for _ in _events(source, stop, options):
+    tenure = Tenure(RosterBook(roster()), SystemClock().now_ms)
+    async for _ in _events(source, stop, options, tenure):
         count += 1
         if count == stop_after:
             stop.set()
