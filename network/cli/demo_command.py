@@ -6,6 +6,7 @@ import asyncio
 import shutil
 import signal
 import sys
+import time
 from pathlib import Path
 
 import click
@@ -16,6 +17,7 @@ from clients.sdk.terminal import EXIT_FAILED, console, home_folder, json_option,
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.demo.checks import Check, CheckList
+from network.demo.pacing import Pace
 from network.demo.report import build_summary, write_report
 from network.demo.story import Demo, DemoOptions
 
@@ -61,10 +63,12 @@ def demo(out: Path, store: str, base_port: int, keep: bool, as_json: bool) -> No
             mark = "[green]✓[/green]" if check.ok else "[red]✗[/red]"
             console.print(f"{mark} {escape(check.name)}: {escape(check.detail)}")
 
+    pace = Pace()
+
     def tell(line: str) -> None:
         if not as_json:
             status.update(escape(line))
-            if not console.is_terminal:
+            if not console.is_terminal and pace.lets_pass(line, time.monotonic()):
                 console.print(f"  {escape(line)}")
 
     checks = CheckList(listener=show)

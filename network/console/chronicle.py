@@ -109,13 +109,20 @@ class _LostRounds:
         return [make_event(at_ms, "timeout", text, "warn", [leader])]
 
 
+def _said(state: str) -> str:
+    """Return a node's state as the end of a sentence that begins with its name."""
+    if state == "no answer":
+        return "does not answer"
+    return f"has a {state}" if state.startswith("fault") else f"is {state}"
+
+
 def _of_node(before: Mapping[str, Any], node: Mapping[str, Any], at_ms: int) -> list[Event]:
     name, state = node["name"], node["state"]
     events = []
     if before.get("state") != state:
         tone = "good" if state in _WELL else "warn" if state in _WAITING else "bad"
         place = f", final height {node['final']}" if "final" in node else ""
-        events.append(make_event(at_ms, "node", f"{name} is {state}{place}.", tone, [name]))
+        events.append(make_event(at_ms, "node", f"{name} {_said(state)}{place}.", tone, [name]))
     gone = [fault for fault in before.get("faults", ()) if fault not in node.get("faults", ())]
     come = [fault for fault in node.get("faults", ()) if fault not in before.get("faults", ())]
     if come:

@@ -290,7 +290,7 @@ class Demo:
         self.checks.add(
             "two pictures are erased, the rest stay",
             ok=_confirmed(first) and statuses[:2] == ["erased", "erased"] and "erased" not in statuses[2:],
-            detail=f"both custodians destroyed keys and bytes; {statuses.count('ok')} of {len(statuses)} still open",
+            detail=f"both custodians destroyed keys and bytes; {what_is_left(statuses)}",
         )
         everything = await self.stage.wallet("patient-a", "erase", "--all", "--yes", "--wait")
         listed = await self.stage.wallet("patient-a", "records")
@@ -396,6 +396,13 @@ class Demo:
         """Stop the network, unless it is to be kept."""
         if not self.options.keep:
             await self.stage.stop()
+
+
+def what_is_left(statuses: list[str]) -> str:
+    """Return how many pictures open, and why the others that are not erased do not."""
+    left = f"{statuses.count('ok')} of {len(statuses)} still open"
+    spoilt = statuses.count("corrupted")
+    return f"{left}, {spoilt} is the one whose byte was changed before" if spoilt == 1 else left
 
 
 def _confirmed(answer: dict[str, Any]) -> bool:

@@ -11,9 +11,8 @@ import time
 import click
 
 from network.demo.checks import Check
+from network.demo.pacing import Pace
 from network.experiments.definitions import Experiment
-
-LINE_EVERY_S = 5.0
 
 
 class Progress:
@@ -21,15 +20,12 @@ class Progress:
 
     def __init__(self, *, as_json: bool) -> None:
         self._as_json = as_json
-        self._told_at = 0.0
-        self._stage = ""
+        self._pace = Pace()
 
     def tell(self, line: str) -> None:
         """Say what is being done; `experiment-1: run: 30 frames seen` is of the stage `experiment-1: run`."""
-        stage, now = line.rpartition(": ")[0], time.monotonic()
-        if stage == self._stage and now - self._told_at < LINE_EVERY_S:
+        if not self._pace.lets_pass(line, time.monotonic()):
             return
-        self._stage, self._told_at = stage, now
         click.echo(json.dumps({"progress": line}) if self._as_json else f"  {line}", err=True)
 
     def show(self, experiment: Experiment, check: Check) -> None:

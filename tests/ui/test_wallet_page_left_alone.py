@@ -200,6 +200,8 @@ async def test_a_note_of_what_was_not_kept_is_no_recording_and_things_are_called
     await expect(page.locator("section.card h2", has_text="2 notes of pictures not kept")).to_be_visible()
     await page.locator("input[data-visit]").check()
     await page.get_by_role("button", name="Erase…").click()
+    await expect(page.get_by_role("heading", name="What remains")).to_be_visible(timeout=SOON_MS)
+    assert "with whom you shared" not in await page.locator("#main").inner_text(), "nothing is shared"
     await expect(page.locator("#main")).to_contain_text("The notes of what was not kept. No picture hangs on them.")
 
 

@@ -13,7 +13,7 @@ from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill
 from network.demo.processes import parse_answer
 from network.demo.report import PICTURES_A_PERSON_COUNT, build_summary, write_report
-from network.demo.story import DemoState
+from network.demo.story import DemoState, what_is_left
 from network.demo.words import REASONS, name_person, say_events, say_refusal
 
 
@@ -152,3 +152,9 @@ def test_every_reason_and_kind_of_event_has_its_words() -> None:
     assert (say_refusal(None), say_refusal("NEW_CODE")) == ("with the record", "“refused” (NEW_CODE)")
     assert say_events(["recorded", "recorded", "unheard_of"]) == "recorded, unheard_of"
     assert [name_person(alias) for alias in ("patient-a", "visitor-1")] == ["patient A", "visitor-1"]
+
+
+def test_pictures_that_do_not_open_are_accounted_for() -> None:
+    assert what_is_left(["erased", "erased", *["ok"] * 13]) == "13 of 15 still open"
+    left = what_is_left(["erased", "erased", "corrupted", *["ok"] * 12])
+    assert left == "12 of 15 still open, 1 is the one whose byte was changed before"

@@ -53,7 +53,7 @@ export async function showEraseForm(context) {
   const things = thingsOf(plan.kinds);
 
   const form = h("div", {},
-    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([total > 0 ? t("erase.gone1", { count: total, things }) : t("erase.goneNotes"), t("erase.gone2")])),
+    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([total > 0 ? t("erase.gone1", { count: total, things }) : t("erase.goneNotes"), ...(plan.recipients.length > 0 ? [t("erase.gone2")] : [])])),
     h("section", { class: "card" }, h("h2", {}, t("erase.remains")), sentences([t("erase.remains1"), t("erase.remains2"), t("erase.remains3")])),
     plan.recipients.length > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.recipients")), sentences(plan.recipients.map((one) => t("erase.recipient", { who: one.who })))),
     plan.visits > 1 && h("div", { class: "notice warn" }, h("p", {}, t("erase.joined", { count: plan.visits }))),

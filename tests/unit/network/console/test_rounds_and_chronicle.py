@@ -108,6 +108,14 @@ def test_a_node_that_stops_and_comes_back_is_told_once_each() -> None:
     assert (back[0]["tone"], back[0]["nodes"]) == ("good", ["node-2"])
 
 
+def test_a_node_that_does_not_answer_or_has_a_fault_is_told_in_a_sentence() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    assert _texts(watcher.look(node_2={"status": None})) == ["node: node-2 does not answer."]
+    faulty = watcher.look(node_2={"status": {"fault": "DISK_FULL"}})
+    assert _texts(faulty)[0].startswith("node: node-2 has a fault: DISK_FULL")
+
+
 def test_faults_are_told_when_they_come_and_when_they_go_whoever_switched_them() -> None:
     watcher = _Watcher()
     watcher.look()
