@@ -124,10 +124,6 @@ class NetworkClient:
         """Close every connection."""
         await self._connections.close()
 
-    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
-        """Say of which grant (its id) this is the one-time key, before anything is asked by it."""
-        self._sessions.name_grant(public_key, grant_id)
-
     async def forget_key(self, public_key: bytes) -> None:
         """Drop the sessions of a key and close its connections."""
         self._sessions.forget_key(public_key)
@@ -210,7 +206,7 @@ class NetworkClient:
             except BlockRobotError as error:
                 if error.code not in {"SESSION_EXPIRED", "SESSION_REFUSED"} or attempt == 2:
                     raise
-                self._sessions.forget(node, key.public_key, token)
+                self._sessions.forget(node, key, token)
         raise AssertionError("a loop of two attempts ends by answer or error")
 
     async def ask_any(self, work: Callable[[NodeAddress], Awaitable[T]]) -> T:

@@ -1,4 +1,4 @@
-"""The client's sessions, one for each node and key. Must never use one key's session for another key's question."""
+"""The client's sessions, one for each node, key and grant. Must never use one's session for another's question."""
 
 from __future__ import annotations
 
@@ -25,6 +25,23 @@ class _Token:
     expires_at_ms: int
 
 
+class GrantKey(PrivateKey):
+    """The one-time key of a grant, used as that grant's and as nothing else: its sessions name the grant (32 bytes).
+
+    The same key may be that of several grants, since their owner chooses it. So the grant goes with each question.
+    """
+
+    __slots__ = ("grant_id",)
+
+    def __init__(self, key: PrivateKey, grant_id: bytes) -> None:
+        super().__init__(key.secret)
+        self.grant_id = grant_id
+
+
+def _place(node: NodeAddress, key: PrivateKey) -> tuple[str, bytes, bytes]:
+    return (node.name, key.public_key, key.grant_id if isinstance(key, GrantKey) else b"")
+
+
 class Sessions:
     """Opens sessions on demand and renews them."""
 
@@ -32,15 +49,14 @@ class Sessions:
         self._chain_id = chain_id
         self._connections = connections
         self._clock = clock
-        self._tokens: OrderedDict[tuple[str, bytes], _Token] = OrderedDict()
-        self._grants: dict[bytes, bytes] = {}
+        self._tokens: OrderedDict[tuple[str, bytes, bytes], _Token] = OrderedDict()
 
     async def token(self, node: NodeAddress, key: PrivateKey, timeout_ms: int = REQUEST_TIMEOUT_MS) -> str:
         """Return a token for this key at this node, opening a session if there is none that lasts.
 
         Raises SESSION_REFUSED, NODE_UNREACHABLE and the like.
         """
-        place = (node.name, key.public_key)
+        place = _place(node, key)
         known = self._tokens.get(place)
         if known is not None and known.expires_at_ms > self._clock.now_ms() + RENEW_BEFORE_MS:
             return known.text
@@ -50,19 +66,15 @@ class Sessions:
             self._tokens.popitem(last=False)
         return opened.text
 
-    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
-        """Remember that this is the one-time key of a grant: its sessions are opened as that grant's."""
-        self._grants[public_key] = grant_id
-
-    def forget(self, node: NodeAddress, public_key: bytes, token: str) -> None:
+    def forget(self, node: NodeAddress, key: PrivateKey, token: str) -> None:
         """Drop a token that the node no longer takes, unless it was renewed meanwhile."""
-        known = self._tokens.get((node.name, public_key))
+        place = _place(node, key)
+        known = self._tokens.get(place)
         if known is not None and known.text == token:
-            del self._tokens[(node.name, public_key)]
+            del self._tokens[place]
 
     def forget_key(self, public_key: bytes) -> None:
-        """Drop every token of a key, and of which grant it is."""
-        self._grants.pop(public_key, None)
+        """Drop every token of a key, whatever grant it is for."""
         for place in [place for place in self._tokens if place[1] == public_key]:
             del self._tokens[place]
 
@@ -77,8 +89,8 @@ class Sessions:
             "challenge": challenge.hex(),
             "signature": sign_session(key, self._chain_id, node.name, challenge).hex(),
         }
-        if key.public_key in self._grants:
-            document["grant"] = self._grants[key.public_key].hex()
+        if isinstance(key, GrantKey):
+            document["grant"] = key.grant_id.hex()
         answer = read_answer(await self._post(node, key, "/v1/sessions", document, timeout_ms), SessionAnswer)
         return _Token(text=answer.token, kind=answer.kind, expires_at_ms=answer.expires_at_ms)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.connections import NodeAddress
+from clients.sdk.sessions import GrantKey
 from clients.wallet import naming
 from clients.wallet.keys import WalletKeys
 from clients.wallet.naming import find_named
@@ -137,14 +138,13 @@ def is_for(grant: Grant, keys: WalletKeys, chain_id: bytes) -> bool:
     return found == grant.grantee
 
 
-def grantee_key(received: ReceivedGrant, wallet: Wallet) -> PrivateKey:
-    """Derive the private key of a grant, for use on its network. It is never stored and never leaves this process."""
+def grantee_key(received: ReceivedGrant, wallet: Wallet) -> GrantKey:
+    """Derive the private key of a grant, to be used as its. It is never stored and never leaves this process."""
     keys = wallet.eras[received.era]
     key = derive_grantee_key(
         keys.spend, keys.view, received.ephemeral, chain_id=wallet.genesis.chain_id, owner=received.owner
     )
-    wallet.network.name_grant(key.public_key, received.grant_id)
-    return key
+    return GrantKey(key, received.grant_id)
 
 
 def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:

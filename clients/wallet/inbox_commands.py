@@ -17,7 +17,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import code_text, text
+from clients.wallet.language import code_text, describe_error, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
@@ -27,6 +27,7 @@ from clients.wallet.received import (
     Receipt,
     Receiving,
     SharedView,
+    Unread,
 )
 from clients.wallet.rotating_commands import unreadable_words
 from clients.wallet.sharing_commands import confirm
@@ -45,7 +46,7 @@ class Inbox:
     """What one's inbox holds: what was shared, and one's own visits with something wrong.
 
     `looks` are those of others at one's own records, `changed` the records that one found not to be as the robot took
-    them; both oldest first.
+    them; both oldest first. `unread` are grants that could not be read, each with why.
     """
 
     receipts: tuple[Receipt, ...]
@@ -54,6 +55,7 @@ class Inbox:
     faded: tuple[ReceivedGrant, ...] = ()
     looks: tuple[AuditEntry, ...] = ()
     changed: tuple[AuditEntry, ...] = ()
+    unread: tuple[Unread, ...] = ()
 
 
 async def read_inbox(opened: Wallet) -> Inbox:
@@ -79,6 +81,7 @@ async def read_inbox(opened: Wallet) -> Inbox:
         tuple(receiving.faded),
         tuple(entry for entry in events if entry.kind == "access_requested" and "grant" in entry.data),
         tuple(entry for entry in events if entry.kind == "verdict" and entry.data["verdict"] == "corrupted"),
+        tuple(receiving.unread),
     )
 
 
@@ -140,6 +143,17 @@ def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
     return lines
 
 
+def unread_json(unread: Unread) -> dict[str, Any]:
+    """Return a grant that could not be read by its name, and why not, for a program."""
+    return {"grant_id": unread.received.grant_id.hex(), "code": unread.error.code, "detail": unread.error.detail}
+
+
+def unread_line(unread: Unread, language: str | None = None) -> str:
+    """Say that one grant could not be read, and why, in plain words (None: in the language of the command that runs)."""
+    why, _ = describe_error(unread.error, language)
+    return text("received.unread", language=language, grant=unread.received.grant_id.hex()[:12], why=why)
+
+
 def _print_alarms(alarms: Sequence[VisitReport]) -> None:
     for report in alarms:
         name = report.visit.owner.hex()[:12]
@@ -172,6 +186,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
             {
                 "ok": True,
                 "received": [receipt_json(each) for each in found.receipts],
+                "unread": [unread_json(each) for each in found.unread],
                 "alarms": alarms,
                 "reads_new": found.reads_new,
                 "looks": [_look_json(entry) for entry in found.looks],
@@ -181,11 +196,13 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
         return
     if not found.reads_new:
         console.print(text("inbox.no_member"))
-    elif not found.receipts and not found.alarms and not found.changed:
+    elif not found.receipts and not found.alarms and not found.changed and not found.unread:
         console.print(text("inbox.nothing"))
     for receipt in found.receipts:
         for line in receipt_lines(receipt):
             console.print(line)
+    for each in found.unread:
+        console.print(unread_line(each), markup=False)
     if found.faded:
         console.print(text("inbox.faded", count=len(found.faded)))
     for path in [Path(copy.folder) / copy.record_id.hex() for each in found.faded for copy in each.copies]:
@@ -222,7 +239,10 @@ def _print_looks(looks: Sequence[AuditEntry]) -> None:
 async def _find(opened: Wallet, start: str) -> tuple[Receiving, Receipt]:
     receiving = Receiving(opened)
     found = await receiving.inbox()
-    grant_id = find_by_prefix([each.grant.grant_id for each in found], start)
+    unread = {each.received.grant_id: each.error for each in receiving.unread}
+    grant_id = find_by_prefix([*(each.grant.grant_id for each in found), *unread], start)
+    if grant_id in unread:
+        raise unread[grant_id]
     (receipt,) = [each for each in found if each.grant.grant_id == grant_id]
     return receiving, receipt
 

@@ -103,6 +103,14 @@ class SharedView:
         return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
 
 
+@dataclass(frozen=True, slots=True)
+class Unread:
+    """A grant that is there and could not be read, and why."""
+
+    received: ReceivedGrant
+    error: BlockRobotError
+
+
 class Receiving:
     """What was shared with one wallet's person."""
 
@@ -113,22 +121,27 @@ class Receiving:
         self._sleep = sleep
         self.reads_new = True
         self.faded: list[ReceivedGrant] = []
+        self.unread: list[Unread] = []
 
     async def inbox(self) -> list[Receipt]:
         """Return all that was shared with this person, the oldest first, each asked for in its own session.
 
         `reads_new` says after it whether grants that are new could be read: only a member's session shows them. `faded`
-        are those that ended so long ago that their keys read nothing any more.
+        are those that ended so long ago that their keys read nothing any more, `unread` those that cannot be read for
+        another reason: no owner's grant hides what others share. Raises what may pass: NODE_UNREACHABLE and the like.
         """
         known, self.reads_new = await find_received(self._wallet)
-        self.faded, found = [], []
+        self.faded, self.unread, found = [], [], []
         for received in known:
             try:
                 found.append(await self.read(received))
             except BlockRobotError as error:
-                if error.code != "SESSION_REFUSED":
+                if error.code == "SESSION_REFUSED":
+                    self.faded.append(received)
+                elif error.entry.retryable:
                     raise
-                self.faded.append(received)
+                else:
+                    self.unread.append(Unread(received, error))
         return sorted(found, key=lambda receipt: (receipt.grant.time_ms, receipt.grant.grant_id))
 
     async def read(self, received: ReceivedGrant) -> Receipt:
@@ -213,7 +226,7 @@ class Receiving:
         sealing = self._wallet.eras[receipt.received.era].sealing
         gathered = _Gathered(state, record_id, receipt.grant.grantee, sealing)
         refusal: BlockRobotError | None = None
-        proven = {node: custodian for custodian, node in (await read_custodians(self._wallet, key)).items()}
+        proven = await self._custodians(key)
         for node in self._wallet.network.custody.custodians:
             if node not in proven:
                 continue
@@ -234,6 +247,16 @@ class Receiving:
             if gathered.is_done:
                 break
         return gathered.view(refusal)
+
+    async def _custodians(self, key: PrivateKey) -> dict[NodeAddress | None, bytes]:
+        """Return the custodians as the key of a grant reads them: only while it stands. Raises GRANT_ENDED."""
+        try:
+            found = await read_custodians(self._wallet, key)
+        except BlockRobotError as error:
+            if error.code != "NOT_PERMITTED":
+                raise
+            raise BlockRobotError("GRANT_ENDED") from None
+        return {node: custodian for custodian, node in found.items()}
 
     async def _download(
         self, node: NodeAddress, grant_id: bytes, ask: SharedRequest, key: PrivateKey

@@ -6,7 +6,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.inbox_commands import read_inbox, receipt_json, receipt_lines
+from clients.wallet.inbox_commands import read_inbox, receipt_json, receipt_lines, unread_json, unread_line
 from clients.wallet.language import DEFAULT_LANGUAGE
 from clients.wallet.page.answering import answer_json, language_of, route
 from clients.wallet.page.reading_routes import told_erasure
@@ -45,6 +45,7 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
             "alarms": alarms,
             "received": [receipt_json(each) | {"lines": receipt_lines(each, language)} for each in found.receipts],
+            "unread": [unread_json(each) | {"line": unread_line(each, language)} for each in found.unread],
             "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
         }
     )

@@ -11,6 +11,7 @@ from aiohttp import web
 from aiohttp.test_utils import TestServer
 
 from clients.sdk import NetworkClient
+from clients.sdk.sessions import GrantKey
 from consensus.block import EpochProof
 from consensus.errors import BlockRobotError
 from consensus.limits import CLIP_SIZE_MAX_BYTES
@@ -275,10 +276,26 @@ async def test_the_key_of_a_grant_opens_its_sessions_as_that_grants(nodes: Any) 
     await nodes["n0"].node.ledger.extend(writes={flat("access", b"grant/" + grant_id): encode_value(entry)})
     client = nodes.client(urls={"n0": nodes["n0"].url})
     assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
-    client.name_grant(key.public_key, grant_id)
-    assert await client.state_value("access", b"grant/" + grant_id, key) == entry
-    await client.forget_key(key.public_key)
+    named = GrantKey(key, grant_id)
+    assert await client.state_value("access", b"grant/" + grant_id, named) == entry
     assert await refusal_of(client.state_value("access", b"grant/" + grant_id, key)) == "SESSION_REFUSED"
+    await client.forget_key(key.public_key)
+    assert await client.state_value("access", b"grant/" + grant_id, named) == entry
+    assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 4
+
+
+async def test_two_grants_of_one_owner_to_one_key_are_each_read_in_a_session_of_its_own(nodes: Any) -> None:
+    key, ids = PrivateKey(sha256(b"one-time key")), [sha256(b"grant"), sha256(b"another grant")]
+    entry = {"owner": OWNER.public_key, "grantee": key.public_key, "records": [], "ended_ms": 1 << 50}
+    writes = {flat("access", b"grant/" + grant_id): encode_value(entry) for grant_id in ids}
+    await nodes["n0"].node.ledger.extend(writes=writes)
+    client = nodes.client(urls={"n0": nodes["n0"].url})
+    first, second = [GrantKey(key, grant_id) for grant_id in ids]
+    for _ in range(2):
+        assert await client.state_value("access", b"grant/" + ids[0], first) == entry
+        assert await client.state_value("access", b"grant/" + ids[1], second) == entry
+    assert [seen.path for seen in nodes["n0"].seen].count("/v1/sessions") == 2, "neither drops the other's"
+    assert await refusal_of(client.state_value("access", b"grant/" + ids[1], first)) == "NOT_PERMITTED"
 
 
 async def test_a_key_without_standing_is_told_so(nodes: Any) -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from clients.robot.sealing import VisitChain
 from clients.sdk.connections import NodeAddress
 from clients.sdk.receipts import FinalReceipt
+from clients.sdk.sessions import GrantKey
 from clients.sdk.transactions import TransactionBuilder
+from clients.sdk.trust import ProvedState
 from clients.wallet.keys import draw_words
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.received import Receiving
@@ -31,6 +34,7 @@ from consensus.records.sharing import (
 )
 from consensus.transaction import Transaction
 from contracts.execution.standing import find_role
+from node.api.standing import find_key_standing, require_readable
 from tests.unit.clients.bundle.ward import Custodians, Patient, ProvingHospital, ShortWire, Ward
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.contracts.privacy.hospital import key_of
@@ -104,10 +108,17 @@ class SharingWire(ShortWire):
         self.transactions = TransactionBuilder(chain.chain_id, self)
         self.refusal = ""
         self.callers: list[bytes] = []
-        self.named_grants: dict[bytes, bytes] = {}
 
-    def name_grant(self, public_key: bytes, grant_id: bytes) -> None:
-        self.named_grants[public_key] = grant_id
+    async def state_values(self, keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        """Answer the key of a grant what a node does, by the same rules: of that grant's visit, and to nobody else."""
+        if isinstance(key, GrantKey):
+            state = self.chain.state
+            snapshot: Any = SimpleNamespace(header=self.chain.head, get=state.get)
+            standing = find_key_standing(snapshot, key.public_key, key.grant_id)
+            if standing is None:
+                raise BlockRobotError("SESSION_REFUSED")
+            require_readable(snapshot, standing.kind, key.public_key, key.grant_id, keys)
+        return await super().state_values(keys, key)
 
     def now_ms(self) -> int:
         return self.chain.time_ms

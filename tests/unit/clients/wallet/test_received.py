@@ -49,6 +49,14 @@ async def only(receiving: Receiving) -> Receipt:
     return receipt
 
 
+async def grant_again(ward: SharedWard, receipt: Receipt, records: list[bytes]) -> bytes:
+    """Grant records to the very key of a grant before, as no honest wallet does; return the new grant's id."""
+    grant, (visit,) = receipt.grant, await ward.wallet.scan()
+    arguments = [records, grant.grantee, grant.ephemeral, grant.view_tag, grant.member_hash, grant.purpose]
+    owner = ward.wallet.owner_key(visit)
+    return ward.chain.must(owner, "access", "grant", *arguments, grant.until_ms).txid
+
+
 def kinds(receipt: Receipt) -> set[str]:
     return {notice.kind for notice in receipt.notices}
 
@@ -152,13 +160,57 @@ async def test_what_concerns_a_grant_is_asked_in_its_own_session(
     await ward.share(doctor)
     receipt = await only(receiving)
     wire: Any = doctor.network
-    own = grantee_key(receipt.received, doctor).public_key
+    key = grantee_key(receipt.received, doctor)
+    own = key.public_key
     member = doctor.keys.identity.public_key
     about_records = {key for flat, key in wire.asked if flat.startswith((b"records\x00", b"rights\x00"))}
     assert (about_records, own == receipt.grant.grantee) == ({own}, True)
     assert {key for flat, key in wire.asked if b"grant-number/" in flat} == {member}
     assert len(ids) == 1
-    assert wire.named_grants == {own: receipt.grant.grant_id}, "or no node would open a session"
+    assert key.grant_id == receipt.grant.grant_id, "or no node would open a session"
+
+
+async def test_two_grants_of_one_owner_to_one_key_are_both_read_and_looked_at(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving
+) -> None:
+    visit, ids = ward.record_visit(2)
+    await ward.share(doctor)
+    first = await only(receiving)
+    twin = await grant_again(ward, first, ids[1:])
+    receipts = await receiving.inbox()
+    assert [receipt.grant.grant_id for receipt in receipts] == [first.grant.grant_id, twin]
+    assert receiving.unread == []
+    assert [receipt.grant.grantee for receipt in receipts] == [first.grant.grantee] * 2
+    access_id = await receiving.request_access(receipts[0], ids)
+    view = await receiving.look(receipts[0], ids[0], access_id)
+    assert [frame.status for frame in view.frames] == ["ok", "ok"], "the one that was there before is as it was"
+    await ward.erase(visit, ids[1:])
+    for receipt in await receiving.inbox():
+        await receiving.confirm_deleted(receipt, receipt.to_confirm)
+
+
+async def test_a_grant_that_cannot_be_read_is_told_with_why_and_hides_no_other(
+    ward: SharedWard, doctor: Wallet, receiving: Receiving, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward.record_visit(1)
+    await ward.share(doctor)
+    await ward.share(doctor)
+    bad, good = await receiving.inbox()
+    honest = doctor.values
+    code = "NOT_PERMITTED"
+
+    async def refuse_bad(keys: Any, session: Any) -> dict[bytes, Any]:
+        if session.public_key == bad.grant.grantee:
+            raise BlockRobotError(code)
+        return await honest(keys, session)
+
+    monkeypatch.setattr(doctor, "values", refuse_bad)
+    assert [receipt.grant for receipt in await receiving.inbox()] == [good.grant]
+    assert [(each.received.grant_id, each.error.code) for each in receiving.unread] == [(bad.grant.grant_id, code)]
+    assert receiving.faded == []
+    code = "NODE_UNREACHABLE"
+    with pytest.raises(BlockRobotError, match="NODE_UNREACHABLE"):
+        await receiving.inbox()
 
 
 async def test_one_custodian_alone_opens_nothing_and_says_why(

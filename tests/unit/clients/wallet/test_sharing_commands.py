@@ -20,6 +20,7 @@ from clients.wallet.rights import Chosen, Rights
 from clients.wallet.sharing import STEP_KEYS, STEP_PARTS, STEP_SIGNING
 from clients.wallet.sharing_commands import read_end, say_step
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from consensus.records.sharing import GRANT_STEP_MS
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
 
@@ -210,6 +211,31 @@ def test_the_inbox_tells_what_is_missing_of_ones_own_visits(people: People) -> N
     (alarm,) = people.told(ward.wallet, "inbox")["alarms"]
     assert (alarm["visit"], alarm["missing_records"]) == (visit.owner.hex(), 2)
     assert "Nothing was shared with you" in people.run(people.doctor, "inbox").output
+
+
+def test_a_share_that_cannot_be_read_is_named_with_why_beside_those_that_can(
+    people: People, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ward, doctor = people.ward, people.doctor
+    _, ids = ward.record_visit(2)
+    for record_id in ids:
+        people.share(record_id, "--yes")
+    bad, good = people.told(doctor, "inbox")["received"]
+    honest = doctor.values
+
+    async def refuse_bad(keys: Any, session: Any) -> dict[bytes, Any]:
+        if getattr(session, "grant_id", b"").hex() == bad["grant_id"]:
+            raise BlockRobotError("NOT_PERMITTED")
+        return await honest(keys, session)
+
+    monkeypatch.setattr(doctor, "values", refuse_bad)
+    told = people.told(doctor, "inbox")
+    assert [row["grant_id"] for row in told["received"]] == [good["grant_id"]]
+    assert [(row["grant_id"], row["code"]) for row in told["unread"]] == [(bad["grant_id"], "NOT_PERMITTED")]
+    said = people.run(doctor, "inbox").output
+    assert f"{bad['grant_id'][:12]}  could not be read: This key may not do that." in said
+    looked = people.run(doctor, "look", bad["grant_id"][:12])
+    assert (looked.exit_code, "NOT_PERMITTED" in looked.output) == (4, True)
 
 
 def test_the_inbox_of_her_who_shared_says_who_looked_and_what_was_found_changed(people: People, tmp_path: Path) -> None:
