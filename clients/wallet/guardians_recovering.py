@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from rich.markup import escape
 from shamir_mnemonic import Share
 
 from clients.sdk.plain_letters import printable
-from clients.sdk.terminal import ask_for, console, json_option, plain_errors, print_json, wipe_screen
+from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json, wipe_screen
 from clients.wallet.claiming import claim_place
 from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
 from clients.wallet.guardians import GuardianSet
@@ -145,9 +146,8 @@ def _tell_whole(share: Share) -> None:
 
 
 def _tell_progress(gathering: Gathering) -> None:
-    share = gathering.state.last_share
-    if share is not None:
-        _tell_whole(share)
+    if gathering.last is not None:
+        _tell_whole(gathering.last)
     if gathering.is_complete:
         return
     if gathering.needed:
@@ -158,19 +158,44 @@ def _tell_progress(gathering: Gathering) -> None:
 
 
 def _gather_typed(gathering: Gathering) -> None:
-    """Ask for one share; what does not belong to the others is told and left out."""
-    is_first = gathering.state.last_share is None
+    """Ask for one share; what does not go with the others is told, and kept: those others may be the wrong ones."""
+    is_first = gathering.last is None
     console.print(text("guardians.type", words=SHARE_WORDS_COUNT) if is_first else text("guardians.type_next"))
     try:
         share = type_share()
     finally:
         wipe_screen()
     try:
-        gathering.add(share)
+        _tell_difference(gathering.add(share))
     except BlockRobotError as error:
         click.echo(say_error(error), err=True)
         return
     _tell_progress(gathering)
+
+
+def _tell_difference(difference: BlockRobotError | None) -> None:
+    if difference is not None:
+        click.echo(say_error(difference), err=True)
+        click.echo(text("guardians.kept"), err=True)
+
+
+def _sheets(shares: Sequence[Share]) -> str:
+    return ", ".join(
+        text("guardians.sheet", number=share.index + 1, identifier=show_identifier(share.identifier))
+        for share in shares
+    )
+
+
+def _tell_joined(gathering: Gathering, *, may_ask: bool) -> None:
+    """Say that they lead to one wallet; if some do not fit, which, and ask whether she goes on without them."""
+    console.print(text("guardians.enough"))
+    left_out = gathering.misfits()
+    if left_out:
+        said = gathering.joined[0].member_threshold
+        click.echo(text("guardians.left_out", left=_sheets(left_out), used=_sheets(gathering.joined)), err=True)
+        click.echo(text("guardians.said", threshold=said), err=True)
+        if may_ask:
+            ask(text("guardians.go_on"))
 
 
 def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
@@ -183,19 +208,22 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
     for file in files:
         share = _read_file(file, as_json=as_json)
         try:
-            gathering.add(share)
+            difference = gathering.add(share)
         except BlockRobotError as error:
             raise BlockRobotError(error.code, f"{file.name}: {error.detail}") from None
         if not as_json:
+            _tell_difference(difference)
             _tell_progress(gathering)
     while True:
         try:
             return gathering, gathering.join()
         except BlockRobotError as error:
             if not may_ask:
-                detail = f"{gathering.needed} more of this set needed." if error.code == "SHARES_TOO_FEW" else ""
+                detail = (
+                    f"{gathering.needed} more of this set needed." if error.code == "SHARES_TOO_FEW" else error.detail
+                )
                 raise BlockRobotError(error.code, detail) from None
-            if error.code != "SHARES_TOO_FEW":
+            if gathering.is_complete:
                 click.echo(say_error(error), err=True)
         _gather_typed(gathering)
 
@@ -203,8 +231,7 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
 def _ask_network(path: Path, passphrase: str, genesis_path: Path, gathering: Gathering) -> str:
     """Note in the wallet what set it came from; return what the network says of its words, if it answers in time."""
     store = Keystore.open(path, passphrase)
-    share = gathering.state.last_share
-    assert share is not None
+    share = gathering.joined[0]
     made = GuardianSet(0, share.member_threshold, [], share.identifier, len(store.content.former))
     store.content.guardian_sets.append(made)
     store.save()
@@ -284,7 +311,7 @@ def recover(
         gathering, words = _gather(files, as_json=as_json)
         require_distinct(words, replaced)
         if not as_json:
-            console.print(text("guardians.enough"))
+            _tell_joined(gathering, may_ask=sys.stdin.isatty())
         if not only:
             passphrase = read_new_passphrase()
             known = restore_wallet(path, words, replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
@@ -294,7 +321,9 @@ def recover(
     if words_file is not None:
         write_words(words_file, words)
     if as_json:
-        print_json({"ok": True, **done, "words_file": str(words_file) if words_file else None})
+        left_out = [{"identifier": share.identifier, "sheet": share.index + 1} for share in gathering.misfits()]
+        written = str(words_file) if words_file else None
+        print_json({"ok": True, **done, "words_file": written, "left_out": left_out})
         return
     if words_file is not None:
         console.print(text("guardians.words_file", path=escape(str(words_file))))

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
-from itertools import combinations
+from collections.abc import Iterator, Sequence
+from itertools import chain, combinations, islice, product
 
 from mnemonic import Mnemonic
 from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
@@ -29,6 +29,8 @@ ITERATION_EXPONENT = 1
 """The reference implementation's own: 20,000 rounds. They harden a passphrase, and there is none."""
 ITERATION_EXPONENT_MAX_COUNT = 5
 """No set of ours asks for more work; forged shares must not make the machine work for minutes."""
+CHOICES_MAX_COUNT = 20_000
+"""Eight of sixteen are 12,870; beyond that somebody puts shares in to make the machine work."""
 _ENTROPY_BYTES = 32
 _NO_PASSPHRASE = b""
 _DISTINCT_LETTERS_COUNT = 4
@@ -109,68 +111,155 @@ def require_of_wallet(share: Share) -> None:
 
 
 class Gathering:
-    """Shares that come in one by one, until they are enough. `state` is the reference implementation's own."""
+    """Shares that come in one by one, until some of them lead to one secret.
+
+    All are kept, also those that contradict each other: who of them lies, only the digest knows. `last` is the newest,
+    `joined` are those that led to the words, empty before.
+    """
 
     def __init__(self) -> None:
-        self.state = RecoveryState()
+        self.joined: list[Share] = []
         self._shares: list[Share] = []
+        self._tried_count = 0
+        self._choices_count = 0
+        self._difference: BlockRobotError | None = None
 
-    def add(self, share: Share) -> None:
-        """Take in a share. Raises SHARE_OF_ANOTHER_SPLIT, SHARE_REPEATED, and SHARES_CONTRADICT if one is forged."""
-        if share in self.state:
+    def add(self, share: Share) -> BlockRobotError | None:
+        """Keep a share; return how it differs from those before, if it does. Raises SHARE_REPEATED."""
+        if share in self._shares:
             raise BlockRobotError("SHARE_REPEATED")
-        if not self.state.matches(share):
-            raise self._of_another()
-        if any(known.index == share.index for known in self.state.groups[share.group_index]):
-            raise BlockRobotError("SHARES_CONTRADICT", "Two of these shares have the same number, and differ.")
-        try:
-            self.state.add_share(share)
-        except MnemonicError:
-            raise self._of_another() from None
+        difference = self._compare(share)
         self._shares.append(share)
+        self._difference = difference or self._difference
+        return difference
 
-    def _of_another(self) -> BlockRobotError:
-        known = self.state.parameters
-        detail = "" if known is None else f"It is not of set {show_identifier(known.identifier)}."
+    def _compare(self, share: Share) -> BlockRobotError | None:
+        if not self._shares:
+            return None
+        alike = [known for known in self._shares if _is_like(known, share)]
+        if any((known.group_index, known.index) == (share.group_index, share.index) for known in alike):
+            return BlockRobotError("SHARES_CONTRADICT", "Two of these shares have the same number, and differ.")
+        if alike:
+            return None
+        first = self._shares[0]
+        detail = f"It is not of set {show_identifier(first.identifier)}."
+        if first.identifier == share.identifier:
+            detail = f"It bears the number of set {show_identifier(first.identifier)}, and says something else of it."
         return BlockRobotError("SHARE_OF_ANOTHER_SPLIT", detail)
 
     @property
+    def last(self) -> Share | None:
+        """The newest share, None before the first."""
+        return self._shares[-1] if self._shares else None
+
+    @property
     def is_complete(self) -> bool:
-        """Tell whether these are enough."""
-        return bool(self.state.is_complete())
+        """Tell whether there are enough of any one set, whether they fit together or not."""
+        return any(
+            len(self._complete_groups(known)) >= known.group_threshold
+            for known in {share.common_parameters(): share for share in self._shares}.values()
+        )
+
+    def _members(self, share: Share) -> list[Share]:
+        return [known for known in self._shares if known.group_parameters() == share.group_parameters()]
+
+    def _complete_groups(self, share: Share) -> dict[int, list[Share]]:
+        """Return one share for each way a group of this share's set has enough members, by the group's number."""
+        found: dict[int, list[Share]] = {}
+        for known in {one.group_parameters(): one for one in self._shares}.values():
+            is_of_set = known.common_parameters() == share.common_parameters()
+            if is_of_set and len({one.index for one in self._members(known)}) >= known.member_threshold:
+                found.setdefault(known.group_index, []).append(known)
+        return found
 
     @property
     def needed(self) -> int:
         """How many more are needed in the group of the last one; 0 before the first."""
-        last = self.state.last_share
-        if last is None:
+        if self.last is None:
             return 0
-        have, threshold = self.state.group_status(last.group_index)
-        return max(0, int(threshold) - int(have))
+        return max(0, int(self.last.member_threshold) - len({one.index for one in self._members(self.last)}))
 
     @property
     def groups_needed(self) -> int:
         """How many more groups are needed: a wallet makes one group, other programs may make several."""
-        known = self.state.parameters
-        return 0 if known is None else max(0, known.group_threshold - self.state.groups_complete())
+        return (
+            0 if self.last is None else max(0, int(self.last.group_threshold) - len(self._complete_groups(self.last)))
+        )
 
     def join(self) -> str:
-        """Return the 24 words. Of more shares than needed any that fit together will do: forged ones are left out.
+        """Return the 24 words to which any choice of the shares leads; those that do not fit are left out.
 
-        Raises SHARES_TOO_FEW, and SHARES_CONTRADICT if the digest in the shares fits none of their choices.
+        Raises SHARES_TOO_FEW; how they differ if there are enough of no set; and SHARES_CONTRADICT if the digest in the
+        shares fits none of their choices, or if there are more than can be tried.
         """
+        return str(Mnemonic("english").to_mnemonic(self.join_secret(_NO_PASSPHRASE)))
+
+    def join_secret(self, passphrase: bytes) -> bytes:
+        """Return the secret to which any choice leads. Raises what `join` raises. A wallet's has no passphrase."""
         if not self.is_complete:
-            raise BlockRobotError("SHARES_TOO_FEW")
-        first = self._shares[0]
-        choices: Iterable[Sequence[Share]] = (
-            [self._shares] if first.group_count > 1 else combinations(self._shares, first.member_threshold)
-        )
-        for chosen in choices:
-            state = RecoveryState()
-            for share in chosen:
-                state.add_share(share)
-            try:
-                return str(Mnemonic("english").to_mnemonic(state.recover(_NO_PASSPHRASE)))
-            except MnemonicError:
+            raise self._difference or BlockRobotError("SHARES_TOO_FEW")
+        tried_count, self._tried_count = self._tried_count, len(self._shares)
+        tried = set(self._shares[:tried_count])
+        for chosen in self._choices():
+            if tried.issuperset(chosen) or (len(chosen) == 1 and self._difference):
                 continue
-        raise BlockRobotError("SHARES_CONTRADICT")
+            self._choices_count += 1
+            if self._choices_count > CHOICES_MAX_COUNT:
+                raise BlockRobotError("SHARES_CONTRADICT", "Too many of these shares differ: begin again with fewer.")
+            secret = _recover(chosen, passphrase)
+            if secret is not None:
+                self.joined = list(chosen)
+                self._tried_count = tried_count
+                return secret
+        untried = None if self._choices_count else self._difference
+        raise untried or BlockRobotError("SHARES_CONTRADICT")
+
+    def _choices(self) -> Iterator[tuple[Share, ...]]:
+        """Yield every choice of as many shares as a set asks for, each with members of different numbers."""
+        for known in {share.common_parameters(): share for share in self._shares}.values():
+            complete = self._complete_groups(known)
+            for indices in combinations(sorted(complete), known.group_threshold):
+                for groups in product(*(complete[index] for index in indices)):
+                    ways = (_member_choices(self._members(group), group.member_threshold) for group in groups)
+                    for chosen in product(*(islice(way, CHOICES_MAX_COUNT + 1) for way in ways)):
+                        yield tuple(chain.from_iterable(chosen))
+
+    def misfits(self) -> list[Share]:
+        """Return the shares that do not lead where those that were joined lead; [] before any were."""
+        secret = _recover(self.joined, _NO_PASSPHRASE) if self.joined else None
+        return [share for share in self._shares if secret is not None and not self._fits(share, secret)]
+
+    def _fits(self, share: Share, secret: bytes) -> bool:
+        if share in self.joined:
+            return True
+        beside = [known for known in self.joined if known.group_parameters() == share.group_parameters()]
+        same_number = [known for known in beside if known.index == share.index]
+        if not beside or same_number:
+            return False
+        others = [known for known in self.joined if known is not beside[0]]
+        return _recover([*others, share], _NO_PASSPHRASE) == secret
+
+
+def _is_like(known: Share, share: Share) -> bool:
+    """Tell whether two shares say the same of their set; of groups, that of the same number has to be the same."""
+    is_same_group = known.group_index == share.group_index
+    return known.common_parameters() == share.common_parameters() and (
+        not is_same_group or known.member_threshold == share.member_threshold
+    )
+
+
+def _member_choices(members: Sequence[Share], count: int) -> Iterator[tuple[Share, ...]]:
+    for chosen in combinations(members, count):
+        if len({share.index for share in chosen}) == count:
+            yield chosen
+
+
+def _recover(chosen: Sequence[Share], passphrase: bytes) -> bytes | None:
+    """Return the secret of exactly as many shares as are needed, None if the digest does not fit."""
+    state = RecoveryState()
+    for share in chosen:
+        state.add_share(share)
+    try:
+        return bytes(state.recover(passphrase))
+    except MnemonicError:
+        return None

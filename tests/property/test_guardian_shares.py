@@ -88,6 +88,61 @@ def test_with_one_guardian_more_than_needed_one_who_lies_keeps_nobody_out(entrop
     assert gathered([share.mnemonic() for share in shares]).join() == words
 
 
+heads = st.fixed_dictionaries(
+    {"value": st.binary(min_size=32, max_size=32)},
+    optional={
+        "identifier": st.integers(0, 2**15 - 1),
+        "iteration_exponent": st.integers(0, 2),
+        "extendable": st.booleans(),
+        "index": st.integers(0, 15),
+        "member_threshold": st.integers(2, 16),
+        "group_index": st.integers(0, 15),
+        "group_count": st.integers(1, 16),
+    },
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(entropies, st.integers(2, 4), heads, st.data())
+def test_whatever_a_guardian_who_lies_says_of_the_set_or_of_her_number_the_others_come_through(
+    entropy, threshold, said, data
+):
+    words = words_of(entropy)
+    shares = [read_share(share) for share in split_words(words, threshold, threshold + 1)]
+    place = data.draw(st.integers(0, threshold))
+    lie = replace(shares[place], **said)
+    shares[place] = lie
+    joined = gathered([share.mnemonic() for share in data.draw(st.permutations(shares))])
+    assert joined.join() == words
+    assert joined.misfits() == [lie]
+    assert lie not in joined.joined
+
+
+@settings(max_examples=10, deadline=None)
+@given(entropies)
+def test_of_the_shares_that_are_left_over_only_those_that_do_not_fit_are_named(entropy):
+    shares = [read_share(share) for share in split_words(words_of(entropy), 2, 5)]
+    shares[1] = replace(shares[1], value=bytes(32))
+    joined = gathered([share.mnemonic() for share in shares])
+    assert joined.misfits() == []
+    joined.join()
+    assert joined.misfits() == [shares[1]]
+
+
+def test_each_choice_of_shares_is_tried_once_and_no_more_than_some_thousand():
+    shares = [read_share(share) for share in split_words(words_of(bytes(32)), 3, 16)]
+    joined = gathered([replace(share, value=bytes([share.index] * 32)).mnemonic() for share in shares])
+    for _ in range(3):
+        with pytest.raises(BlockRobotError, match="SHARES_CONTRADICT"):
+            joined.join()
+    for share in shares[:2]:
+        joined.add(share)
+        with pytest.raises(BlockRobotError, match="SHARES_CONTRADICT"):
+            joined.join()
+    joined.add(shares[2])
+    assert joined.join() == words_of(bytes(32))
+
+
 @settings(max_examples=60, deadline=None)
 @given(entropies, st.integers(0, 32), st.sampled_from(WORDLIST))
 def test_one_wrong_word_is_always_noticed(entropy, place, word):

@@ -53,7 +53,7 @@ def test_all_published_vectors_are_here() -> None:
 def test_shares_that_are_valid_lead_to_their_secret(vector: dict[str, Any]) -> None:
     gathering = gather(vector)
     assert gathering.is_complete
-    assert gathering.state.recover(OF_THE_STANDARD).hex() == vector["secret"]
+    assert gathering.join_secret(OF_THE_STANDARD).hex() == vector["secret"]
 
 
 @pytest.mark.parametrize("vector", INVALID, ids=lambda vector: vector["name"])

@@ -264,6 +264,20 @@ def test_a_guardian_whose_words_would_do_alone_puts_no_wallet_of_his_in_the_plac
         assert home.json("check", str(forged), code=1)["error"]["code"] == "SHARE_INVALID"
 
 
+def test_a_sheet_that_was_changed_is_left_out_and_named(home: Home) -> None:
+    first, second, third = home.split()["sheets"]
+    honest = read_share(read_written(Path(first)))
+    changed = home.folder / "changed.txt"
+    changed.write_text(replace(honest, member_threshold=3).mnemonic())
+    told = home.recover(str(changed), second, third)
+    assert told["left_out"] == [{"identifier": honest.identifier, "sheet": 1}]
+    assert home.open("again").content.words == WORDS
+    assert home.open("again").content.guardian_sets[0].threshold == 2
+    refused = home.recover(str(changed), second, profile="short", code=1)
+    assert refused["code"] == "SHARE_OF_ANOTHER_SPLIT"
+    assert "says something else of it" in refused["detail"]
+
+
 def test_where_a_wallet_is_already_nobody_is_asked_for_anything(home: Home) -> None:
     first, second, _ = home.split()["sheets"]
     assert home.recover(first, second, profile="default", code=1)["code"] == "WALLET_EXISTS"
@@ -309,7 +323,7 @@ def test_the_words_come_out_only_where_they_were_asked_for(home: Home) -> None:
     assert again.exit_code == 2, "nothing is written over, and that is said before anything is made"
     assert not (home.folder / "third.wallet").exists()
     told = home.recover(first, second, profile="none", options=("--words-only", "--words-file", str(only)))
-    assert told == {"ok": True, "words_file": str(only)}
+    assert told == {"ok": True, "words_file": str(only), "left_out": []}
     assert only.read_text().strip() == WORDS
     assert not (home.folder / "none.wallet").exists()
 
