@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -48,6 +49,12 @@ def outcome(topic: str, data: bytes) -> list[Frame | Sighting | Refused]:
     found = source().events_of(Message(topic, kind, START_MS * 1_000_000, data))
     assert all(isinstance(event, Frame | Sighting | Refused) for event in found)
     return found  # type: ignore[return-value]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _made_before_time_is_measured() -> None:
+    source()
+    valid()
 
 
 topics = st.sampled_from([DEPTH_TOPIC, TAG_TOPIC])
