@@ -4,13 +4,29 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 from playwright.async_api import Page, expect
 
+from clients.sdk import NetworkClient
+from consensus.genesis import genesis_from_json
+from consensus.primitives.keys import PrivateKey
+from network.demo_notice import DEMO_ORGANISATION, demo_notice
+from network.notice_publishing import publish_notice
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, serve_wallet
 from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Watch
 from tests.walking_alone import UID
+
+
+async def publish_another_notice(network: RecordedNetwork) -> None:
+    """Let the organisation publish its next version, while she reads the one before."""
+    folder = network.network.folder
+    key = PrivateKey((folder / "organisations" / DEMO_ORGANISATION / "admin.key").read_bytes())
+    genesis = genesis_from_json((folder / "genesis.json").read_text(encoding="utf-8"))
+    notice = msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
+    async with NetworkClient(genesis) as client:
+        await publish_notice(client, key, DEMO_ORGANISATION, notice)
 
 
 async def test_she_registers_is_told_first_says_yes_and_watches_the_first_recording_come_in(
@@ -39,6 +55,19 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
                 for width, height in (ZOOMED, NARROW, WIDE):
                     await page.set_viewport_size({"width": width, "height": height})
                     assert await find_accessibility_faults(page, by_keyboard=scheme == "light") == []
+            await page.get_by_label("Code on your card").fill("BR1-ANOTHER")
+            assert await register.count() == 0, "what she was told is of another code"
+            assert await page.locator(".notice-words").count() == 0
+            await page.get_by_label("Code on your card").fill(code)
+            await page.keyboard.press("Enter")
+            await expect(page.locator(".notice-words")).to_contain_text("Demonstration Hospital")
+            await publish_another_notice(network)
+            await register.click()
+            await confirm_with(page, network.passphrase)
+            why = page.locator("#main [role=alert]")
+            await expect(why).to_contain_text("was not shown to you in the version", timeout=SETTLED_MS)
+            await expect(page.locator(".notice-words")).to_contain_text("None, in other words.")
+            await expect(why).to_be_visible()
             await register.click()
             await confirm_with(page, "coffee")
             await expect(page.locator("dialog [role=alert]")).to_contain_text("not the passphrase")

@@ -9,7 +9,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.notices import Notices
+from clients.wallet.notices import Notices, Told
 from clients.wallet.page.answering import accepted, answer_json, body_of, route
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import PageSession
@@ -18,6 +18,8 @@ from consensus.records.vouchers import decode_card_code
 from pages.local_page import LocalRoute
 
 CODE_MAX_CHARS = 1_024
+NAME_MAX_CHARS = 256
+HASH_MAX_CHARS = 64
 
 
 def routes(session: PageSession) -> list[LocalRoute]:
@@ -39,10 +41,19 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     return answer_json({"role": role, "notice": told.as_json()})
 
 
+def _what_is(told: Told) -> tuple[str, int, str]:
+    """Return the organisation, version and hash of a notice; no hash where nothing is published."""
+    return told.organisation, told.version, "" if told.published is None else told.published.row.digest.hex()
+
+
 async def _register(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     passphrase, code = asked.text("passphrase"), asked.text("code", max_chars=CODE_MAX_CHARS).strip()
-    version = asked.number("notice_version")
+    shown = (
+        asked.text("organisation", max_chars=NAME_MAX_CHARS),
+        asked.number("notice_version"),
+        asked.text("notice_hash", max_chars=HASH_MAX_CHARS),
+    )
     asked.end()
     decode_card_code(code)
     await session.gate.require(passphrase)
@@ -51,7 +62,8 @@ async def _register(session: PageSession, request: web.Request) -> web.Response:
         notices = Notices(session.wallet)
         job.tell("reading what you are told")
         told = await notices.for_card(code)
-        if told.version != version:
+        # Versions count per organisation: another card has another notice under the same number.
+        if shown != _what_is(told):
             raise BlockRobotError("NOTICE_NOT_SHOWN")
         job.tell("writing it into the ledger")
         done = await session.wallet.register(code, [])

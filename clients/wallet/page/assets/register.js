@@ -1,4 +1,4 @@
-// Registering with the code on one's card. Must never offer it before the notice of who issued the card was on the screen.
+// Registering with the code on one's card. Must never offer it before the notice of who issued that very card was on the screen.
 
 import { announce, h, replace } from "./shared/dom.js";
 import { follow, post, postWithPassphrase } from "./api.js";
@@ -14,41 +14,58 @@ export async function showRegister(context) {
     h("div", { class: "field" }, h("label", { for: "register-code" }, t("register.code")), code, h("p", { class: "quiet hint", id: "register-hint" }, t("register.codeHint"))),
     h("button", { type: "submit", class: "primary" }, t("register.look")));
 
-  const look = async () => {
+  let looks = 0;
+  // What she was told is of the code that she looked up: with the first change of it that is gone.
+  code.addEventListener("input", () => {
+    looks += 1;
+    replace(result);
+  });
+
+  const look = async (reason) => {
+    looks += 1;
+    const [mine, asked] = [looks, code.value];
     try {
-      const plan = await post("registration/plan", { code: code.value }, context.signal);
-      replace(result, told(plan));
+      const { notice } = await post("registration/plan", { code: asked }, context.signal);
+      if (mine !== looks) return;
+      replace(result, reason, told(notice, asked));
       result.querySelector("h2").focus();
     } catch (error) {
-      if (error.name !== "AbortError") replace(result, problemCard(error));
+      if (error.name !== "AbortError" && mine === looks) replace(result, reason, problemCard(error));
     }
   };
 
-  const told = ({ notice }) => h("section", { class: "card", "aria-labelledby": "register-told" },
+  const told = (notice, asked) => h("section", { class: "card", "aria-labelledby": "register-told" },
     h("h2", { id: "register-told", tabindex: -1 }, notice.version === 0 ? t("notice.none", { organisation: notice.organisation }) : t("notice.title", { organisation: notice.organisation })),
     notice.version > 0 && [h("p", { class: "quiet" }, t("notice.version", { version: notice.version, time: moment(notice.published_at_ms) })),
       h("div", { class: "notice-words", tabindex: 0, role: "region", "aria-label": t("notice.words") }, notice.lines.map((line) => h("p", {}, line)))],
     h("p", {}, t("register.nothing")),
-    h("p", {}, h("button", { type: "button", class: "primary", onclick: () => register(notice) }, t("register.button"))));
+    h("p", {}, h("button", { type: "button", class: "primary", onclick: () => register(notice, asked) }, t("register.button"))));
 
-  const register = async (notice) => {
+  const register = async (notice, asked) => {
+    const body = { code: asked, organisation: notice.organisation, notice_version: notice.version, notice_hash: notice.hash ?? "" };
     try {
-      const accepted = await postWithPassphrase("registration", { code: code.value, notice_version: notice.version }, { title: t("register.askTitle"), text: t("register.askText", { organisation: notice.organisation }), confirm: t("register.button") });
+      const accepted = await postWithPassphrase("registration", body, { title: t("register.askTitle"), text: t("register.askText", { organisation: notice.organisation }), confirm: t("register.button") });
       if (accepted === null) return;
       const progress = progressOf(t("register.working"));
       form.hidden = true;
       replace(result, progress.node);
       await follow(accepted.job, progress.show);
-      await context.renew();
-      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("register.done")), h("p", {}, t("register.next")), h("p", {}, h("a", { class: "button primary", href: "#/consent" }, t("register.consent")))));
-      result.querySelector("h2").focus();
-      announce(t("register.done"));
     } catch (error) {
       if (error.name === "AbortError") return;
       form.hidden = false;
-      replace(result, problemCard(error));
-      if (error.code === "NOTICE_NOT_SHOWN") await look();
+      if (error.code === "NOTICE_NOT_SHOWN") await look(problemCard(error));
+      else replace(result, problemCard(error));
+      return;
     }
+    await showDone();
+  };
+
+  /** Say that she is registered, also where what all views know cannot be read again at this moment. */
+  const showDone = async () => {
+    const trouble = await context.renew().then(() => null, (error) => problemCard(error, showDone));
+    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("register.done")), h("p", {}, t("register.next")), h("p", {}, h("a", { class: "button primary", href: "#/consent" }, t("register.consent")))), trouble);
+    result.querySelector("h2").focus();
+    announce(t("register.done"));
   };
 
   return { title: t("unregistered.title"), node: h("div", {}, form, result), isRegistering: true, refresh() {} };

@@ -183,7 +183,7 @@ async def test_a_clip_holds_no_more_than_its_limit_and_one_record(desk: Desk, mo
 async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphrase(desk: Desk) -> None:
     assert await desk.page.refused("POST", "/api/registration/plan", {"code": "BR1-DAMAGED"}) == "VOUCHER_INVALID"
     code = encode_card_code(desk.ward.chain.card("bea"))
-    wish = {"code": code, "notice_version": 0}
+    wish = {"code": code, "organisation": "hospital", "notice_version": 0, "notice_hash": ""}
     assert await desk.page.refused("POST", "/api/registration", wish) == "REQUEST_INVALID"
     wrong = wish | {"passphrase": "coffee"}
     assert await desk.page.refused("POST", "/api/registration", wrong) == "WALLET_PASSPHRASE_WRONG"
