@@ -146,6 +146,14 @@ def ask_for_enter(text: str) -> None:
         click.prompt(text, default="", show_default=False)
 
 
+def is_at_terminal() -> bool:
+    """Tell whether somebody sits there for whom secrets are: what is typed and what is shown are both at a terminal.
+
+    Colour that is forced upon a pipe makes no terminal of it.
+    """
+    return sys.stdin.isatty() and sys.stdout.isatty()
+
+
 def wipe_screen() -> None:
     """Take secrets off the screen, and out of what can be scrolled back to; a terminal that cannot gets empty lines."""
     if not console.is_terminal:

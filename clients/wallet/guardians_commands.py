@@ -7,7 +7,6 @@ leave them on the screen; the wallet's file keeps none either.
 from __future__ import annotations
 
 import contextlib
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +14,15 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from clients.sdk.terminal import ask_for_enter, console, json_option, plain_errors, print_json, wipe_screen
+from clients.sdk.terminal import (
+    ask_for_enter,
+    console,
+    is_at_terminal,
+    json_option,
+    plain_errors,
+    print_json,
+    wipe_screen,
+)
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.guardian_sheets import write_sheets
@@ -159,7 +166,7 @@ def split(
     Example: blockrobot wallet guardians split --guardian Ann --guardian Ben --guardian Cleo --threshold 2
     """
     needed = _require_sensible(names, threshold)
-    if out is None and (as_json or not sys.stdin.isatty()):
+    if out is None and (as_json or not is_at_terminal()):
         raise click.UsageError("There is no terminal to show the words on: give --out FOLDER.")
     with _opened(ctx) as store:
         content = store.content

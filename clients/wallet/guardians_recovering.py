@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,17 @@ from rich.markup import escape
 from shamir_mnemonic import Share
 
 from clients.sdk.plain_letters import printable
-from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json, wipe_screen
+from clients.sdk.terminal import (
+    EXIT_FAILED,
+    ask,
+    ask_for,
+    console,
+    is_at_terminal,
+    json_option,
+    plain_errors,
+    print_json,
+    wipe_screen,
+)
 from clients.wallet.claiming import claim_place
 from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
 from clients.wallet.guardians import GuardianSet
@@ -124,6 +135,8 @@ def check(file: Path, as_json: bool) -> None:
     Example: blockrobot wallet guardians check
     """
     if file == _STDIN and sys.stdin.isatty() and not as_json:
+        if not is_at_terminal():
+            raise click.UsageError("There is no terminal to show typed words on: name a file.")
         console.print(text("guardians.type", words=SHARE_WORDS_COUNT))
         try:
             share = type_share()
@@ -203,7 +216,7 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
 
     Raises SHARES_TOO_FEW and what else is wrong with files, where nobody can be asked for more.
     """
-    may_ask = sys.stdin.isatty() and not as_json
+    may_ask = is_at_terminal() and not as_json
     gathering = Gathering()
     for file in files:
         share = _read_file(file, as_json=as_json)
@@ -253,15 +266,41 @@ def _require_possible(
     files: tuple[Path, ...], words_file: Path | None, *, only: bool, show: bool, as_json: bool
 ) -> None:
     """Raise UsageError for what cannot be done: asking, or showing words, where nobody sits."""
-    at_terminal = sys.stdin.isatty()
+    at_terminal = is_at_terminal()
     if not files and (as_json or not at_terminal):
         raise click.UsageError("There is no terminal to type words at: give --share FILE, once for each guardian.")
     if show and (as_json or not at_terminal):
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
     if words_file is not None and words_file.exists():
         raise click.UsageError(f"{words_file} exists already: name a new file.")
+    if words_file is not None and not os.access(words_file.parent, os.W_OK | os.X_OK):
+        raise click.UsageError(f"There is no folder {words_file.parent} in which the words can be written.")
     if only and words_file is None and not show:
         raise click.UsageError("With --words-only say where the words go: --words-file or --show-words.")
+
+
+@contextlib.contextmanager
+def _place(ctx: click.Context, path: Path, words_file: Path | None) -> Iterator[None]:
+    """Hold the place of the wallet that is made inside; if it ends before its end, say what it left behind.
+
+    Words that are in their file by then stay there: the guardians may have gone home.
+    """
+    with claim_place(path):
+        try:
+            yield
+        except BaseException as ending:
+            has_words = words_file is not None and words_file.exists()
+            is_stopped = isinstance(ending, click.Abort | KeyboardInterrupt)
+            if path.exists():
+                key = "new.stopped_words" if has_words else "new.stopped_made"
+                click.echo("\n" + text(key, path=path, words_file=words_file), err=True)
+            elif has_words:
+                click.echo("\n" + text("guardians.words_left", words_file=words_file), err=True)
+            elif is_stopped:
+                click.echo("\n" + text("guardians.none_made"), err=True)
+            if is_stopped:
+                ctx.exit(EXIT_FAILED)
+            raise
 
 
 @click.command()
@@ -306,20 +345,21 @@ def recover(
     path, genesis_path = ctx.obj
     _require_possible(files, words_file, only=only, show=show, as_json=as_json)
     done: dict[str, Any] = {}
-    with contextlib.nullcontext() if only else claim_place(path):
+    with contextlib.nullcontext() if only else _place(ctx, path, words_file):
         replaced = [read_words(file.read_text(encoding="utf-8")) for file in former]
         gathering, words = _gather(files, as_json=as_json)
         require_distinct(words, replaced)
         if not as_json:
-            _tell_joined(gathering, may_ask=sys.stdin.isatty())
+            _tell_joined(gathering, may_ask=is_at_terminal())
         if not only:
             passphrase = read_new_passphrase()
+        if words_file is not None:
+            write_words(words_file, words)
+        if not only:
             known = restore_wallet(path, words, replaced, passphrase, guess_cost(fast_passphrase), genesis_path)
             member = derive_keys(words).identity.public_key.hex()
             standing = _ask_network(path, passphrase, genesis_path, gathering)
             done = {"wallet": str(path), "member": member, "words_checked": known, "standing": standing}
-    if words_file is not None:
-        write_words(words_file, words)
     if as_json:
         left_out = [{"identifier": share.identifier, "sheet": share.index + 1} for share in gathering.misfits()]
         written = str(words_file) if words_file else None

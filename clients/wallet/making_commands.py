@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 from nacl import pwhash
 
-from clients.sdk.terminal import EXIT_FAILED, ask_for, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import EXIT_FAILED, ask_for, console, is_at_terminal, json_option, plain_errors, print_json
 from clients.wallet.claiming import claim_place
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
@@ -106,7 +106,7 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
     Example: blockrobot wallet new
     """
     path, _ = ctx.obj
-    if words_file is None and not sys.stdin.isatty():
+    if words_file is None and not is_at_terminal():
         raise click.UsageError("There is no terminal to show the words on: give --words-file.")
     if words_file is None and as_json:
         raise click.UsageError("With --json the words go to a file: give --words-file.")

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from clients.sdk.terminal import ask, ask_for, console, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, ask_for, console, is_at_terminal, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
@@ -203,7 +203,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
     async def action(opened: Wallet) -> Transferred:
         rotating, content = Rotating(opened), opened.store.content
         if not content.next_words and not content.transfers_due:
-            if words_file is None and not sys.stdin.isatty():
+            if words_file is None and not is_at_terminal():
                 raise click.UsageError("There is no terminal to show the words on: give --words-file.")
             await opened.scan()
             if opened.member_gone:
@@ -211,7 +211,7 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             ask_or_say(text("rotate.ask"), yes=yes)
             rotating.prepare()
         if rotating.must_show:
-            if words_file is None and not sys.stdin.isatty():
+            if words_file is None and not is_at_terminal():
                 raise click.UsageError("There is no terminal to show the words on: give --words-file.")
             _show_words(rotating.prepare(), words_file)
             rotating.confirm_shown()

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from clients.wallet.keystore import Keystore
-from clients.wallet.shares import read_share
+from clients.wallet.shares import read_share, split_words
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.typed import CONTROL, ROWS, Typed, at_terminal
 from tests.unit.clients.wallet.conftest import CHEAP
@@ -182,22 +182,50 @@ def test_a_wrong_word_another_set_and_the_same_guardian_twice_are_told_at_once(h
         typed.expect(f"Word {place + 1} is: ")
         typed.sendline(shares[1][place])
     typed.expect("lead to one wallet")
+    typed.expect("does not fit: sheet 2 of set.*Go on with these")
+    typed.sendline("y")
     choose_passphrase(typed)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
 
 
-def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path) -> None:
+@pytest.mark.parametrize(
+    ("said", "told"),
+    [
+        ({}, "SHARES_CONTRADICT. Next step: Add the words of one more guardian"),
+        ({"index": 1}, "SHARES_CONTRADICT.*It is kept"),
+        ({"member_threshold": 3}, "SHARE_OF_ANOTHER_SPLIT.*It is kept"),
+        ({"iteration_exponent": 2}, "SHARE_OF_ANOTHER_SPLIT.*It is kept"),
+    ],
+    ids=["of the words alone", "of her number", "of how many are needed", "of how it was made"],
+)
+def test_a_guardian_who_lies_is_made_up_for_by_one_more(home: Path, said: dict[str, int], told: str) -> None:
     shares = split_at(home)
-    lie = replace(read_share(" ".join(shares[0])), value=bytes(range(32))).words()
+    lie = replace(read_share(" ".join(shares[0])), value=bytes(range(32)), **said)
     typed = begin_recovery(home, "--profile", "again")
-    for share in (lie, shares[1]):
+    for share in (lie.words(), shares[1]):
         type_words(typed, share, 33)
-    typed.expect("SHARES_CONTRADICT. Next step: Add the words of one more guardian")
+    typed.expect(f"(?s){told}")
     type_words(typed, shares[2], 33)
+    typed.expect(f"does not fit: sheet {lie.index + 1} of set")
+    typed.expect("any 2 guardians are enough.*Go on with these")
+    typed.sendline("y")
     choose_passphrase(typed)
     assert typed.ended() == 0, typed.rest()
     assert Keystore.open(home / "wallets" / "again.wallet", PASSPHRASE).content.words == WORDS
+
+
+def test_who_remembers_that_more_were_needed_than_liars_say_makes_no_wallet_of_theirs(home: Path) -> None:
+    """Two of three who are needed cannot have hers; they may offer one of their own."""
+    honest = split_words(WORDS, 3, 5)[0]
+    theirs = split_words(" ".join(["zoo"] * 23 + ["vote"]), 2, 2)
+    typed = begin_recovery(home, "--profile", "again")
+    for share in (honest, *theirs):
+        type_words(typed, share.split(), 33)
+    typed.expect("(?s)does not fit: sheet 1 of set.*any 2 guardians are enough.*Go on with these")
+    typed.sendline("n")
+    assert typed.ended() == 1
+    assert not (home / "wallets" / "again.wallet").exists()
 
 
 def test_ctrl_c_while_words_are_typed_wipes_them_and_makes_nothing(home: Path) -> None:
@@ -258,3 +286,23 @@ async def test_a_wallet_that_is_lost_comes_back_by_two_of_three_and_opens_what_w
     told = await asyncio.to_thread(tell_the_story)
     assert "are as the robot took them" in plain(told)
     assert list((tmp_path / "pictures").rglob("*.depth.png"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("guardians", "split", "--guardian", "Ann", "--guardian", "Ben", "--no-check"),
+        ("guardians", "check"),
+        ("--profile", "again", "guardians", "recover", "--fast-passphrase"),
+        ("--profile", "again", "guardians", "recover", "--share", __file__, "--show-words"),
+        ("--profile", "again", "new", "--no-check", "--fast-passphrase"),
+    ],
+    ids=["split", "check", "recover", "recover with words", "new"],
+)
+def test_what_would_be_shown_goes_to_no_pipe_though_somebody_sits_at_the_keyboard(
+    home: Path, arguments: tuple[str, ...]
+) -> None:
+    typed = at_terminal(home, *arguments, output=home / "log", environment={"FORCE_COLOR": "1"})
+    assert typed.ended() == 2
+    assert "There is no terminal to" in typed.rest()
+    assert (home / "log").read_text() == ""

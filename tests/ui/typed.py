@@ -31,14 +31,25 @@ class Typed(pexpect.spawn):
 
 
 def at_terminal(
-    home: Path, *arguments: str, columns: int = 100, term: str = "xterm-256color", environment: Mapping[str, str] = {}
+    home: Path,
+    *arguments: str,
+    columns: int = 100,
+    term: str = "xterm-256color",
+    environment: Mapping[str, str] = {},
+    output: Path | None = None,
 ) -> Typed:
-    """Begin `blockrobot wallet` with these arguments, BLOCKROBOT_HOME being `home`, in English unless it says otherwise."""
+    """Begin `blockrobot wallet` with these arguments, BLOCKROBOT_HOME being `home`, in English unless it says otherwise.
+
+    Its standard output goes to a file if one is named; keyboard and standard error stay at the terminal.
+    """
     kept = {name: os.environ[name] for name in ("PATH", "HOME", "VIRTUAL_ENV") if name in os.environ}
     settings = {"BLOCKROBOT_HOME": str(home), "BLOCKROBOT_LANGUAGE": "en", "LANG": "C.UTF-8", "TERM": term}
     command = ["-m", "network.cli.main", "wallet", *arguments]
+    program = sys.executable
+    if output is not None:
+        program, command = "/bin/sh", ["-c", 'log=$1; shift; exec "$@" > "$log"', "sh", str(output), program, *command]
     return Typed(
-        sys.executable,
+        program,
         command,
         env=kept | settings | dict(environment),
         dimensions=(ROWS, columns),

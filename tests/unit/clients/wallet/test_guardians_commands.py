@@ -328,6 +328,56 @@ def test_the_words_come_out_only_where_they_were_asked_for(home: Home) -> None:
     assert not (home.folder / "none.wallet").exists()
 
 
+def test_where_the_words_cannot_go_is_said_before_any_share_is_read(home: Home) -> None:
+    first, second, _ = home.split()["sheets"]
+    nowhere = home.folder / "nowhere" / "words.txt"
+    refused = home.run("recover", "--share", first, "--share", second, "--words-file", str(nowhere), profile="again")
+    assert refused.exit_code == 2
+    assert "no folder" in refused.output
+    assert not (home.folder / "again.wallet").exists()
+
+
+def test_words_that_cannot_be_written_after_all_leave_no_wallet_in_the_way(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second, _ = home.split()["sheets"]
+    words_file = home.folder / "words.txt"
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("clients.wallet.guardians_recovering.write_words", full)
+    refused = home.recover(first, second, options=("--words-file", str(words_file)), code=1)
+    assert refused["code"] == "FILE_UNUSABLE"
+    assert not (home.folder / "again.wallet").exists()
+    monkeypatch.undo()
+    monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(home.folder / "passphrase"))
+    home.recover(first, second, options=("--words-file", str(words_file)))
+    assert words_file.read_text().strip() == WORDS
+
+
+@pytest.mark.parametrize("is_made", [False, True])
+def test_a_recovery_that_is_stopped_says_what_it_left(
+    home: Home, monkeypatch: pytest.MonkeyPatch, is_made: bool
+) -> None:
+    first, second, _ = home.split()["sheets"]
+    words_file = home.folder / "words.txt"
+
+    def stop(*_: object, **__: object) -> bool:
+        raise KeyboardInterrupt
+
+    step = "_ask_network" if is_made else "restore_wallet"
+    monkeypatch.setattr(f"clients.wallet.guardians_recovering.{step}", stop)
+    options = ("--words-file", str(words_file), "--fast-passphrase")
+    stopped = home.run("recover", "--share", first, "--share", second, *options, profile="again")
+    assert stopped.exit_code == 1
+    told = "The wallet was made all the same" if is_made else "No wallet was made"
+    assert told in stopped.output
+    assert str(words_file) in stopped.output.replace("\n", "")
+    assert words_file.read_text().strip() == WORDS, "the guardians may have gone home"
+    assert (home.folder / "again.wallet").exists() == is_made
+
+
 def test_a_recovered_wallet_knows_its_set_and_warns_before_the_next(home: Home) -> None:
     made = home.split()
     home.recover(*made["sheets"][1:])
