@@ -7,10 +7,12 @@ the sealed bytes tells a damaged file from a wrong passphrase.
 
 from __future__ import annotations
 
+import contextlib
 import hmac
 import os
 import secrets
 import tempfile
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -102,12 +104,31 @@ class WalletContent(msgspec.Struct):
         return f"WalletContent({len(self.visits)} visits)"
 
 
-def _derive_key(passphrase: str, salt: bytes, cost: PassphraseCost) -> bytes:
+def _encode(passphrase: str) -> list[bytes]:
+    """Return what a key may come from: the passphrase with its accents in one form, then as typed if that is another.
+
+    Keyboards and systems encode one letter in several ways (NIST SP 800-63B-4, 3.1.1.2). Files that were made before this
+    was seen to have their key from the bytes that were typed.
+    """
+    normal = unicodedata.normalize("NFC", passphrase).encode()
+    typed = passphrase.encode()
+    return [normal] if typed == normal else [normal, typed]
+
+
+def _derive_key(encoded: bytes, salt: bytes, cost: PassphraseCost) -> bytes:
     return bytes(
-        pwhash.argon2id.kdf(
-            _KEY_BYTES, passphrase.encode(), salt, opslimit=cost.operations_count, memlimit=cost.memory_bytes
-        )
+        pwhash.argon2id.kdf(_KEY_BYTES, encoded, salt, opslimit=cost.operations_count, memlimit=cost.memory_bytes)
     )
+
+
+def _unseal(parts: tuple[bytes, bytes, bytes, PassphraseCost, bytes], passphrase: str) -> tuple[bytes, bytes]:
+    """Return the content and the key that opened it. Raises WALLET_PASSPHRASE_WRONG."""
+    header, nonce, sealed, cost, salt = parts
+    for encoded in _encode(passphrase):
+        key = _derive_key(encoded, salt, cost)
+        with contextlib.suppress(CryptoError, ValueError, TypeError):
+            return crypto_aead_xchacha20poly1305_ietf_decrypt(sealed, header, nonce, key), key
+    raise BlockRobotError("WALLET_PASSPHRASE_WRONG")
 
 
 def _write_whole(path: Path, data: bytes) -> None:
@@ -175,7 +196,8 @@ class Keystore:
         cost = cost or PassphraseCost()
         salt = secrets.token_bytes(_SALT_BYTES)
         header = _MAGIC + msgspec.msgpack.encode([salt, cost.operations_count, cost.memory_bytes])
-        store = cls(path, _derive_key(passphrase, salt, cost), header, WalletContent(words=words, former=list(former)))
+        key = _derive_key(_encode(passphrase)[0], salt, cost)
+        store = cls(path, key, header, WalletContent(words=words, former=list(former)))
         store.save()
         return store
 
@@ -188,22 +210,19 @@ class Keystore:
             raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.") from None
         if len(data) > WALLET_FILE_MAX_BYTES:
             raise BlockRobotError("WALLET_DAMAGED", f"{path} is too large to be a wallet.")
-        header, nonce, sealed, cost, salt = _read_parts(path, data)
-        key = _derive_key(passphrase, salt, cost)
-        try:
-            plain = crypto_aead_xchacha20poly1305_ietf_decrypt(sealed, header, nonce, key)
-        except (CryptoError, ValueError, TypeError):
-            raise BlockRobotError("WALLET_PASSPHRASE_WRONG") from None
+        parts = _read_parts(path, data)
+        plain, key = _unseal(parts, passphrase)
         try:
             content = msgspec.msgpack.decode(plain, type=WalletContent)
         except msgspec.MsgspecError:
             raise BlockRobotError("WALLET_DAMAGED", f"{path} was written by another version.") from None
-        return cls(path, key, header, content)
+        return cls(path, key, parts[0], content)
 
     def opens_with(self, passphrase: str) -> bool:
         """Tell whether this passphrase opens the file. As dear as opening it."""
         salt, operations, memory = msgspec.msgpack.decode(self._header[len(_MAGIC) :], type=tuple[bytes, int, int])
-        return hmac.compare_digest(_derive_key(passphrase, salt, PassphraseCost(operations, memory)), self._key)
+        cost = PassphraseCost(operations, memory)
+        return any(hmac.compare_digest(_derive_key(one, salt, cost), self._key) for one in _encode(passphrase))
 
     def read_only(self) -> None:
         """Write nothing from now on: another program has the file, and what it notes would be lost."""

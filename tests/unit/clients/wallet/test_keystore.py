@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
+import unicodedata
 from pathlib import Path
 
 import msgspec
@@ -41,6 +42,35 @@ def test_what_was_saved_is_found_again(path: Path) -> None:
 def test_a_wrong_passphrase_is_said_to_be_wrong(path: Path) -> None:
     Keystore.create(path, WORDS, "tea", CHEAP)
     assert code_of(path, "coffee") == "WALLET_PASSPHRASE_WRONG"
+
+
+COMPOSED, DECOMPOSED = (unicodedata.normalize(form, "ameixa cação jardim avó") for form in ("NFC", "NFD"))
+
+
+@pytest.mark.parametrize(("made", "asked"), [(COMPOSED, DECOMPOSED), (DECOMPOSED, COMPOSED), (DECOMPOSED, DECOMPOSED)])
+def test_a_passphrase_is_the_same_however_its_accents_are_encoded(path: Path, made: str, asked: str) -> None:
+    Keystore.create(path, WORDS, made, CHEAP)
+    store = Keystore.open(path, asked)
+    assert store.content.words == WORDS
+    assert store.opens_with(made)
+    assert store.opens_with(asked)
+    assert not store.opens_with("ameixa cacao jardim avo")
+
+
+def test_an_older_file_whose_passphrase_was_taken_as_it_was_typed_opens_as_it_did(path: Path) -> None:
+    """Before, the bytes of the keyboard were taken; the file does not say so, and stays as it is."""
+    forged = Keystore.create(path, WORDS, "tea", CHEAP)
+    salt = msgspec.msgpack.decode(forged._header[len(b"BRWALLET1") :], type=tuple[bytes, int, int])[0]
+    forged._key = pwhash.argon2id.kdf(
+        32, DECOMPOSED.encode(), salt, opslimit=CHEAP.operations_count, memlimit=CHEAP.memory_bytes
+    )
+    forged.save()
+    store = Keystore.open(path, DECOMPOSED)
+    assert store.opens_with(DECOMPOSED)
+    assert code_of(path, COMPOSED) == "WALLET_PASSPHRASE_WRONG"
+    store.content.handle = b"h" * 32
+    store.save()
+    assert Keystore.open(path, DECOMPOSED).content.handle == b"h" * 32
 
 
 def test_the_file_is_for_its_user_only(path: Path) -> None:
