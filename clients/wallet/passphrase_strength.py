@@ -1,4 +1,4 @@
-"""How hard a new passphrase is to guess, and which are refused. Must never keep, log or show one.
+"""Which new passphrases are refused, and what is known of the others. Must never keep, log or show one.
 
 After NIST SP 800-63B-4, section 3.1.1.2: length counts, and no kinds of letters are asked for; whatever is common is
 refused. Whoever has a copy of the wallet's file tries passphrases on his own machine, as many as he likes: then nothing
@@ -15,8 +15,7 @@ from consensus.errors import BlockRobotError
 PASSPHRASE_MIN_LETTERS = 15
 PARTS_MIN_COUNT = 8
 """What is written out of so few common words, rows of keys and repetitions is guessed soon, however long it is."""
-GOOD_PARTS_COUNT = 15
-STRONG_PARTS_COUNT = 20
+LONG_PARTS_COUNT = 15
 JUDGED_MAX_LETTERS = 128
 _RUN_MIN_LETTERS = 3
 
@@ -41,20 +40,24 @@ senha palavra frase passe segredo carteira benfica sporting porto portugal brasi
 gabriel joana maria pedro futebol estrela familia obrigado bemvindo ola casa verao inverno cartao paciente
 correcthorsebatterystaple
 """
-_WORDS = frozenset(_LISTED.split())
+_LOOKALIKES = str.maketrans("@0$315l", "aoseisi")
+"""What people put for a letter; `l` too, since 1 stands for both `i` and `l`."""
+_WORDS = frozenset(word.translate(_LOOKALIKES) for word in _LISTED.split())
 _WORD_MAX_LETTERS = max(map(len, _WORDS))
 
 
 class Strength(enum.Enum):
-    """What is said of a passphrase that is taken."""
+    """What is known of a passphrase that is taken: it is not made of what is listed here, and of how many parts it is.
+
+    Whether somebody else would think of it nobody can tell from a short list: so none is called good.
+    """
 
     FAIR = "fair"
-    GOOD = "good"
-    STRONG = "strong"
+    LONG = "long"
 
 
 def judge_passphrase(passphrase: str) -> Strength:
-    """Return how hard a new passphrase is to guess. Raises PASSPHRASE_WEAK for a short or a common one."""
+    """Return what is known of a new passphrase. Raises PASSPHRASE_WEAK for a short or a common one."""
     letters = count_letters(passphrase)
     if letters < PASSPHRASE_MIN_LETTERS:
         raise BlockRobotError(
@@ -63,9 +66,7 @@ def judge_passphrase(passphrase: str) -> Strength:
     count = count_parts(passphrase)
     if count < PARTS_MIN_COUNT:
         raise BlockRobotError("PASSPHRASE_WEAK", "The passphrase is made of little but what is tried first.")
-    if count < GOOD_PARTS_COUNT:
-        return Strength.FAIR
-    return Strength.GOOD if count < STRONG_PARTS_COUNT else Strength.STRONG
+    return Strength.FAIR if count < LONG_PARTS_COUNT else Strength.LONG
 
 
 def count_letters(passphrase: str) -> int:
@@ -77,24 +78,26 @@ def count_parts(passphrase: str) -> int:
     """Return of how few parts a passphrase is made, each about as hard to guess as one letter drawn by chance.
 
     A part is a letter, a common word, a row of neighbours on the keyboard or in the alphabet, one letter again and again,
-    or what stood in it before. Blanks and dashes between words count for nothing. It never counts more than 128 letters.
+    or what stood in it before. Blanks and dashes between words count for nothing, and a common word stays one with @ for a
+    or 0 for o. It never counts more than 128 letters.
     """
     folded = unicodedata.normalize("NFKC", passphrase).casefold()
     bare = "".join(letter for letter in folded if not letter.isspace() and letter not in "-_.,")
     judged = (bare or folded)[:JUDGED_MAX_LETTERS]
+    spelled = judged.translate(_LOOKALIKES)
     fewest = [0]
     for end in range(1, len(judged) + 1):
         best = fewest[end - 1] + 1
         for start in range(end - 2, -1, -1):
-            if fewest[start] + 1 < best and _is_one_part(judged, start, end):
+            if fewest[start] + 1 < best and _is_one_part(judged, spelled, start, end):
                 best = fewest[start] + 1
         fewest.append(best)
     return fewest[-1]
 
 
-def _is_one_part(text: str, start: int, end: int) -> bool:
+def _is_one_part(text: str, spelled: str, start: int, end: int) -> bool:
     part = text[start:end]
-    if len(part) <= _WORD_MAX_LETTERS and part in _WORDS:
+    if len(part) <= _WORD_MAX_LETTERS and spelled[start:end] in _WORDS:
         return True
     if len(part) < _RUN_MIN_LETTERS:
         return False

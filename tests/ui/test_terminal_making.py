@@ -105,7 +105,7 @@ def test_a_weak_passphrase_is_told_why_and_asked_for_again(tmp_path: Path) -> No
     typed.sendline("tea and lemon cakes")
     typed.expect("two different ones")
     type_passphrase(typed)
-    typed.expect("Taken. It is good")
+    typed.expect("Taken. It is long enough")
     assert typed.ended() == 0
 
 

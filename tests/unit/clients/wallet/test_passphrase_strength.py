@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
+from clients.wallet.language import LANGUAGES, text
 from clients.wallet.passphrase_strength import Strength, count_parts, judge_passphrase
 from consensus.errors import BlockRobotError
 
@@ -35,6 +38,10 @@ def test_a_short_one_is_refused_whatever_its_letters(passphrase: str) -> None:
         "senhasenhasenha123",
         "abcabcabcabcabcabc",
         "PASSWORD_PASSWORD_20",
+        "P@ssw0rdP@ssw0rd1",
+        "pa55word-pa$$w0rd",
+        "1l0v3you1L0v3y0u",
+        "5un5h1n3-pr1nc3$$",
         "----------------",
     ],
 )
@@ -46,12 +53,12 @@ def test_a_long_one_of_what_is_tried_first_is_refused(passphrase: str) -> None:
 @pytest.mark.parametrize(
     ("passphrase", "strength"),
     [
-        ("tea and lemon cake", Strength.GOOD),
+        ("tea and lemon cake", Strength.LONG),
         ("maria come laranjas", Strength.FAIR),
-        ("kettle orbit maple saddle", Strength.STRONG),
-        ("chaleira órbita bordo sela", Strength.STRONG),
-        ("夏草や兵どもが夢の跡古池や蛙飛", Strength.GOOD),
-        ("nQ8v-7Jr2kLp0xZ4Yb", Strength.GOOD),
+        ("kettle orbit maple saddle", Strength.LONG),
+        ("chaleira órbita bordo sela", Strength.LONG),
+        ("夏草や兵どもが夢の跡古池や蛙飛", Strength.LONG),
+        ("nQ8v-7Jr2kLp0xZ4Yb", Strength.LONG),
     ],
 )
 def test_a_long_one_of_ones_own_is_taken_in_any_script(passphrase: str, strength: Strength) -> None:
@@ -63,4 +70,16 @@ def test_one_more_of_the_same_makes_none_stronger() -> None:
 
 
 def test_one_of_many_thousand_letters_is_taken_in_no_time() -> None:
-    assert judge_passphrase("".join(chr(0x4E00 + number % 5000) for number in range(100_000))) is Strength.STRONG
+    assert judge_passphrase("".join(chr(0x4E00 + number % 5000) for number in range(100_000))) is Strength.LONG
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("strength", list(Strength))
+def test_what_is_taken_is_not_praised_for_what_nobody_here_can_know(strength: Strength, language: str) -> None:
+    said = text(f"passphrase.{strength.value}", language=language)
+    assert not set(re.findall(r"\w+", said.casefold())) & {"good", "strong", "safe", "boa", "forte", "segura"}
+
+
+def test_what_stands_for_a_letter_makes_no_common_word_another() -> None:
+    assert count_parts("$3nh@") == count_parts("senha") == 1
+    assert count_parts("0123456789") == 1, "rows of keys are looked for in what was typed"

@@ -86,9 +86,7 @@ async def test_nobody_is_registered_under_a_version_that_came_after_the_one_on_t
     assert await newcomer.register(await newcomer.look()) is None, "now she has seen it"
 
 
-@pytest.mark.parametrize(
-    "shown", [{"organisation": "Another clinic"}, {"notice_hash": "00" * 32}, {"notice_hash": ""}]
-)
+@pytest.mark.parametrize("shown", [{"organisation": "Another clinic"}, {"notice_hash": "00" * 32}, {"notice_hash": ""}])
 async def test_nobody_is_registered_by_a_card_whose_notice_is_not_the_one_on_the_screen(
     newcomer: Newcomer, shown: dict[str, str]
 ) -> None:
