@@ -14,7 +14,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
 from clients.wallet.counting import counted
 from clients.wallet.lost_keys_commands import lost_keys
-from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
+from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
 from clients.wallet.rights import read_correction, write_correction
 from consensus.records.rights import DELAY_REASONS, OUTCOMES, REASONS, RECIPIENTS, RISKS
 
@@ -100,6 +100,7 @@ def _show(breach: Breach, profile: str) -> None:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def breaches(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List denied visits with what is left of the 72 hours, by the chain's clock.
 

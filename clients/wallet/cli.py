@@ -26,7 +26,7 @@ from clients.wallet.keyring_command import keyring
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
-from clients.wallet.opening import place_wallet, run_opened, show_moment, wallet_options
+from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
 from clients.wallet.records_command import picture_count, records
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
@@ -79,6 +79,7 @@ for command in (
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def audit(ctx: click.Context, as_json: bool) -> None:
     """Show everything that happened to your records, in order.
 

@@ -20,7 +20,7 @@ from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_
 from clients.wallet.language import code_text, describe_error, purposes_text, text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.consents import GIVEN
@@ -203,6 +203,7 @@ def withdraw(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, 
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ...], as_json: bool) -> None:
     """Show what you said about being recorded, proven against the chain.
 

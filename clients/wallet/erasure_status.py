@@ -19,7 +19,7 @@ from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.erasing import Erasing, ErasureReport
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import DEFAULT_LANGUAGE, language_in_use, text
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.wallet import Wallet
 from consensus.limits import ERASURE_OVERDUE_AFTER_MS
 
@@ -162,6 +162,7 @@ def erasure_lines(
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def erasures(ctx: click.Context, as_json: bool) -> None:
     """Show what you asked to erase, which custodians have confirmed it, and which are overdue.
 

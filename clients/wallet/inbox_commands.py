@@ -18,7 +18,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json,
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import code_text, describe_error, text
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
     KIND_ERASED,
@@ -167,6 +167,7 @@ def _print_alarms(alarms: Sequence[VisitReport]) -> None:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def inbox(ctx: click.Context, as_json: bool) -> None:
     """Show what was shared with you and what became of it since, and what is wrong with your own visits.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import hmac
+import logging
 import os
 import secrets
 import tempfile
@@ -30,6 +31,8 @@ from clients.wallet.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.rights import Correction
+
+_log = logging.getLogger(__name__)
 
 _MAGIC = b"BRWALLET1"
 _SALT_BYTES = pwhash.argon2id.SALTBYTES
@@ -229,8 +232,9 @@ class Keystore:
         self._is_read_only = True
 
     def save(self) -> None:
-        """Seal the content and replace the file in one step, unless it is only read."""
+        """Seal the content and replace the file in one step, unless it is only read: then it is logged that it was not."""
         if self._is_read_only:
+            _log.info("The wallet is read beside another program: what was to be noted in it is dropped.")
             return
         nonce = secrets.token_bytes(_NONCE_BYTES)
         plain = msgspec.msgpack.encode(self.content)

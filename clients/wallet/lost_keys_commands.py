@@ -11,7 +11,7 @@ import click
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.counting import counted
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from consensus.errors import BlockRobotError
 from consensus.records.lost_keys import APPROVE_MS, CARRY_OUT_MS, LOST_KEY_REASONS, VISITS_MAX_COUNT
 
@@ -186,6 +186,7 @@ def _require_room(found: Preview, visits: int | None) -> int:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
     """List what was proposed, how far it is, and what comes next.
 
@@ -207,6 +208,7 @@ def list_proposals(ctx: click.Context, everything: bool, as_json: bool) -> None:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def preview(ctx: click.Context, robot: str, from_ms: int, until_ms: int, as_json: bool) -> None:
     """Show how many visits and records a span would touch. Nothing is changed, and nobody is told.
 

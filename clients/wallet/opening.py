@@ -31,12 +31,9 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _KEYRING_KEY = "blockrobot.keyring"
+_READS_ONLY_MARK = "blockrobot_reads_only"
 _LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 PASSPHRASE_TRIES_MAX_COUNT = 5
-READING_COMMANDS = frozenset(
-    {"records", "view", "verify", "audit", "erasures", "shares", "inbox", "handle", "list", "breaches", "preview"}
-)
-"""What these note in the wallet they find again on the chain the next time: they need not have it for themselves."""
 _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a variable, not a passphrase
 
 
@@ -49,6 +46,15 @@ def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None
 
 def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
     ctx.meta[_KEYRING_KEY] = wanted
+
+
+def reads_only(command: F) -> F:
+    """Mark what a command does, next to its function: it may go on beside another program that has the wallet.
+
+    What it notes in the wallet then is dropped; it has to be something that is found again on the chain the next time.
+    """
+    setattr(command, _READS_ONLY_MARK, True)
+    return command
 
 
 def wallet_options(command: F) -> F:
@@ -182,7 +188,7 @@ def run_opened(ctx: click.Context, action: Callable[[Wallet], Awaitable[T]]) -> 
     require_wallet(path)
     genesis = load_genesis(genesis_path)
     passphrase = read_passphrase()
-    if ctx.command.name in READING_COMMANDS:
+    if getattr(ctx.command.callback, _READS_ONLY_MARK, False):
         with claim_or_read(path) as busy:
             store = Keystore.open(path, passphrase)
             if busy is not None:

@@ -13,7 +13,7 @@ from clients.wallet.filtering import Filter, Page, Shown, read_filter, select
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import code_text, text
 from clients.wallet.notices import Notices
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.rotating_commands import print_words, unreadable_words, words_json
 from clients.wallet.standing_words import print_standing, standing_json
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -145,6 +145,7 @@ def _filters(command: Any) -> Any:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def records(
     ctx: click.Context,
     day: str | None,

@@ -18,7 +18,7 @@ import click
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, language_in_use, text
-from clients.wallet.opening import run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
     STEP_KEYS,
@@ -296,6 +296,7 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def shares(ctx: click.Context, as_json: bool) -> None:
     """Show what you share, with whom, until when, who looked and when, and who says that copies are deleted.
 
@@ -363,6 +364,7 @@ def revoke(ctx: click.Context, grant: str, as_json: bool) -> None:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def handle(ctx: click.Context, as_json: bool) -> None:
     """Show your own handle. Whoever is to share something with you needs it; it is no secret.
 

@@ -13,7 +13,7 @@ from clients.wallet.album import Album
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
 from clients.wallet.language import text
-from clients.wallet.opening import run_opened
+from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing
 from clients.wallet.wallet import RecordEntry, Wallet
@@ -76,6 +76,7 @@ def _print_views(views: list[RecordView]) -> None:
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def view(
     ctx: click.Context, record_ids: tuple[str, ...], out: Path, sheet: bool, show: bool, purpose: str, as_json: bool
 ) -> None:
@@ -117,6 +118,7 @@ def view(
 @json_option
 @click.pass_context
 @plain_errors
+@reads_only
 def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_json: bool) -> None:
     """Check records against the chain on this machine, trusting no node, and put the verdict on the chain.
 

@@ -1,0 +1,90 @@
+"""Commands that only read go on beside a program that has the wallet, and leave its file as it is; no other does."""
+
+from __future__ import annotations
+
+import functools
+import json
+import logging
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from clients.sdk.terminal import plain_errors
+from clients.wallet import claiming, opening
+from clients.wallet.breach_commands import officer
+from clients.wallet.cli import wallet
+from clients.wallet.opening import reads_only, run_opened
+from tests.unit.clients.wallet.test_rotating_commands import Desk
+
+READING = {
+    "wallet": {
+        *("records", "view", "verify", "audit", "erasures", "shares", "inbox", "handle"),
+        "consent list",
+    },
+    "officer": {"breaches", "lost-keys list", "lost-keys preview"},
+}
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Desk:
+    for name in ("claim_wallet", "claim_or_read"):
+        at_once = functools.partial(getattr(claiming, name), wait_s=0, sleep=lambda _: None)
+        monkeypatch.setattr(opening, name, at_once)
+    return Desk(tmp_path, monkeypatch)
+
+
+def test_what_is_read_beside_another_program_leaves_the_file_as_it_was(
+    desk: Desk, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = desk.story.path
+    before = path.read_bytes()
+    with claiming.claim_wallet(path), caplog.at_level(logging.INFO):
+        seen = desk.run("records", "--json")
+        assert seen.exit_code == 0, seen.output
+        assert json.loads(seen.stdout)["ok"] is True
+        assert "read beside it" in seen.stderr
+        assert path.read_bytes() == before
+    assert "is dropped" in caplog.text
+    assert desk.run("records", "--json").exit_code == 0
+    assert path.read_bytes() != before, "by itself it notes what it found"
+
+
+def test_what_writes_is_not_let_through_beside_another_program(desk: Desk) -> None:
+    before = desk.story.path.read_bytes()
+    with claiming.claim_wallet(desk.story.path):
+        refused = desk.rotate("--json")
+    assert json.loads(refused.stdout)["error"]["code"] == "WALLET_BUSY"
+    assert desk.story.path.read_bytes() == before
+
+
+@pytest.mark.parametrize("is_marked", [False, True])
+def test_a_command_is_let_through_for_its_mark_and_not_for_its_name(desk: Desk, is_marked: bool) -> None:
+    async def nothing(_: Any) -> None: ...
+
+    def act(ctx: click.Context) -> None:
+        run_opened(ctx, nothing)
+
+    action = plain_errors(reads_only(act) if is_marked else act)
+    command = click.Command("list", callback=click.pass_context(action))
+    with claiming.claim_wallet(desk.story.path):
+        done = CliRunner().invoke(command, obj=(desk.story.path, desk.folder / "genesis.json"))
+    assert (done.exit_code == 0) == is_marked
+    assert ("WALLET_BUSY" in done.output) != is_marked
+
+
+def marked(group: click.Group, above: str = "") -> set[str]:
+    found = set()
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            found |= marked(command, f"{above}{name} ")
+        elif getattr(command.callback, opening._READS_ONLY_MARK, False):
+            found.add(f"{above}{name}")
+    return found
+
+
+def test_these_commands_only_read() -> None:
+    assert marked(wallet) == READING["wallet"]
+    assert marked(officer) == READING["officer"]
