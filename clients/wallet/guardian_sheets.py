@@ -12,8 +12,6 @@ import datetime
 import hashlib
 import html
 import os
-import re
-import unicodedata
 from collections.abc import Sequence
 from html.parser import HTMLParser
 from pathlib import Path
@@ -28,8 +26,6 @@ from pages.serving import PAGES_ASSETS
 SHEET_MAX_BYTES = 256 * 1024
 _WORDS_ID = "words"
 _STYLE_FILE = Path(__file__).with_name("guardian_sheet.css")
-_NO_FILE_NAME = re.compile(r"[^a-z0-9]+")
-_FILE_NAME_MAX_CHARS = 30
 _TO_DO = ("keep", "reach", "check", "help")
 _NEVER = ("photo", "type", "tell", "together")
 
@@ -64,19 +60,16 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     )
 
 
-def _file_name(place: int, name: str) -> str:
-    bare = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
-    short = _NO_FILE_NAME.sub("-", bare)[:_FILE_NAME_MAX_CHARS].strip("-")
-    return f"{place + 1}-{short or 'guardian'}.html"
-
-
 def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[Path]:
-    """Write a sheet for each guardian into a folder, mode 0600; all or none. Raises OSError, also if one is there."""
+    """Write a sheet for each guardian into a folder, mode 0600; all or none. Raises OSError, also if one is there.
+
+    Their files are numbered and not named: in a folder that was there, others may list what is in it.
+    """
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     written: list[Path] = []
     try:
         for place, share in enumerate(shares):
-            path = folder / _file_name(place, one.guardians[place])
+            path = folder / f"{place + 1}.html"
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
             written.append(path)
             with os.fdopen(descriptor, "w", encoding="utf-8") as file:

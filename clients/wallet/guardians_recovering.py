@@ -27,6 +27,7 @@ from clients.sdk.terminal import (
     json_option,
     plain_errors,
     print_json,
+    status_line,
     wipe_screen,
 )
 from clients.wallet.claiming import claim_place
@@ -229,7 +230,8 @@ def _gather(files: tuple[Path, ...], *, as_json: bool) -> tuple[Gathering, str]:
             _tell_progress(gathering)
     while True:
         try:
-            return gathering, gathering.join()
+            with status_line(text("guardians.joining"), as_json=as_json or not gathering.is_complete):
+                return gathering, gathering.join()
         except BlockRobotError as error:
             if not may_ask:
                 detail = (
