@@ -21,7 +21,7 @@ from clients.robot.empty_scenes import (
 )
 from clients.robot.events import Depth
 from clients.robot.identity import load_identity
-from clients.robot.live_options import live_options, notice_teller, open_camera, source_option
+from clients.robot.live_options import camera_options, notice_teller, open_camera, source_option
 from clients.robot.source_options import open_recording, source_options
 from clients.robot.sources.sampling import record_empty_frames
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
@@ -48,7 +48,7 @@ def background() -> None:
     type=click.FloatRange(0.5, 60),
     help="Look at the robot's camera for so long.",
 )
-@live_options
+@camera_options
 @source_options
 @json_option
 @click.pass_context
@@ -106,8 +106,9 @@ def list_command(ctx: click.Context, as_json: bool) -> None:
         print_json({"ok": True, "viewpoints": rows})
         return
     for row in rows:
-        until = f", approved by {row['approved_by']} until {row['expires']}" if row["approved_by"] else ""
-        console.print(f"{row['viewpoint']}: {row['frames']} frames, {row['state']}{until}")
+        by = f"approved by {row['approved_by']} until {row['expires']}" if row["approved_by"] else ""
+        state = "" if row["state"] == "approved" else row["state"]
+        console.print(f"{row['viewpoint']}: {row['frames']} frames, {', '.join(filter(None, (state, by)))}")
     if not rows:
         console.print("There are none. Next: blockrobot robot background record RECORDING --viewpoint NAME.")
 

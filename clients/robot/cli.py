@@ -18,7 +18,15 @@ from clients.robot.identity import create_identity, load_identity
 from clients.robot.live_options import SYNTHETIC, live_options, notice_teller, open_live, source_option
 from clients.robot.network import COPIES_DEFAULT_COUNT, COPIES_MAX_COUNT
 from clients.robot.replay import SPOOL_FOLDER, ReplayOptions, replay_recording
-from clients.robot.run_words import broken_line, broken_off, ended_line, ending_line, summary_lines
+from clients.robot.run_words import (
+    broken_line,
+    broken_off,
+    clear_line,
+    ended_line,
+    ending_line,
+    summary_lines,
+    waiting_line,
+)
 from clients.robot.scenario import load_scenario, published_run_1
 from clients.robot.source_options import open_recording, source_options, topic_options
 from clients.robot.sources.source import Source
@@ -116,7 +124,7 @@ class _Progress:
             line = (
                 f"{figures['frames_read']} frames, {figures['frames_recorded']} recorded, {figures['waiting']} waiting"
             )
-            click.echo(f"\r{line}", nl=last, err=True)
+            click.echo(f"{clear_line()}{line}", nl=last, err=True)
 
 
 def _common(command: Any) -> Any:
@@ -171,11 +179,15 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
     )
     if chosen.at_once and not as_json:
         click.echo("--now: owners of one scene stand side by side on the chain.", err=True)
+    waiting_count = count_waiting(folder / SPOOL_FOLDER)
+    if waiting_count and not as_json:
+        click.echo(waiting_line(waiting_count), err=True)
     progress = _Progress(as_json=as_json)
     try:
         summary, was_ended = asyncio.run(_record(folder, source, load_genesis(genesis_path), chosen, progress))
     except asyncio.CancelledError:
-        _tell_broken(folder / SPOOL_FOLDER, progress.figures, as_json=as_json)
+        is_live = ctx.command.name == "run"
+        _tell_broken(folder / SPOOL_FOLDER, progress.figures, as_json=as_json, is_live=is_live)
         sys.exit(EXIT_FAILED)
     fault = summary["intake"]["fault"]
     error = None if fault is None else broken_off(fault)
@@ -193,12 +205,12 @@ def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str
         raise error
 
 
-def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool) -> None:
+def _tell_broken(spool: Path, figures: dict[str, Any], *, as_json: bool, is_live: bool) -> None:
     """Say what a run leaves that its user ended at once."""
     waiting = count_waiting(spool)
     if as_json:
         print_json({"ok": False, "ended": "at-once", "progress": figures, "spooled_clips": waiting})
-    click.echo(broken_line(figures, waiting, str(spool)), err=True)
+    click.echo(broken_line(figures, waiting, str(spool), is_live=is_live), err=True)
 
 
 def _lost(summary: dict[str, Any]) -> int:

@@ -12,17 +12,35 @@ from typing import Any
 
 import click
 
-from clients.robot.sources.feeds import BESIDE, CAMERAS, make_feeds
+from clients.robot.run_words import clear_line
+from clients.robot.sources.feeds import BESIDE, CAMERAS, FeedKind, make_feeds
 from clients.robot.sources.live import LiveSource, Tell
-from clients.robot.sources.topics import TagTopic, Topics, load_topics, tags_by_type, with_topic
+from clients.robot.sources.topics import (
+    TagTopic,
+    Topics,
+    load_topics,
+    rooted,
+    tags_by_type,
+    with_rooted_names,
+    with_topic,
+)
 from consensus.errors import BlockRobotError
 
 SYNTHETIC = "synthetic"
 
 
+def camera_options(command: Any) -> Any:
+    """Add the options of what `--source` can name."""
+    return _with_options(command, CAMERAS)
+
+
 def live_options(command: Any) -> Any:
-    """Add the options of every feed."""
-    for kind in [*CAMERAS.values(), *BESIDE.values()]:
+    """Add the options of every feed, also of the readers beside a camera."""
+    return _with_options(camera_options(command), BESIDE)
+
+
+def _with_options(command: Any, kinds: Mapping[str, FeedKind]) -> Any:
+    for kind in kinds.values():
         for option in kind.options:
             command = option(command)
     return command
@@ -36,7 +54,7 @@ def source_option(*others: str, **settings: Any) -> Callable[[Any], Any]:
 def live_topics(options: Mapping[str, Any]) -> Topics:
     """Return what to listen to, by a topics file and --depth. Raises TOPICS_INVALID."""
     chosen = load_topics(options["topics_file"]) if options["topics_file"] else Topics()
-    return with_topic(chosen, depth=options["depth"])
+    return with_rooted_names(with_topic(chosen, depth=options["depth"]))
 
 
 def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
@@ -44,14 +62,14 @@ def open_live(options: Mapping[str, Any], tell: Tell) -> LiveSource:
     feeds = make_feeds(options["source"], options)
     tags: tuple[TagTopic, ...] | None = None
     if options["tags"]:
-        advertised = feeds[0].topics()
-        if options["tags"] not in advertised:
+        topic, advertised = rooted(options["tags"]), feeds[0].topics()
+        if topic not in advertised:
             raise BlockRobotError(
                 "TOPICS_INVALID",
-                f"{options['tags']} is not advertised now, so that its type is not known: start what publishes it, or "
+                f"{topic} is not advertised now, so that its type is not known: start what publishes it, or "
                 "name it in a topics file.",
             )
-        tags = (tags_by_type(options["tags"], advertised[options["tags"]]),)
+        tags = (tags_by_type(topic, advertised[topic]),)
     elif len(feeds) > 1 and not options["topics_file"]:
         tags = ()  # a reader of its own brings the readings
     return LiveSource(feeds, with_topic(live_topics(options), tags=tags), tell)
@@ -67,6 +85,6 @@ def notice_teller(*, as_json: bool) -> Tell:
     """Return what says a sentence to the user while a run goes on: on standard error, as JSON for a program."""
 
     def tell(sentence: str) -> None:
-        click.echo(json.dumps({"notice": sentence}) if as_json else sentence, err=True)
+        click.echo(json.dumps({"notice": sentence}) if as_json else clear_line() + sentence, err=True)
 
     return tell

@@ -5,6 +5,7 @@ Must never name a person, a tag, a handle or a key: counts only.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,18 +14,22 @@ from clients.robot.lens import ASSUMED
 from consensus.errors import BlockRobotError
 
 
+def clear_line() -> str:
+    """Return what empties the line on which a run's progress stands, if standard error is a terminal."""
+    return "\r\x1b[K" if sys.stderr.isatty() else ""
+
+
 def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
     """Yield the lines that tell what became of everything that came."""
     frames = summary["frames"]
     yield (
         f"{frames['published']} frames: {frames['kept']} kept in {summary['records']} records, "
-        f"{frames['withheld']} withheld, {frames['lost']} lost."
+        f"{_withheld(frames)}, {frames['lost']} lost."
     )
+    if frames["withheld"] and not frames["kept"]:
+        yield "No frame was kept. What each reason means: docs/how-to/your-robot.md, `What is kept, and what is withheld`."
     for sensor, counts in summary["senses"].items():
-        yield (
-            f"{counts['published']} of {sensor}: {counts['kept']} kept, "
-            f"{counts['withheld']} withheld, {counts['lost']} lost."
-        )
+        yield (f"{counts['published']} of {sensor}: {counts['kept']} kept, {_withheld(counts)}, {counts['lost']} lost.")
     intake = summary["intake"]
     yield from _unknown_lines(intake["unknown_tags"])
     yield from consent_lines(summary["consents"])
@@ -33,6 +38,13 @@ def summary_lines(summary: dict[str, Any]) -> Iterator[str]:
         yield f"Not usable: {sum(reasons.values())} of kind {kind} ({told})."
     yield from _live_lines(intake)
     yield from _focal_lines(summary.get("camera", {}))
+
+
+def _withheld(counts: dict[str, Any]) -> str:
+    """Return how many were withheld, and why; the number of each reason only where there are several."""
+    reasons = counts.get("withheld_reasons", {})
+    told = [f"{count} {reason}" for reason, count in reasons.items()] if len(reasons) > 1 else list(reasons)
+    return f"{counts['withheld']} withheld" + (f" ({', '.join(told)})" if told else "")
 
 
 def _live_lines(intake: dict[str, Any]) -> Iterator[str]:
@@ -109,12 +121,19 @@ def ended_line() -> str:
     return "Ended as you asked: all that was seen until then is settled, nothing waits in the spool, visits are closed."
 
 
-def broken_line(figures: dict[str, Any], waiting_count: int, spool: str) -> str:
+def waiting_line(waiting_count: int) -> str:
+    """Return what to say at the start of a run that finds clips in the spool."""
+    clips = "1 sealed clip waits" if waiting_count == 1 else f"{waiting_count} sealed clips wait"
+    return f"{clips} from a run before: recorded first, and counted among this run's records."
+
+
+def broken_line(figures: dict[str, Any], waiting_count: int, spool: str, *, is_live: bool) -> str:
     """Return what to say when the user ended a run at once: what was kept, what waits, and how to go on."""
+    again = "with `blockrobot robot run` as before" if is_live else "with any recording"
     waits = f"{waiting_count} sealed clips wait in {spool}" if waiting_count else "No sealed clip waits"
     return (
-        f"Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"
-        "To go on, start the robot again with any recording: it first records what waits, each clip once, and closes "
+        f"{clear_line()}Ended at once. {_so_far(figures).capitalize()}. {waits}; what was only in memory is lost.\n"
+        f"To go on, start the robot again {again}: it first records what waits, each clip once, and closes "
         "the visits that are open."
     )
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from clients.robot.live_options import live_options, source_option
+from clients.robot.live_options import camera_options, source_option
 from clients.robot.sources.feeds import make_feeds
 from clients.robot.sources.listing import Listed, draft_topics, list_topics, next_steps
 from clients.robot.sources.recording import Recording
@@ -28,7 +28,7 @@ _LISTEN_DEFAULT_S = 3.0
     type=click.FloatRange(0.5, 60),
     help="Listen to the robot's middleware for so long.",
 )
-@live_options
+@camera_options
 @click.option(
     "--draft",
     type=click.Path(path_type=Path, dir_okay=False),

@@ -67,7 +67,7 @@ class Listener(Protocol):
 class Feed(Protocol):
     """One middleware, or one reader. It is opened at most once; what it lost it takes up again by itself.
 
-    `ros1` says that messages are in ROS 1's serialisation; all others are CDR.
+    `name` begins a sentence about it, `ros1` says that messages are in ROS 1's serialisation; all others are CDR.
     """
 
     name: str

@@ -6,6 +6,7 @@ the UIDs of people's tags.
 
 from __future__ import annotations
 
+import textwrap
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -16,7 +17,9 @@ from clients.robot.sources.recording import TopicFigures
 from clients.robot.sources.topics import STRING_TYPE
 
 LISTED_MAX_COUNT = 12
+DRAFT_LINE_CHARS = 110
 FIELDS_SHOWN_MAX_COUNT = 24
+ROS_LOG_TYPES = ("rosgraph_msgs/msg/Log", "rcl_interfaces/msg/Log")
 TAG_FIELDS = ("epc", "uid", "tag", "tag_id", "tagid", "ids", "tags", "rfid", "tid", "transponder")
 TAG_NAMES = ("rfid", "tag", "epc", "uhf", "nfc")
 LABEL_NAMES = ("emotion", "label", "mood", "affect", "state", "expression", "sentiment")
@@ -34,6 +37,9 @@ class Holding(Protocol):
     def first(self, topic: str) -> Any:
         """Return the first message of a topic that can be decoded, None if there is none."""
 
+    def explain_unknown(self, topic: str) -> str:
+        """Return why a topic's type is not known, and what to do about it."""
+
 
 @dataclass(frozen=True, slots=True)
 class Listed:
@@ -46,7 +52,7 @@ class Listed:
     @property
     def is_unexplained(self) -> bool:
         """Tell whether its messages are of a type that is neither ROS's nor ours, and nothing says what they hold."""
-        return not self.could_be and self.figures.type not in own_types().types
+        return not self.could_be and self.figures.type not in {*own_types().types, *ROS_LOG_TYPES}
 
 
 def list_topics(recording: Holding) -> list[Listed]:
@@ -144,10 +150,7 @@ def next_steps(recording: Holding, listed: list[Listed]) -> list[str]:
 
 def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
     if not recording.types_of(figures.type).knows(figures.type):
-        return (
-            f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings, put "
-            "the type's text into the topics file under [definitions], and name topic and fields under [[tags]]."
-        )
+        return recording.explain_unknown(figures.name)
     guess = _guess_epc(recording, figures.type)
     return (
         f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, write under [[tags]] in "
@@ -160,10 +163,8 @@ def _unexplained_step(recording: Holding, figures: TopicFigures) -> str:
 def _drafted_guess(recording: Holding, figures: TopicFigures) -> list[str]:
     """Return a table of tags for a topic of which it is not known what it holds; to be put behind marks."""
     if not recording.types_of(figures.type).knows(figures.type):
-        return [
-            f"{figures.name} carries {figures.type}, which the recording does not define. If it holds tag readings,",
-            "put the type's text under [definitions], and name the topic and its fields under [[tags]].",
-        ]
+        table = ["[[tags]]", f'topic = "{figures.name}"', f'type = "{figures.type}"', 'epc = ""']
+        return [*textwrap.wrap(recording.explain_unknown(figures.name), DRAFT_LINE_CHARS), *table]
     fields = _drafted_fields(recording, figures.type, _guess_epc(recording, figures.type))
     return [
         f"{figures.name} carries {figures.type}, a type of your own. If it holds tag readings, take these marks away.",

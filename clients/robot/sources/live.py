@@ -18,6 +18,7 @@ from typing import Any, Self
 from clients.robot.events import Depth, Refused, Sighting, SourceEvent
 from clients.robot.sources.decoding import KINDS, MessageReader, info_topic, read_focal_px, wrong_type
 from clients.robot.sources.feed import Feed, Message
+from clients.robot.sources.images import COMPRESSED_TYPE, IMAGE_TYPE
 from clients.robot.sources.live_queue import LiveQueue, Queued
 from clients.robot.sources.message_types import LearntTypes, MessageTypes, types_with
 from clients.robot.sources.source import Clock, SystemClock
@@ -27,6 +28,7 @@ from consensus.errors import BlockRobotError
 
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 INFO_WAIT_S = 2.0
+LISTED_MAX_COUNT = 12
 LOOK_EVERY_S = 2.0
 SENTENCES_MAX_COUNT = 256
 YIELD_EVERY_COUNT = 16
@@ -113,6 +115,14 @@ class LiveSource:
     def camera_topic(self) -> str:
         """The topic of depth images."""
         return self._topics.depth
+
+    def describe_images(self) -> str:
+        """Return which topics of images are advertised now, as a sentence."""
+        advertised = _advertised(self._feeds[0]) or {}
+        images = sorted(topic for topic, kind in advertised.items() if kind in (IMAGE_TYPE, COMPRESSED_TYPE))
+        more = f" and {len(images) - LISTED_MAX_COUNT} more" if len(images) > LISTED_MAX_COUNT else ""
+        shown = ", ".join(images[:LISTED_MAX_COUNT])
+        return f"Images are on {shown}{more}." if images else "No topic of images is there."
 
     def shift_to(self, start_ms: int) -> None:
         """Take no notice: what is live cannot be moved."""
@@ -205,7 +215,7 @@ class LiveSource:
         """Say that a part of a feed is gone, or back, from any thread."""
         with self._counting:
             self._gone[part] += not here
-        self._say(f"{part} is there." if here else f"{part} is gone; the run waits for it.")
+        self._say(f"{part} is there." if here else f"{part} is gone; it is waited for.")
 
     def note_unusable(self, topic: str, error: BlockRobotError, *, for_good: bool) -> None:
         """Say that a topic cannot be heard, and count it as refused; without a camera there is no run. From any thread."""

@@ -10,6 +10,7 @@ import asyncio
 import contextlib
 import importlib
 import logging
+import os
 import threading
 import time
 from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
@@ -188,7 +189,7 @@ class _Link:
                     has_opened = True
                     await self._read(link)
             except Exception as error:  # noqa: BLE001 - whatever a reader sends, the other readers and the run go on
-                why = str(error) or type(error).__name__
+                why = _why(error)
             tries_left -= 1
             if not has_opened and not tries_left:
                 self._opening.failed(_unreachable(self._reader, why))
@@ -318,6 +319,18 @@ async def _waiting(reports: asyncio.Queue[Any], wait_s: float) -> list[Any]:
     while len(found) < DRAIN_MAX_COUNT and not reports.empty():
         found.append(reports.get_nowait())
     return found
+
+
+def _why(error: BaseException) -> str:
+    """Return in plain words what kept a reader from answering; the library wraps what the system said."""
+    root = error
+    while root.__cause__ is not None and not isinstance(root, OSError):
+        root = root.__cause__
+    if isinstance(root, TimeoutError):
+        return f"nothing that speaks LLRP was heard within {OPEN_MAX_S:g} s; is a reader there?"
+    if isinstance(root, OSError) and root.errno:
+        return os.strerror(root.errno) if root.errno > 0 else "there is no machine of this name"
+    return str(error) or type(error).__name__
 
 
 def _unreachable(reader: LlrpReader, why: str) -> BlockRobotError:

@@ -38,6 +38,14 @@ class TopicFigures:
     types: set[str] = field(default_factory=set)
 
 
+def explain_undefined(figures: TopicFigures, who: str) -> str:
+    """Return what to do about a topic of a type that `who` (with its verb) does not define."""
+    return (
+        f"{figures.name} carries {figures.type}, which {who}. If it holds tag readings, put the type's text into the "
+        "topics file under [definitions], and name topic and fields under [[tags]]."
+    )
+
+
 class Recording:
     """A recording that was looked into once: `topics` by name, their `types`, and `broken`, which says what is wrong.
 
@@ -76,6 +84,10 @@ class Recording:
     def types_of(self, type_name: str) -> MessageTypes:  # noqa: ARG002 - a recording has one set for all
         """Return the types among which messages of a type are explained."""
         return self.types
+
+    def explain_unknown(self, topic: str) -> str:
+        """Return why a topic's type is not known, and what to do about it."""
+        return explain_undefined(self.topics[topic], "the recording does not define")
 
     def first(self, topic: str) -> Any:
         """Return the first message of a topic that can be decoded, None if there is none."""

@@ -48,8 +48,32 @@ _INSTALL = (
     "With a ROS distribution: source its setup.bash first, or name the folder that has rospy with --ros-path."
 )
 
+
+def _is_master_uri(uri: str) -> bool:
+    try:
+        parts = urlsplit(uri)
+        return bool(parts.scheme == "http" and parts.hostname and parts.port)
+    except ValueError:
+        return False
+
+
+def _no_master(uri: str) -> str:
+    return f"{uri[:NAME_MAX_CHARS]} is no address of a ROS 1 master, as {MASTER_DEFAULT_URI}."
+
+
+def _check_master(_context: click.Context, _parameter: click.Parameter, uri: str | None) -> str | None:
+    if uri is not None and not _is_master_uri(uri):
+        raise click.BadParameter(_no_master(uri))
+    return uri
+
+
 OPTIONS = (
-    click.option("--ros-master", metavar="URI", help="The ROS 1 master. [default: ROS_MASTER_URI, or this machine's]"),
+    click.option(
+        "--ros-master",
+        metavar="URI",
+        callback=_check_master,
+        help="The ROS 1 master. [default: ROS_MASTER_URI, or this machine's]",
+    ),
     click.option(
         "--ros-path",
         type=click.Path(path_type=Path, file_okay=False, exists=True),
@@ -73,11 +97,11 @@ def ros_type(name: str) -> str:
 class Ros1Feed:
     """The topics of one ROS 1 master. `folder` is where rospy is looked for if Python does not find it."""
 
-    name = "ros1"
     ros1 = True
 
     def __init__(self, master_uri: str, folder: Path = DEBIAN_FOLDER) -> None:
         self._master = Master(master_uri)
+        self.name = f"The ROS 1 master at {master_uri}"
         self._folder = folder
         self._rospy: Any = None
         self._listener: Listener | None = None
@@ -155,15 +179,8 @@ class Master:
 
     def __init__(self, uri: str) -> None:
         self.uri = uri
-        try:
-            parts = urlsplit(uri)
-            usable = parts.scheme == "http" and parts.hostname and parts.port
-        except ValueError:
-            usable = False
-        if not usable:
-            raise BlockRobotError(
-                "FEED_UNREACHABLE", f"{uri} is no address of a ROS 1 master, as {MASTER_DEFAULT_URI}."
-            )
+        if not _is_master_uri(uri):
+            raise BlockRobotError("FEED_UNREACHABLE", _no_master(uri))
 
     def published(self) -> dict[str, str]:
         """Return the topics that have a publisher, with their types."""

@@ -53,7 +53,7 @@ def make_feeds(options: Mapping[str, Any]) -> Sequence[Feed]:
 class Ros2Feed:
     """The ROS 2 graph that this process' environment describes to any ROS 2 program; `domain` goes before ROS_DOMAIN_ID."""
 
-    name = "ros2"
+    name = "The ROS 2 graph"
     ros1 = False
 
     def __init__(self, domain: int | None = None) -> None:

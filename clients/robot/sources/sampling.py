@@ -17,7 +17,7 @@ from clients.robot.sources.empty_frames import EmptyFrames
 from clients.robot.sources.feed import Feed, Message
 from clients.robot.sources.live import LiveSource
 from clients.robot.sources.message_types import LearntTypes, MessageTypes, own_types
-from clients.robot.sources.recording import TopicFigures
+from clients.robot.sources.recording import TopicFigures, explain_undefined
 from clients.robot.sources.source import StoppableClock, SystemClock
 from consensus.errors import BlockRobotError
 
@@ -29,6 +29,7 @@ class Sample:
 
     def __init__(self, feed: Feed) -> None:
         self.topics: dict[str, TopicFigures] = {}
+        self.listened_s = 0.0
         self._feed = feed
         self._types = LearntTypes(own_types(), ros1=feed.ros1)
         self._first: dict[str, tuple[Message, MessageTypes]] = {}
@@ -43,9 +44,20 @@ class Sample:
             # Nobody said of what type they are to be: one whose type cannot be had here must not keep the rest from sight.
             self._feed.open(dict.fromkeys(advertised, ""), self)
             time.sleep(seconds)
+        self.listened_s = seconds
         with self._lock:
             for figures in self.topics.values():
                 figures.rate_hz = round(figures.count / seconds, 2)
+
+    def explain_unknown(self, topic: str) -> str:
+        """Return why a topic's type is not known, and what to do about it."""
+        figures = self.topics[topic]
+        if self._feed.ros1 and not figures.count:
+            return (
+                f"No message of {topic} came in {self.listened_s:g} s, and with one comes what {figures.type} is. If it "
+                "holds tag readings, hold a tag before the reader and list again, or listen longer with --seconds."
+            )
+        return explain_undefined(figures, "neither the robot's middleware nor BlockRobot defines")
 
     def types_of(self, type_name: str) -> MessageTypes:
         """Return the types among which messages of a type are explained."""
@@ -98,15 +110,15 @@ class Sample:
 def record_empty_frames(source: LiveSource, seconds: float) -> list[Depth]:
     """Return frames of an entered source, of `seconds` from now on, all of one size.
 
-    Raises EMPTY_SCENE_MISSING if no usable one came.
+    Raises CAMERA_SILENT if no usable one came, naming the topics that are there.
     """
     gathered, refused = asyncio.run(_gather(source, seconds))
     if gathered.frames:
         return gathered.frames
     why = f"none of {sum(refused.values())} could be used, for {', '.join(sorted(refused))}" if refused else "none came"
     raise BlockRobotError(
-        "EMPTY_SCENE_MISSING",
-        f"No frame of {source.camera_topic} within {seconds:g} s: {why}. Does the camera publish it?",
+        "CAMERA_SILENT",
+        f"No usable frame of {source.camera_topic} within {seconds:g} s: {why}. {source.describe_images()}",
     )
 
 

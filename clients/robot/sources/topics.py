@@ -167,6 +167,8 @@ def parse_topics(text: str) -> Topics:
 
 def check_topics(topics: Topics) -> Topics:
     """Return `topics` if no topic is named for two things. Raises TOPICS_INVALID."""
+    if not topics.depth:
+        raise _wrong("The topic of depth images has no name.")
     names = [topics.depth, *(tags.topic for tags in topics.tags), topics.rgb]
     names += [part.topic for part in (topics.labels, topics.audio) if part is not None]
     named = [name for name in names if name]
@@ -196,6 +198,23 @@ def tags_by_type(topic: str, type_name: str) -> TagTopic:
 def with_topic(topics: Topics, **changes: Any) -> Topics:
     """Return `topics` with some of them named anew; None leaves one as it is. Raises TOPICS_INVALID."""
     return check_topics(replace(topics, **{name: value for name, value in changes.items() if value is not None}))
+
+
+def rooted(name: str) -> str:
+    """Return a topic's name as a running robot advertises it: ROS takes one without a leading slash from the root."""
+    return f"/{name}" if name and not name.startswith(("/", "~")) else name
+
+
+def with_rooted_names(topics: Topics) -> Topics:
+    """Return `topics` with every name as a running robot advertises it. Raises TOPICS_INVALID if two are the same."""
+    return with_topic(
+        topics,
+        depth=rooted(topics.depth),
+        rgb=rooted(topics.rgb),
+        tags=tuple(replace(one, topic=rooted(one.topic)) for one in topics.tags),
+        labels=topics.labels and replace(topics.labels, topic=rooted(topics.labels.topic)),
+        audio=topics.audio and replace(topics.audio, topic=rooted(topics.audio.topic)),
+    )
 
 
 def _tag_topic(table: _Table) -> TagTopic:
@@ -280,6 +299,8 @@ class _Table:
         value = self._take(key, str, "a text")
         if required and not value:
             raise _wrong(f"{self.name}{key} is missing.")
+        if value == "":
+            raise _wrong(f"{self.name}{key} is empty: write what it is, or leave the line out.")
         return value or ""
 
     def path(self, key: str, *, required: bool = False) -> str:

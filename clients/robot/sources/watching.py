@@ -37,7 +37,7 @@ class Watch:
                 told.append(f"{topic} is there.")
             elif not is_there and self._there.get(topic, True):
                 self.gone[topic] += topic in self._there
-                told.append(f"{topic} is not advertised; the run waits for it.")
+                told.append(f"{topic} is not advertised; it is waited for.")
             self._there[topic] = is_there
         return told
 

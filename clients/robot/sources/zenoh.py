@@ -96,7 +96,7 @@ class ZenohFeed:
     whose hash is another than that of the type they would be read with are refused.
     """
 
-    name = "zenoh"
+    name = "The Zenoh router"
     ros1 = False
 
     def __init__(

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import time
+from io import StringIO
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from clients.robot import cli
+from clients.robot.empty_scenes import FRAMES_MIN_COUNT, approve_scene, record_scene
 from clients.robot.identity import create_identity
-from clients.robot.run_words import summary_lines
+from clients.robot.live_options import notice_teller
+from clients.robot.run_words import broken_line, summary_lines, waiting_line
 from clients.robot.sources.feeds import BESIDE, CAMERAS
 
 NOBODY = "http://127.0.0.1:9"
@@ -57,6 +63,9 @@ def test_a_middleware_that_does_not_answer_is_named_with_its_address(
             "--empty options",
         ),
         (("run", "--source", "ros3"), "is not one of"),
+        (("topics", "--source", "ros1", "--ros-master", "hello"), "hello is no address of a ROS 1 master"),
+        (("topics", "--source", "ros1", "--llrp", "127.0.0.1"), "No such option"),
+        (("background", "record", "--source", "ros1", "--viewpoint", "w", "--llrp", "127.0.0.1"), "No such option"),
     ],
 )
 def test_what_cannot_be_meant_is_wrong_usage(tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:
@@ -76,22 +85,68 @@ def test_every_feed_is_offered_and_adds_options_of_its_own(tmp_path: Path) -> No
     assert len(names) == len(set(names)), "two feeds claim one option"
 
 
+COUNTS = {"published": 5, "kept": 5, "withheld": 0, "lost": 0}
+
+
+def summary_of(counts: dict[str, Any], **intake: Any) -> dict[str, Any]:
+    intake = {"unknown_tags": {"readings": 0}, "messages_refused": {}, **intake}
+    consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
+    return {"frames": counts, "senses": {}, "records": 1, "intake": intake, "consents": consents}
+
+
 def test_a_live_runs_last_lines_say_what_was_not_read_and_what_was_gone() -> None:
-    counts = {"published": 5, "kept": 5, "withheld": 0, "lost": 0}
     intake = {
-        "unknown_tags": {"readings": 0},
-        "messages_refused": {},
         "missed": {"frame": 3},
         "unread": {"sighting": 2},
         "never_came": {"/depth": 4},
         "gone": {"/depth": 1, "/rfid": 2},
     }
-    consents = {"stale_times": 0, "sightings_refused": {}, "clips_dropped": 0}
-    summary = {"frames": counts, "senses": {}, "records": 1, "intake": intake, "consents": consents}
-    assert list(summary_lines(summary))[1:] == [
+    assert list(summary_lines(summary_of(COUNTS, **intake)))[1:] == [
         "Not read: 3 messages of kind frame came while there was no room for them; this machine is too slow.",
         "Never came: 4 messages of /depth, lost between the robot's middleware and here.",
         "Not read: 2 messages of kind sighting had just come when the run ended.",
         "Gone 1 time for a while: /depth.",
         "Gone 2 times for a while: /rfid.",
     ]
+
+
+def test_frames_that_are_withheld_are_said_with_their_reasons_and_where_these_are_explained() -> None:
+    all_of_them = {**COUNTS, "kept": 0, "withheld": 5, "withheld_reasons": {"no-distance": 5}}
+    first, pointer = summary_lines(summary_of(all_of_them))
+    assert first == "5 frames: 0 kept in 1 records, 5 withheld (no-distance), 0 lost."
+    assert "docs/how-to/your-robot.md" in pointer
+    some = {**COUNTS, "kept": 2, "withheld": 3, "withheld_reasons": {"crowd": 1, "no-distance": 2}}
+    assert list(summary_lines(summary_of(some))) == [
+        "5 frames: 2 kept in 1 records, 3 withheld (1 crowd, 2 no-distance), 0 lost."
+    ]
+
+
+@pytest.mark.parametrize(("is_terminal", "before"), [(True, "\r\x1b[K"), (False, "")])
+def test_at_a_terminal_a_notice_takes_the_place_of_the_line_of_progress(
+    monkeypatch: pytest.MonkeyPatch, is_terminal: bool, before: str
+) -> None:
+    class Screen(StringIO):
+        def isatty(self) -> bool:
+            return is_terminal
+
+    screen = Screen()
+    monkeypatch.setattr("sys.stderr", screen)
+    notice_teller(as_json=False)("/depth is there.")
+    assert screen.getvalue() == f"{before}/depth is there.\n"
+    assert broken_line({}, 0, "spool", is_live=True).startswith(f"{before}Ended at once.")
+
+
+def test_clips_that_wait_from_a_run_before_are_announced() -> None:
+    assert waiting_line(1).startswith("1 sealed clip waits from a run before")
+    assert waiting_line(8).startswith("8 sealed clips wait from a run before")
+
+
+def test_approved_empty_frames_are_called_approved_once(tmp_path: Path) -> None:
+    create_identity(tmp_path / "robot")
+    now_ms = time.time_ns() // 1_000_000
+    frames = [np.full((48, 64), 3_000, np.uint16)] * FRAMES_MIN_COUNT
+    record_scene(tmp_path / "robot", "ward-3", frames, now_ms)
+    assert robot(tmp_path, "background", "list").output.strip() == f"ward-3: {FRAMES_MIN_COUNT} frames, recorded"
+    approve_scene(tmp_path / "robot", "ward-3", by="A. Nurse", days=1, now_ms=now_ms)
+    said = " ".join(robot(tmp_path, "background", "list").output.split())
+    assert f"ward-3: {FRAMES_MIN_COUNT} frames, approved by A. Nurse until 2" in said

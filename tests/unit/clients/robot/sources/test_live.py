@@ -14,6 +14,7 @@ from clients.robot.events import Frame, Refused, Sighting, SourceEvent
 from clients.robot.messages import IMAGE_TYPE, SIGHTING_TYPE, MessageCodec
 from clients.robot.sources import live
 from clients.robot.sources.feed import Listener, Message
+from clients.robot.sources.listing import draft_topics, list_topics, next_steps
 from clients.robot.sources.live import INFO_TYPE, LiveSource
 from clients.robot.sources.live_queue import LiveQueue
 from clients.robot.sources.sampling import Sample, record_empty_frames
@@ -209,7 +210,7 @@ async def test_readings_of_a_reader_of_its_own_stand_beside_the_cameras_frames()
         events = await played.count(2)
         await played.end()
     assert [type(event) for event in events] == [Frame, Sighting]
-    assert "reader 192.0.2.1 is gone; the run waits for it." in told
+    assert "reader 192.0.2.1 is gone; it is waited for." in told
     assert source.intake_json()["gone"]["reader 192.0.2.1"] == 1
     assert source.intake_json()["never_came"] == {DEPTH: 3}, "nothing was wanted of the other but its focal length"
 
@@ -304,7 +305,7 @@ async def test_topics_that_vanish_and_return_are_said_and_do_not_end_a_run(monke
         played = await playing(source)
         feed.frame(0)
         for change, sentence in (
-            ({TAGS: SIGHTING_TYPE}, f"{DEPTH} is not advertised; the run waits for it."),
+            ({TAGS: SIGHTING_TYPE}, f"{DEPTH} is not advertised; it is waited for."),
             ({TAGS: SIGHTING_TYPE, DEPTH: IMAGE_TYPE}, f"{DEPTH} is there."),
         ):
             async with asyncio.timeout(5):
@@ -376,8 +377,8 @@ def test_frames_of_the_empty_scene_are_taken_for_so_long_and_those_that_cannot_b
     feed = FeedByHand()
     with LiveSource([feed], Topics(tags=())) as source, pytest.raises(BlockRobotError) as refused:
         record_empty_frames(source, 0.05)
-    assert refused.value.code == "EMPTY_SCENE_MISSING"
-    assert "none came" in refused.value.detail
+    assert refused.value.code == "CAMERA_SILENT"
+    assert "none came. Images are on /camera/depth/image_raw." in refused.value.detail
 
 
 def test_a_sample_tells_how_much_came_of_each_topic_and_keeps_the_first_message_alone() -> None:
@@ -407,3 +408,20 @@ def test_a_sample_explains_a_type_by_the_definition_that_came_with_a_message() -
     sample.listen(0.01)
     assert sample.types_of("ward_msgs/msg/Tag").paths("ward_msgs/msg/Tag") == ["epc"]
     assert sample.first(TAGS).epc == "E1"
+
+
+@pytest.mark.parametrize("ros1", [True, False])
+def test_a_topic_of_which_nothing_came_is_no_fault_of_a_recording(ros1: bool) -> None:
+    """In ROS 1 a type's definition comes with its first message; elsewhere none would ever come."""
+    feed = FeedByHand(topics={"/rfid": "ward_msgs/msg/Tag", "/rosout": "rosgraph_msgs/msg/Log"})
+    feed.ros1 = ros1
+    sample = Sample(feed)
+    sample.listen(0.01)
+    listed = list_topics(sample)
+    (step,) = next_steps(sample, listed)
+    draft = draft_topics(sample, listed)
+    assert "recording" not in step
+    assert ("hold a tag before the reader" in step, "[definitions]" in step) == (ros1, not ros1)
+    assert ("No message of /rfid came in 0.01 s" in step) is ros1
+    assert '# [[tags]]\n# topic = "/rfid"' in draft
+    assert parse_topics(draft) == parse_topics("")

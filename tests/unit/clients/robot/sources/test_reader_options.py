@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from clients.robot.sources import llrp, zenoh
-from clients.robot.sources.llrp import parse_address
+from clients.robot.sources.llrp import _why, parse_address
 from clients.robot.sources.topics import LlrpReader
 from consensus.errors import BlockRobotError
 
@@ -132,3 +133,13 @@ def test_neither_library_is_loaded_before_it_is_used() -> None:
     code = "import sys, clients.robot.cli; print(sorted({'zenoh', 'llrpkit'} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\n"
+
+
+async def test_what_keeps_a_reader_from_answering_is_said_in_plain_words() -> None:
+    wrapped = RuntimeError("cannot connect to 192.0.2.1:5084: [Errno 111] Connect call failed ('192.0.2.1', 5084)")
+    wrapped.__cause__ = ConnectionRefusedError(errno.ECONNREFUSED, "Connect call failed ('192.0.2.1', 5084)")
+    assert _why(wrapped) == "Connection refused"
+    assert "within" in _why(TimeoutError())
+    assert "is a reader there?" in _why(TimeoutError())
+    assert _why(ValueError("M_Already_Exists")) == "M_Already_Exists"
+    assert _why(ValueError()) == "ValueError"

@@ -8,7 +8,7 @@ import pytest
 
 from clients.robot.bag import DEPTH_TOPIC, SIGHTING_TOPIC
 from clients.robot.messages import SIGHTING_TYPE
-from clients.robot.sources.topics import load_topics, parse_topics, tags_by_type, with_topic
+from clients.robot.sources.topics import Topics, load_topics, parse_topics, tags_by_type, with_rooted_names, with_topic
 from consensus.errors import BlockRobotError
 
 WHOLE = """
@@ -72,6 +72,8 @@ def test_an_empty_file_names_the_robots_own_topics() -> None:
         ("depth =", "TOML"),
         ("[rgb]", "rgb.topic"),
         ("[depth]\ntopic = 3", "depth.topic"),
+        ("[depth]\ntopic = ''", "depth.topic is empty"),
+        ("[[tags]]\ntopic = '/t'\nepc = 'id'\nantenna = ''", "tags[0].antenna is empty"),
         ("[dephts]\ntopic = '/a'", "dephts"),
         ("depth = 3", "depth"),
         ("[depth]\ntopic = '/a'\nencoding = 'x'", "depth.encoding"),
@@ -155,3 +157,20 @@ def test_a_reader_that_makes_no_sense_is_refused(text: str, said: str) -> None:
         parse_topics(text)
     assert caught.value.code == "TOPICS_INVALID"
     assert said in caught.value.detail
+
+
+def test_a_running_robots_topics_are_named_from_the_root_as_ros_resolves_them() -> None:
+    text = "[depth]\ntopic = 'kinect/depth'\n[[tags]]\ntopic = 'rfid'\nepc = 'id'\n[labels]\ntopic = '/mood'"
+    assert with_rooted_names(parse_topics(text)).wanted == {
+        "/rfid": "tags",
+        "/kinect/depth": "depth",
+        "/mood": "labels",
+    }
+    assert with_rooted_names(Topics()) == Topics()
+    with pytest.raises(BlockRobotError, match="named for two things"):
+        with_rooted_names(parse_topics("[depth]\ntopic = 'a'\n[rgb]\ntopic = '/a'"))
+
+
+def test_a_depth_topic_without_a_name_is_refused_as_an_option_too() -> None:
+    with pytest.raises(BlockRobotError, match="has no name"):
+        with_topic(Topics(), depth="")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from clients.robot.sources.ros1 import Ros1Feed
 from clients.robot.sources.watching import SILENT_AFTER_S, Watch
 
 BOTH = {"/depth": "a/msg/B", "/tags": "a/msg/C"}
@@ -16,7 +17,7 @@ def test_what_is_there_from_the_beginning_is_not_said() -> None:
 
 def test_a_topic_that_is_not_there_yet_is_waited_for_and_does_not_count_as_gone() -> None:
     watch = Watch("ros1", BOTH, "/depth")
-    assert watch.look({"/depth": "a/msg/B"}) == ["/tags is not advertised; the run waits for it."]
+    assert watch.look({"/depth": "a/msg/B"}) == ["/tags is not advertised; it is waited for."]
     assert watch.look({"/depth": "a/msg/B"}) == []
     assert watch.look(BOTH) == ["/tags is there."]
     assert +watch.gone == {}
@@ -26,16 +27,17 @@ def test_a_topic_that_vanishes_is_counted_each_time() -> None:
     watch = Watch("ros1", ["/depth"], "/depth")
     for _ in range(3):
         watch.look(BOTH)
-        assert watch.look({}) == ["/depth is not advertised; the run waits for it."]
+        assert watch.look({}) == ["/depth is not advertised; it is waited for."]
     assert watch.gone == {"/depth": 3}
 
 
 def test_a_feed_that_does_not_answer_says_nothing_of_its_topics() -> None:
-    watch = Watch("ros1", BOTH, "/depth")
+    name = Ros1Feed("http://10.0.0.1:11311").name
+    watch = Watch(name, BOTH, "/depth")
     watch.look(BOTH)
-    assert watch.look(None) == ["ros1 does not answer; what is connected goes on."]
+    assert watch.look(None) == ["The ROS 1 master at http://10.0.0.1:11311 does not answer; what is connected goes on."]
     assert watch.look(None) == []
-    assert watch.look(BOTH) == ["ros1 answers again."]
+    assert watch.look(BOTH) == ["The ROS 1 master at http://10.0.0.1:11311 answers again."]
     assert +watch.gone == {}
 
 
