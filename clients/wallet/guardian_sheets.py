@@ -25,6 +25,7 @@ from pages.serving import PAGES_ASSETS
 
 SHEET_MAX_BYTES = 256 * 1024
 _WORDS_ID = "words"
+_SUFFIXES = frozenset({".html", ".htm"})
 _STYLE_FILE = Path(__file__).with_name("guardian_sheet.css")
 _TO_DO = ("keep", "reach", "check", "help")
 _NEVER = ("photo", "type", "tell", "together")
@@ -60,8 +61,22 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     )
 
 
+def require_no_sheets(folder: Path) -> None:
+    """Raise SHEETS_FOLDER_USED if a sheet lies in the folder, whatever its file is called, OSError if none can be read."""
+    for path in sorted(folder.iterdir()) if folder.is_dir() else []:
+        if path.suffix.lower() in _SUFFIXES and path.is_file() and _has_words(path):
+            raise BlockRobotError("SHEETS_FOLDER_USED", f"{folder} holds a guardian's sheet already: {path.name}.")
+
+
+def _has_words(path: Path) -> bool:
+    with path.open("rb") as file:
+        return f'<ol id="{_WORDS_ID}"'.encode() in file.read(SHEET_MAX_BYTES)
+
+
 def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[Path]:
-    """Write a sheet for each guardian into a folder, mode 0600; all or none. Raises OSError, also if one is there.
+    """Write a sheet for each guardian into a folder, mode 0600; all or none.
+
+    Raises SHEETS_FOLDER_USED if a file of that name is there, OSError.
 
     Their files are numbered and not named: in a folder that was there, others may list what is in it.
     """
@@ -70,7 +85,7 @@ def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[
     try:
         for place, share in enumerate(shares):
             path = folder / f"{place + 1}.html"
-            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            descriptor = _create(path)
             written.append(path)
             with os.fdopen(descriptor, "w", encoding="utf-8") as file:
                 file.write(build_sheet(one, place, share))
@@ -82,6 +97,13 @@ def write_sheets(folder: Path, one: GuardianSet, shares: Sequence[str]) -> list[
                 path.unlink()
         raise
     return written
+
+
+def _create(path: Path) -> int:
+    try:
+        return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    except FileExistsError:
+        raise BlockRobotError("SHEETS_FOLDER_USED", f"{path} is there already.") from None
 
 
 class _Words(HTMLParser):

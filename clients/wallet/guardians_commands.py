@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import click
@@ -25,7 +26,7 @@ from clients.sdk.terminal import (
 )
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.guardian_lines import guardian_lines
-from clients.wallet.guardian_sheets import write_sheets
+from clients.wallet.guardian_sheets import require_no_sheets, write_sheets
 from clients.wallet.guardians import GuardianSet, set_json, wrong_names
 from clients.wallet.guardians_recovering import check, recover
 from clients.wallet.keystore import Keystore, WalletContent
@@ -160,14 +161,17 @@ def split(
 ) -> None:
     """Give each guardian words of their own; so many of them together bring this wallet back, fewer learn nothing.
 
-    At a terminal it shows them one guardian at a time, asks for some back and wipes the screen; with --out it writes
-    sheets to print. What was handed out cannot be taken back, only be made worthless by `wallet rotate`.
+    At a terminal it shows them one guardian at a time, wipes the screen and asks for some back; with --out it writes
+    sheets to print, into a folder without other sheets. What was handed out cannot be taken back, only be made worthless
+    by `wallet rotate`.
 
     Example: blockrobot wallet guardians split --guardian Ann --guardian Ben --guardian Cleo --threshold 2
     """
     needed = _require_sensible(names, threshold)
     if out is None and (as_json or not is_at_terminal()):
         raise click.UsageError("There is no terminal to show the words on: give --out FOLDER.")
+    if out is not None:
+        require_no_sheets(out)
     with _opened(ctx) as store:
         content = store.content
         words, era = _choose_words(content, former)
@@ -204,6 +208,16 @@ def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> l
     return sheets
 
 
+def _show_alone(told: str, share: str) -> None:
+    """Show one guardian's words on an empty screen until they are written down, and wipe them."""
+    wipe_screen()
+    console.print(escape(told) + "\n")
+    for line in word_lines(share, console.width):
+        console.print(line, style="bold")
+    ask_for_enter(text("guardians.written"))
+    wipe_screen()
+
+
 def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
     """Show the words one guardian at a time, and wipe the screen, however it ends. Noted before anybody sees any."""
     count, identifier = len(shares), show_identifier(one.identifier)
@@ -213,15 +227,11 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
             ask_for_enter(text("guardians.turn", name=name, number=number, count=count))
             store.save()
             was_shown = True
-            wipe_screen()
             told = text("guardians.words", name=name, words=SHARE_WORDS_COUNT, identifier=identifier, number=number)
-            console.print(escape(told) + "\n")
-            for line in word_lines(share, console.width):
-                console.print(line, style="bold")
+            show = partial(_show_alone, told, share)
+            show()
             if checked:
-                check_back(share, said="guardians")
-            else:
-                ask_for_enter(text("guardians.written"))
+                check_back(share, said="guardians", show_again=show)
             one.handed_count = number
             store.save()
             wipe_screen()

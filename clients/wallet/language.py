@@ -98,6 +98,25 @@ def code_text(table: str, code: str, *, language: str | None = None) -> str:
     return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
 
 
+def reason_text(code: str, *, language: str | None = None) -> str:
+    """Return why frames were withheld, as the wallet's page says it; a reason that no text is for is shown as it is."""
+    key = f"page.reason.{code}"
+    return text(key, language=language) if key in load(DEFAULT_LANGUAGE) else code
+
+
+def withheld_text(withheld: Sequence[tuple[str, int]], *, language: str | None = None) -> str:
+    """Return how many frames were withheld and why; several reasons each with its count, the most frequent first."""
+    ordered = sorted(withheld, key=lambda one: -one[1])
+    if len(ordered) == 1:
+        reasons = reason_text(ordered[0][0], language=language)
+    else:
+        reasons = "; ".join(
+            text("records.withheld_part", language=language, count=count, reason=reason_text(code, language=language))
+            for code, count in ordered
+        )
+    return text("records.withheld", language=language, count=sum(count for _, count in ordered), reasons=reasons)
+
+
 def purposes_text(purposes: Sequence[str], *, language: str | None = None) -> str:
     """Return how purposes are shown, one after the other."""
     return ", ".join(code_text("purpose", code, language=language) for code in purposes)

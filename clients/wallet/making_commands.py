@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import secrets
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import click
@@ -60,17 +60,23 @@ def word_lines(words: str, width: int) -> list[str]:
     return ["  ".join(told[start : start + columns]).rstrip() for start in range(0, len(told), columns)]
 
 
-def check_back(words: str, count: int = CHECKED_COUNT, *, said: str = "new") -> None:
+def check_back(
+    words: str, count: int = CHECKED_COUNT, *, said: str = "new", show_again: Callable[[], None] | None = None
+) -> None:
     """Ask for some of the words, drawn by chance, until each is right or so many were wrong.
 
-    `said` is where the catalogue has what it is about. Raises WORDS_NOT_CHECKED, and Abort at the first Ctrl-C.
+    `said` is where the catalogue has what it is about. `show_again` is what a ? does, if it may do anything. Raises
+    WORDS_NOT_CHECKED, and Abort at the first Ctrl-C.
     """
     console.print("\n" + text(f"{said}.check"))
     wanted = sorted(secrets.SystemRandom().sample(range(len(words.split())), count))
     left = CHECK_TRIES_MAX_COUNT
     for place in wanted:
         question = text("new.check_word", number=place + 1)
-        while ask_for(question).strip().lower() != words.split()[place]:
+        while (answer := ask_for(question).strip().lower()) != words.split()[place]:
+            if answer == "?" and show_again is not None:
+                show_again()
+                continue
             left -= 1
             if not left:
                 console.print(text(f"{said}.check_failed"))
@@ -112,6 +118,8 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
         raise click.UsageError("With --json the words go to a file: give --words-file.")
     words = draw_words()
     with _place(ctx, path, words_file):
+        if not as_json:
+            click.echo(text("new.lost", command=called(ctx)), err=True)
         passphrase = read_new_passphrase()
         hand_over(words, words_file, check=check)
         Keystore.create(path, words, passphrase, guess_cost(fast_passphrase))

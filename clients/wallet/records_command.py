@@ -11,7 +11,7 @@ from rich.markup import escape
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.filtering import Filter, Page, Shown, read_filter, select
 from clients.wallet.keystore import WalletContent
-from clients.wallet.language import code_text, text
+from clients.wallet.language import code_text, text, withheld_text
 from clients.wallet.notices import Notices
 from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.rotating_commands import print_words, unreadable_words, words_json
@@ -81,9 +81,8 @@ def _line(entry: RecordEntry) -> str:
         show_moment(meta.started_at_ms),
         text("records.by_sensor", things=things, sensor=code_text("sensor", meta.sensor)),
     ]
-    withheld = sum(count for _, count in meta.withheld)
-    if withheld:
-        parts.append(text("records.withheld", count=withheld))
+    if meta.withheld:
+        parts.append(escape(withheld_text(meta.withheld)))
     if entry.state["erased_frames"]:
         parts.append(text("records.erased_frames", count=len(entry.state["erased_frames"])))
     return f"  {name}  {', '.join(parts)}"

@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.album import Album
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
-from clients.wallet.language import text
+from clients.wallet.language import text, withheld_text
 from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.pictures import write_pictures
 from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing
@@ -55,7 +56,8 @@ def _print_views(views: list[RecordView]) -> None:
         name = view.entry.record_id.hex()
         pictures = sum(frame.status != STATUS_NOTICE for frame in view.frames)
         if not pictures:
-            console.print(text("view.no_pictures", name=name))
+            withheld = withheld_text(view.entry.metadata.withheld)
+            console.print(escape(text("view.no_pictures", name=name, withheld=withheld)))
             continue
         whole = sum(frame.status == STATUS_OK for frame in view.frames)
         line = text("view.whole", name=name, whole=whole, count=pictures)
@@ -104,7 +106,7 @@ def view(
         print_json({"ok": True, "records": rows, "out": str(out), "sheets": [str(path) for path in sheets]})
         return
     _print_views(views)
-    if views:
+    if any(frame.status == STATUS_OK for view in views for frame in view.frames):
         console.print(text("view.written", out=out))
     for path in [path for path in sheets if path.parent == out] or sheets[:2]:
         console.print(f"  {path}")

@@ -21,6 +21,7 @@ WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"
 NAMES = ("Ann [b]", "Ben", "Zoé")
 WIPED = "\x1b[H\x1b[2J\x1b[3J"
+WRITTEN = r"(?s)(?:When all of|Quando estiver)[^:]*Enter: "
 
 
 def plain(text: str) -> str:
@@ -51,9 +52,12 @@ def split_at(home: Path, *group: str, passphrase: str = PASSPHRASE, **terminal: 
     for number in range(1, len(NAMES) + 1):
         typed.expect(rf"\({number} (?:of|de) 3\)[^:]*Enter: ")
         typed.sendline("")
-        typed.expect("(?s)(?:To see that|Para ver se)")
+        typed.expect(WRITTEN)
         assert WIPED in typed.before
         shares.append(words_shown(typed))
+        typed.sendline("")
+        typed.expect_exact(WIPED)
+        typed.expect("(?s)(?:To see that|Para ver se)")
         answer_check(typed, shares[-1])
         typed.expect_exact(WIPED)
     assert typed.ended() == 0, typed.rest()
@@ -113,13 +117,47 @@ def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_
     typed.sendline(PASSPHRASE)
     typed.expect("Enter: ")
     typed.sendline("")
-    typed.expect("To see that")
-    answer_check(typed, words_shown(typed))
+    typed.expect(WRITTEN)
+    words = words_shown(typed)
+    typed.sendline("")
+    typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
+    answer_check(typed, words)
     typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
     typed.expect("Enter: ")
     typed.sendintr()
     assert typed.ended() == 1
     assert "\x1b" not in typed.rest()
+
+
+def test_the_words_are_off_the_screen_when_they_are_asked_back_and_come_again_when_wished(home: Path) -> None:
+    typed = at_terminal(home, "guardians", "split", "--guardian", "Ann", "--guardian", "Ben")
+    typed.expect("(?i)pass[^:]*: ")
+    typed.sendline(PASSPHRASE)
+    typed.expect("Enter: ")
+    typed.sendline("")
+    typed.expect(WRITTEN)
+    words = words_shown(typed)
+    typed.sendline("")
+    typed.expect_exact(WIPED)
+    typed.expect(r"Word number (\d+): ")
+    number = typed.match[1]
+    for _ in range(9):
+        typed.sendline("?")
+        typed.expect(WRITTEN)
+        assert words_shown(typed) == words, "to look again is no wrong answer"
+        typed.sendline("")
+        typed.expect_exact(WIPED)
+        typed.expect(f"Word number {number}: ")
+    typed.sendline("wrong")
+    typed.expect("is not word")
+    typed.expect(f"Word number {number}: ")
+    typed.sendline(words[int(number) - 1])
+    for _ in range(2):
+        typed.expect(r"Word number (\d+): ")
+        typed.sendline(words[int(typed.match[1]) - 1])
+    typed.expect("Ben .2 of 2")
+    typed.sendintr()
+    assert typed.ended() == 1
 
 
 def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(home: Path) -> None:
@@ -128,12 +166,13 @@ def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(h
     typed.sendline(PASSPHRASE)
     typed.expect("Enter: ")
     typed.sendline("")
-    typed.expect("To see that")
+    typed.expect(WRITTEN)
     words = words_shown(typed)
+    typed.sendline("")
     answer_check(typed, words)
     typed.expect("Enter: ")
     typed.sendline("")
-    typed.expect(r"Word number (\d+): ")
+    typed.expect(WRITTEN)
     typed.sendintr()
     typed.expect_exact(WIPED)
     typed.expect("Cut short after 1 of 3")
@@ -268,7 +307,7 @@ async def test_a_wallet_that_is_lost_comes_back_by_two_of_three_and_opens_what_w
         shares = split_at(ann.folder, *group, passphrase=ann.passphrase)
         file.unlink()
         gone = at_terminal(ann.folder, *group, "records")
-        gone.expect("WALLET_NOT_FOUND. Next step")
+        gone.expect("(?s)WALLET_NOT_FOUND. Next step.*guardians recover`")
         assert gone.ended() == 3
         typed = begin_recovery(ann.folder, *group)
         for share in (shares[1], shares[2]):

@@ -50,6 +50,20 @@ def test_new_asks_three_words_back_until_they_are_right(tmp_path: Path, columns:
     assert (tmp_path / "wallets" / "default.wallet").stat().st_mode & 0o777 == 0o600
 
 
+@pytest.mark.parametrize(("language", "lost"), [("en", "lost it, stop here"), ("pt", "a perdeu, pare aqui")])
+def test_before_a_new_wallet_is_made_it_says_how_a_lost_one_comes_back(
+    tmp_path: Path, language: str, lost: str
+) -> None:
+    typed = at_terminal(tmp_path, "--language", language, "--profile", "ann", "new", columns=400)
+    typed.expect(lost)
+    typed.expect("blockrobot wallet --profile ann restore")
+    typed.expect("blockrobot wallet --profile ann guardians recover")
+    typed.expect("(?i)pass[^:]*: ")
+    typed.sendintr()
+    assert typed.ended() == 1
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
 def test_ctrl_c_in_the_check_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     typed.expect(r"Word number (\d+): ")
@@ -214,6 +228,7 @@ def test_a_profile_that_is_not_there_is_not_found(home: Path) -> None:
             "WALLET_NOT_FOUND. Next step: Make one with `blockrobot wallet --profile nobody new`, or get yours back"
         )
         typed.expect("`blockrobot wallet --profile nobody restore`")
+        typed.expect("`blockrobot wallet --profile nobody guardians recover`")
         assert typed.ended() == 3
     assert not any(path.name.startswith(".nobody") for path in home.rglob("*"))
 

@@ -11,18 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import filtering, records_command
+from clients.robot.sealing import ClipContent, seal_clip
+from clients.wallet import filtering, records_command, viewing_commands
 from clients.wallet.cli import wallet
 from clients.wallet.filtering import Filter, read_days, read_filter, read_minutes, select
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import LANGUAGES, load
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
 from consensus.errors import BlockRobotError
-from consensus.records.metadata import RecordMetadata
-from tests.unit.clients.wallet.conftest import World
+from consensus.records.metadata import NOTICE_SENSOR, RecordMetadata
+from tests.unit.clients.wallet.conftest import NOW_MS, World, rendition
 
 TODAY = datetime.date(2027, 1, 31)
 REFERENCE = Path(__file__).parents[4] / "docs" / "reference" / "cli.md"
@@ -144,6 +146,7 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
             return None
 
     monkeypatch.setattr(records_command, "run_opened", opened)
+    monkeypatch.setattr(viewing_commands, "run_opened", opened)
     monkeypatch.setattr(records_command, "Notices", NoNotices)
     return lambda *arguments: CliRunner().invoke(wallet, list(arguments))
 
@@ -176,6 +179,23 @@ def test_sensors_are_named_in_the_language_of_the_person(world: World, run: Call
     assert "(depth)" in run("records").output
     assert "imagens, profundidade (depth)" in run("--language", "pt", "records").output
     assert run("records", "--sensor", "lidar").exit_code == 2
+
+
+def test_the_reasons_of_withheld_pictures_are_told_in_words(
+    world: World, run: Callable[..., Result], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    visit, held = world.open_visit(), (("not-alone", 2), ("no-distance", 39), ("of-tomorrow", 1))
+    note = msgspec.structs.replace(rendition(0), pixels=b"")
+    for withheld in (held[1:2], held):
+        world.hold(seal_clip(ClipContent((note,), withheld, NOTICE_SENSOR, NOW_MS), visit, now_ms=NOW_MS))
+    told = " ".join(run("records").output.split())
+    assert "39 withheld before (the reader gave no distance)" in told
+    assert "42 withheld before (39: the reader gave no distance; 2: you were not alone; 1: of-tomorrow)" in told
+    assert "42 retidas antes (39: o leitor não deu a distância; 2: " in run("--language", "pt", "records").output
+    monkeypatch.chdir(tmp_path)
+    seen = " ".join(run("view", "--no-show").output.split())
+    assert "only a note of what was not kept: 39 withheld before (the reader gave no distance)." in seen
+    assert "The pictures are in" not in seen
 
 
 def test_a_program_gets_the_documented_fields(world: World, run: Callable[..., Result]) -> None:

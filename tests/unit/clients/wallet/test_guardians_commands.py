@@ -162,9 +162,24 @@ def test_sheets_that_cannot_all_be_written_are_taken_back(home: Home) -> None:
     folder.mkdir()
     (folder / "2.html").write_text("of another set")
     refused = home.json("split", *THREE, "--out", str(folder), code=1)
-    assert refused["error"]["code"] == "FILE_UNUSABLE"
+    assert refused["error"]["code"] == "SHEETS_FOLDER_USED"
+    assert "Choose a new folder" in refused["error"]["next_step"]
     assert [path.name for path in folder.iterdir()] == ["2.html"]
     assert home.json("list")["sets"] == []
+
+
+@pytest.mark.parametrize("kept_as", ["3.html", "1-ann.html", "for Zoé.HTM"])
+def test_sheets_of_two_sets_come_into_no_folder_together(home: Home, kept_as: str) -> None:
+    folder = home.folder / "sheets"
+    first, second, third = (Path(sheet) for sheet in home.split()["sheets"])
+    for sheet in (first, second):
+        sheet.unlink()
+    third.rename(folder / kept_as)
+    refused = home.json("split", "--guardian", "Dia", "--guardian", "Eva", "--yes", "--out", str(folder), code=1)
+    assert refused["error"]["code"] == "SHEETS_FOLDER_USED"
+    assert kept_as in refused["error"]["detail"]
+    assert [path.name for path in folder.iterdir()] == [kept_as]
+    assert len(home.json("list")["sets"]) == 1
 
 
 @pytest.mark.parametrize(
@@ -203,7 +218,7 @@ def test_a_second_set_is_asked_for_and_the_first_still_works(home: Home) -> None
     first = home.split()
     asked = home.run("split", *THREE, "--out", str(home.folder / "more"))
     assert asked.exit_code == 2
-    assert "1 earlier set of these words goes on working" in asked.output
+    assert "At least 1 earlier set of these words goes on working" in asked.output
     assert len(home.json("list")["sets"]) == 1
     second = home.split("--yes", out="more")
     assert second["identifier"] != first["identifier"] or words_in(first["sheets"][0]) != words_in(second["sheets"][0])
