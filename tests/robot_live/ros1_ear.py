@@ -41,8 +41,9 @@ class Ear:
         if isinstance(event, Frame):
             self.frames += 1
             self.shape = list(event.depth.shape)
-            height, width = event.depth.shape
-            self.middle_mm = int(event.depth[height // 2, width // 2])
+            row = event.depth[event.depth.shape[0] // 2]
+            measured = row[row > 0]  # the camera's noise has holes
+            self.middle_mm = int(measured[len(measured) // 2])
         elif isinstance(event, Sighting):
             self.sightings += 1
             self.uids.add(event.uid)
