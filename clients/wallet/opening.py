@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import datetime
 import os
+import shlex
 import sys
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -113,6 +114,17 @@ def called(ctx: click.Context) -> str:
 def called_as(profile: str) -> str:
     """Return how the wallet of a profile is called."""
     return "blockrobot wallet" if profile == "default" else f"blockrobot wallet --profile {profile}"
+
+
+def called_in_full(ctx: click.Context) -> str:
+    """Return how the wallet was called, also with the folder and the network's file that were named for it."""
+    above: click.Context | None = ctx
+    while above is not None and "wallet_dir" not in above.params:
+        above = above.parent
+    named = {"--wallet-dir": "wallet_dir", "--genesis": "genesis"}
+    places = {} if above is None else {option: above.params[name] for option, name in named.items()}
+    told = [f"{option} {shlex.quote(str(place.absolute()))}" for option, place in places.items() if place is not None]
+    return " ".join([called(ctx), *told])
 
 
 def _say_error(error: BlockRobotError) -> str:

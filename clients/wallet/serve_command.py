@@ -18,7 +18,7 @@ from clients.sdk.terminal import console, json_option, load_genesis, plain_error
 from clients.wallet.claiming import claim_wallet, require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
-from clients.wallet.opening import read_passphrase, tell_member_gone
+from clients.wallet.opening import called_in_full, read_passphrase, tell_member_gone
 from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
@@ -55,19 +55,20 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
     path, genesis_path = ctx.obj
     require_wallet(path)
     genesis = load_genesis(genesis_path)
+    command = f"{called_in_full(ctx)} serve"
     passphrase = read_passphrase()
     with claim_wallet(path):
         store = Keystore.open(path, passphrase)
-        why = asyncio.run(_serve(store, genesis, path, idle_minutes, no_browser=no_browser, as_json=as_json))
+        why = asyncio.run(_serve(store, genesis, path, idle_minutes, command, no_browser=no_browser, as_json=as_json))
     if not as_json:
         console.print(why)
 
 
 async def _serve(
-    store: Keystore, genesis: Genesis, path: Path, idle_minutes: int, *, no_browser: bool, as_json: bool
+    store: Keystore, genesis: Genesis, path: Path, idle_minutes: int, command: str, *, no_browser: bool, as_json: bool
 ) -> str:
     """Serve the page until it is to end; return why it ended, in a sentence."""
-    async with Wallet(store, genesis) as opened, PageSession(opened, path.stem, page_folder(path)) as session:
+    async with Wallet(store, genesis) as opened, _session_of(opened, path, command) as session:
         with_endings = _end_in_order(session)
         page = make_page(session)
         try:
@@ -82,6 +83,10 @@ async def _serve(
             await page.stop()
             with_endings()
             tell_member_gone(opened)
+
+
+def _session_of(opened: Wallet, path: Path, command: str) -> PageSession:
+    return PageSession(opened, path.stem, page_folder(path), command=command)
 
 
 def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:

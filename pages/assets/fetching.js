@@ -16,7 +16,7 @@ export class Problem extends Error {
 /** Take the secret out of the address, before anything else can see it. */
 export function takeFragment() {
   const fragment = location.hash.slice(1);
-  history.replaceState(null, "", location.pathname + location.search);
+  history.replaceState(history.state, "", location.pathname + location.search);
   return fragment;
 }
 
@@ -36,6 +36,13 @@ export function useSession(secret, headers) {
 /** Tell whether a session was opened in this page. */
 export function hasSession() {
   return session !== "";
+}
+
+let whenAnswered = () => {};
+
+/** Say what is to happen with the headers of each answer that is no refusal. */
+export function onAnswer(act) {
+  whenAnswered = act;
 }
 
 let underWayCount = 0;
@@ -73,7 +80,10 @@ async function ask(path, { method = "GET", body, headers = {}, signal } = {}) {
     if (error.name === "AbortError") throw error;
     throw new Problem({ code: "UNREACHABLE", detail: "The program behind this page does not answer.", nextStep: "See whether it still runs, and open the page by a new link.", status: 0 });
   }
-  if (response.ok) return response;
+  if (response.ok) {
+    whenAnswered(response.headers);
+    return response;
+  }
   const problem = await response.json().catch(() => ({}));
   throw new Problem({ code: problem.code ?? "INTERNAL", detail: problem.detail ?? problem.title ?? response.statusText, nextStep: problem.next_step ?? "", status: response.status });
 }

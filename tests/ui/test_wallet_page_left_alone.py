@@ -30,6 +30,7 @@ from tests.unit.clients.wallet.page.conftest import dress
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
 SOON_MS = 10_000
+COMMAND = "blockrobot wallet --profile ann --wallet-dir '/srv/my wallets' serve"
 
 
 @dataclass
@@ -53,7 +54,12 @@ async def shown(tmp_path: Path, page: Page) -> AsyncIterator[Shown]:
     ward = SharedWard(tmp_path)
     dress(ward)
     session = PageSession(
-        ward.wallet, "ann", tmp_path / ".ann.page", now_ms=lambda: ward.chain.time_ms, read_every_s=3_600.0
+        ward.wallet,
+        "ann",
+        tmp_path / ".ann.page",
+        now_ms=lambda: ward.chain.time_ms,
+        read_every_s=3_600.0,
+        command=COMMAND,
     )
     async with session:
         served = make_page(session)
@@ -75,20 +81,22 @@ async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_co
     shown.served.end_sessions()
     await page.get_by_role("link", name="What happened").click()
     await expect(page.locator("h1")).to_be_focused(timeout=SOON_MS)
-    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+    await expect(page.locator("#main code")).to_have_text(COMMAND)
     await expect(page.locator("nav")).to_have_count(0)
     assert "recording" not in (await page.locator("body").inner_text()).lower()
     await page.evaluate("() => { location.hash = '#/inbox'; }")
     await expect(page.locator("h1")).to_have_text(await page.locator("h1").inner_text())
-    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+    await expect(page.locator("#main code")).to_have_text(COMMAND)
 
 
 async def test_a_page_that_was_reloaded_says_how_to_come_back(shown: Shown, watch: Watch) -> None:
     watch.expect("status of 401")
     page = shown.page
+    await page.get_by_role("link", name="What happened").click()
+    await expect(page.locator(".story").first).to_be_visible(timeout=SOON_MS)
     await page.reload()
     await expect(page.get_by_role("alert")).to_contain_text("press Enter in the terminal", timeout=SOON_MS)
-    await expect(page.locator("#main")).to_contain_text("blockrobot wallet serve")
+    await expect(page.locator("#main code")).to_have_text(COMMAND)
 
 
 async def test_whoever_reloads_while_something_is_under_way_is_asked_first(

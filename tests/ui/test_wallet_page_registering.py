@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import msgspec
@@ -27,6 +28,13 @@ async def publish_another_notice(network: RecordedNetwork) -> None:
     notice = msgspec.structs.replace(demo_notice(), automated_decisions="None, in other words.")
     async with NetworkClient(genesis) as client:
         await publish_notice(client, key, DEMO_ORGANISATION, notice)
+
+
+def named_block(words: str) -> int:
+    """Return the height of the block that words name first."""
+    found = re.search(r"[Bb]lock (\d+)", words)
+    assert found is not None, words
+    return int(found[1])
 
 
 async def test_she_registers_is_told_first_says_yes_and_watches_the_first_recording_come_in(
@@ -73,11 +81,19 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             await expect(page.locator("dialog [role=alert]")).to_contain_text("not the passphrase")
             await confirm_with(page, network.passphrase)
             await expect(page.get_by_role("heading", name="You are registered")).to_be_focused(timeout=SETTLED_MS)
+            await expect(page.locator("h1")).to_have_text("You are registered")
+            await expect(page.locator("#footer")).not_to_contain_text("node-")
             await expect(page.locator("#main")).to_contain_text("no robot records you")
             await page.get_by_role("link", name="To your consent").click()
             yes = page.get_by_role("button", name="Yes: Depth camera (distances, no colours), A demonstration")
             await yes.click()
             await expect(page.locator("#main")).to_contain_text("You said yes. It holds from block", timeout=SETTLED_MS)
+            await expect(page.locator("#footer")).not_to_contain_text("node-")
+            await page.get_by_text("Receipts of what you said").click()
+            receipt = page.locator("#main details li").filter(has_text="You said yes.")
+            await expect(receipt).to_contain_text("For: A demonstration. By: Depth camera", timeout=SETTLED_MS)
+            await expect(receipt).to_contain_text("and by you")
+            assert named_block(await page.inner_text("#footer")) >= named_block(await receipt.inner_text())
             await go(page, "")
             await expect(page.locator("#main")).to_contain_text("Nothing was recorded of you.")
             await network.prepare_robot()

@@ -11,12 +11,15 @@ from aiohttp import web
 from clients.wallet.language import LANGUAGES, describe_error, language_in_use
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
+from clients.wallet.page.seals import verified_block
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
 from pages.local_page import PROBLEM_TYPE, Handler, LocalRoute, read_object
 
 QUIET_HEADER = "X-BlockRobot-Quiet-Ms"
 """How long ago somebody touched the page that asks: it asks by itself too, whenever there are news."""
+VERIFIED_HEADER = "X-BlockRobot-Verified"
+"""The height and the time, in ms, of the block against which the wallet checks when it answers."""
 Answer = Callable[[PageSession, web.Request], Awaitable[web.StreamResponse]]
 
 
@@ -58,10 +61,14 @@ def _handler(session: PageSession, answer: Answer, *, is_use: bool) -> Handler:
     async def handle(request: web.Request) -> web.StreamResponse:
         _note_use(session, request, is_use=is_use)
         try:
-            return await answer(session, request)
+            response = await answer(session, request)
         except BlockRobotError as error:
             body = json.dumps(problem_json(error, language_of(request)), ensure_ascii=False).encode()
             return web.Response(status=error.entry.status, body=body, content_type=PROBLEM_TYPE)
+        if not response.prepared:
+            block = verified_block(session.wallet)
+            response.headers[VERIFIED_HEADER] = f"{block.height} {block.time_ms}"
+        return response
 
     return handle
 

@@ -28,7 +28,7 @@ from clients.wallet.page.days import (
 )
 from clients.wallet.page.jobs import WAIT_MAX_MS
 from clients.wallet.page.seals import verified_block
-from clients.wallet.page.session import LIES, PageSession
+from clients.wallet.page.session import LIES, UNKNOWN_YET, PageSession
 from clients.wallet.page.snapshot import VisitPart
 from clients.wallet.page.story import event_json
 from clients.wallet.rotating_commands import words_lines
@@ -77,6 +77,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
         {
             "person": {
                 "profile": session.profile,
+                "command": session.command,
                 "registered": bool(content.handle),
                 "handle": content.handle.hex() or None,
                 "role": content.role,
@@ -112,14 +113,18 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
     )
 
 
+def _node_state(error: BlockRobotError) -> str:
+    if error.code in LIES:
+        return "lied"
+    return {"NODE_UNREACHABLE": "unreachable", UNKNOWN_YET: "behind"}.get(error.code, "refused")
+
+
 def _nodes_json(session: PageSession, language: str) -> list[dict[str, Any]]:
     troubles, rows = session.node_troubles(), []
     for node in session.wallet.network.nodes:
         error = troubles.get(node.name)
-        state = "fine"
-        if error is not None:
-            state = "lied" if error.code in LIES else "unreachable" if error.code == "NODE_UNREACHABLE" else "refused"
-        sentence = None if error is None else problem_json(error, language)["detail"]
+        state = "fine" if error is None else _node_state(error)
+        sentence = None if error is None or state == "behind" else problem_json(error, language)["detail"]
         rows.append(
             {"name": node.name, "state": state, "code": None if error is None else error.code, "sentence": sentence}
         )

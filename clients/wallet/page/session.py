@@ -32,6 +32,8 @@ NEWS_KEPT_COUNT = 1_000
 AWAY_TOLD_MS = 5 * 60_000
 LIES = frozenset({"PROOF_INVALID", "CERTIFICATE_INVALID", "ENCODING_NOT_CANONICAL", "ENCODING_INVALID"})
 """What only a node says that is damaged, or lies."""
+UNKNOWN_YET = "SESSION_REFUSED"
+"""What a node says that has not followed the chain to her registration."""
 _PRIVATE_FOLDER = 0o700
 _DESCRIPTORS = Path("/proc/self/fd")
 _log = logging.getLogger("wallet.page")
@@ -60,9 +62,12 @@ class PageSession:
         *,
         now_ms: Callable[[], int] = wall_clock_ms,
         read_every_s: float = READ_EVERY_S,
+        command: str = "blockrobot wallet serve",
     ) -> None:
         self.wallet = wallet
         self.profile = profile
+        self.command = command
+        """What is typed to open this very wallet's page again."""
         self.folder = folder
         self.now_ms = now_ms
         self.lock = asyncio.Lock()
@@ -218,8 +223,16 @@ class PageSession:
                 {entry.record_id for entry in snapshot.entries.values() if entry.state["status"] == "active"}
             )
         is_new = self.state == "ready" and not self.snapshot.same_as(before)
+        if was[0] == "not_registered" and self.state == "ready":
+            self._forget_refusals()
         if is_new or was != (self.state, self.problem and self.problem.code):
             self._tell_news()
+
+    def _forget_refusals(self) -> None:
+        """Forget which nodes did not know her before she was registered: they were right."""
+        troubles = self.wallet.network.troubles
+        for name in [name for name, error in troubles.items() if error.code == UNKNOWN_YET]:
+            del troubles[name]
 
     def _note_new(self, before: Snapshot, snapshot: Snapshot) -> None:
         if not before.read_at_ms:

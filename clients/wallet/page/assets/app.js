@@ -2,7 +2,7 @@
 // Must never keep anything once the session is over: no store, no cookie, no cache.
 
 import { announce, h, replace } from "./shared/dom.js";
-import { openSession, Problem } from "./shared/fetching.js";
+import { onAnswer, openSession, Problem } from "./shared/fetching.js";
 import { get, onClosed, post } from "./api.js";
 import { showCalendar } from "./calendar.js";
 import { minute, problemCard } from "./pieces.js";
@@ -27,6 +27,7 @@ const bar = document.getElementById("bar");
 const footer = document.getElementById("footer");
 const news = h("div", { class: "news", id: "news" });
 let overview = null;
+let verified = null;
 let shown = null;
 let leaving = new AbortController();
 let isClosed = false;
@@ -38,6 +39,13 @@ const context = {
   async renew() {
     overview = await get("overview");
     drawBar(place().name);
+  },
+  /** Have the view called otherwise, once it shows something else. */
+  retitle(title) {
+    const heading = main.querySelector("h1");
+    replace(heading, title);
+    document.title = `${title} · BlockRobot`;
+    heading.focus();
   },
   get signal() { return leaving.signal; },
   go(place) { location.hash = `#/${place}`; },
@@ -78,6 +86,7 @@ async function showPlace({ keepFocus = false } = {}) {
   leaving = new AbortController();
   const signal = leaving.signal;
   const { name, rest } = place();
+  history.replaceState({ command: command() }, "");
   const isThere = isPlace({ name, rest });
   drawBar(name);
   main.setAttribute("aria-busy", "true");
@@ -136,13 +145,25 @@ function drawBar(name) {
 }
 
 function drawFooter() {
-  const verified = overview.verified;
-  const told = overview.state === "not_registered" ? ["lied", "unreachable"] : ["lied", "unreachable", "refused"];  // whom nobody knows yet, every node refuses
+  const told = overview.state === "not_registered" ? ["lied", "unreachable"] : ["lied", "unreachable", "refused", "behind"];  // whom nobody knows yet, every node refuses
   const bad = overview.network.nodes.filter((node) => told.includes(node.state));
   replace(footer,
     h("p", {}, verified?.height ? t("footer.verified", { height: verified.height, time: minute(verified.time_ms) }) : t("footer.unverified")),
     bad.length > 0 && h("ul", { class: "sentences" }, bad.map((node) => h("li", { class: node.state === "lied" ? "bad-words" : "" }, t(`footer.${node.state}`, { name: node.name }), node.sentence ? ` ${node.sentence}` : ""))),
     h("p", {}, t("footer.local")));
+}
+
+/** Keep the foot no older than what an answer shows. */
+function noteVerified(headers) {
+  const [height, time] = (headers.get("X-BlockRobot-Verified") ?? "").split(" ").map(Number);
+  if (!(height > (verified?.height ?? 0)) || isClosed) return;
+  verified = { height, time_ms: time };
+  if (overview !== null) drawFooter();
+}
+
+/** What opens this very wallet's page again; the browser's entry of the page remembers it when the page is reloaded. */
+function command() {
+  return overview?.person.command ?? history.state?.command ?? "blockrobot wallet serve";
 }
 
 async function changeLanguage(code) {
@@ -169,7 +190,7 @@ function close(title, text) {
   replace(footer);
   replace(news);
   const heading = h("h1", { tabindex: -1 }, title);
-  replace(main, heading, h("div", { class: "card" }, h("p", {}, text), h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet serve"))));
+  replace(main, heading, h("div", { class: "card" }, h("p", {}, text), h("pre", { tabindex: 0 }, h("code", {}, command()))));
   main.removeAttribute("aria-busy");
   document.title = `${title} · BlockRobot`;
   heading.focus();
@@ -228,6 +249,7 @@ async function start() {
     event.preventDefault();
     main.focus();
   });
+  onAnswer(noteVerified);
   try {
     await openSession("./session");
     await loadTexts();
@@ -235,7 +257,7 @@ async function start() {
   } catch (error) {
     if (isClosed) return;
     replace(main, h("h1", {}, "BlockRobot"), h("div", { class: "notice bad", role: "alert" }, h("p", {}, h("strong", {}, error.detail ?? String(error))), h("p", {}, error.nextStep ?? "")),
-      h("pre", { tabindex: 0 }, h("code", {}, "blockrobot wallet serve")));
+      h("pre", { tabindex: 0 }, h("code", {}, command())));
     return;
   }
   window.addEventListener("hashchange", () => { if (!isClosed) showPlace(); });

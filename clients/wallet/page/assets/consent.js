@@ -4,7 +4,7 @@
 import { announce, h, replace } from "./shared/dom.js";
 import { follow, get, post } from "./api.js";
 import { moment, problemCard, progressOf, purposeName, redraw, sensorName, sentences } from "./pieces.js";
-import { t } from "./texts.js";
+import { locale, t } from "./texts.js";
 
 /** Show the notice and the switches. */
 export async function showConsent(context) {
@@ -97,7 +97,7 @@ export async function showConsent(context) {
       if (!details.open || body.hasChildNodes()) return;
       try {
         const found = await get("consents/receipts", {}, context.signal);
-        replace(body, found.receipts.length === 0 ? h("p", { class: "quiet" }, t("consent.noReceipts")) : sentences(found.receipts.map((one) => `${moment(one.time_ms)}: ${one.sentence}`)), found.missing > 0 && h("p", { class: "quiet" }, t("consent.missing", { count: found.missing })));
+        replace(body, found.receipts.length === 0 ? h("p", { class: "quiet" }, t("consent.noReceipts")) : sentences(found.receipts.map(receiptWords)), found.missing > 0 && h("p", { class: "quiet" }, t("consent.missing", { count: found.missing })));
       } catch (error) {
         if (error.name !== "AbortError") replace(body, problemCard(error));
       }
@@ -107,6 +107,14 @@ export async function showConsent(context) {
 
   draw();
   return { title: t("consent.title"), node };
+}
+
+/** Say in words what was said, of what, when, and who signed. */
+function receiptWords(one) {
+  const names = (codes, nameOf, all) => (codes.length === 0 ? all : new Intl.ListFormat(locale()).format(codes.map((code) => nameOf(code))));
+  return h("span", {}, `${moment(one.time_ms)}: `, h("strong", {}, t(`consent.status.${one.status}`)), " ",
+    t("consent.receiptOf", { purposes: names(one.purposes, purposeName, t("consent.allPurposes")), sensors: names(one.sensors, sensorName, t("consent.allSensors")) }), " ",
+    h("span", { class: "quiet" }, t("consent.receiptSigned", { height: one.height, node: one.signed_by, organisation: one.organisation })));
 }
 
 /** Say in words what stands for one purpose and sensor. */

@@ -63,8 +63,8 @@ export async function showRegister(context) {
   /** Say that she is registered, also where what all views know cannot be read again at this moment. */
   const showDone = async () => {
     const trouble = await context.renew().then(() => null, (error) => problemCard(error, showDone));
-    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("register.done")), h("p", {}, t("register.next")), h("p", {}, h("a", { class: "button primary", href: "#/consent" }, t("register.consent")))), trouble);
-    result.querySelector("h2").focus();
+    replace(result, h("section", { class: "card" }, h("p", {}, t("register.next")), h("p", {}, h("a", { class: "button primary", href: "#/consent" }, t("register.consent")))), trouble);
+    context.retitle(t("register.done"));
     announce(t("register.done"));
   };
 

@@ -9,6 +9,7 @@ from clients.wallet.keystore import Keystore
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.conftest import CHEAP
 from tests.unit.clients.wallet.page.conftest import Desk, dress
 from tests.unit.clients.wallet.shared_ward import SharedWard, SharingWire
@@ -52,3 +53,16 @@ async def test_what_is_nobodys_business_is_refused_whatever_it_is_called(desk: D
         assert await desk.page.refused("POST", "/api/clips", body) == "REQUEST_INVALID"
     for name in ("../ann.wallet", "export-0.zip", "%2e%2e%2fann.wallet"):
         assert await desk.page.refused("GET", f"/api/exports/{name}/file") in {"NOT_FOUND", "ROUTE_UNKNOWN"}
+
+
+async def test_a_node_that_has_not_followed_a_registration_is_no_liar_and_forgotten_once_she_is_registered(
+    desk: Desk,
+) -> None:
+    refusals = desk.session.wallet.network.troubles
+    refusals["node-1"] = BlockRobotError("SESSION_REFUSED")
+    (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+    assert (node["state"], node["sentence"]) == ("behind", None)
+    desk.session.state = "not_registered"
+    await desk.read()
+    (node,) = (await desk.page.get("/api/overview"))["network"]["nodes"]
+    assert node["state"] == "fine"
