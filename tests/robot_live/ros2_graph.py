@@ -13,27 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from tests.robot_live.ros2_wheels import ROOT, install, sourced
+from tests.robot_live.ward import TOPICS_FILE, kill_all
 
 ANSWER_TIMEOUT_S = 20.0
-END_TIMEOUT_S = 60.0
 DEPTH, RFID = "/kinect/depth/image", "/rfid"
 TAG_TYPE = "ward_msgs/msg/TagArray"
-TOPICS_FILE = f"""
-[depth]
-topic = "{DEPTH}"
-
-[[tags]]
-topic = "{RFID}"
-epc = "tags[].epc"
-antenna = "tags[].antenna"
-front = [1]
-back = [2]
-rssi = "tags[].rssi_dbm"
-distance = "tags[].range_mm"
-distance_sigma = 100
-distance_unit = "mm"
-first_seen = "tags[].seen"
-"""
 
 
 @dataclass
@@ -106,13 +90,6 @@ class Ros2Graph:
         assert said == b"up\n", (await process.communicate())[1].decode()[-2_000:]
         return process
 
-    async def counts(self, process: Process) -> dict[str, int]:
-        """Return what drivers say that they have published, at their end."""
-        output, said = await asyncio.wait_for(process.communicate(), END_TIMEOUT_S)
-        assert process.returncode == 0, said.decode()[-2_000:]
-        counts: dict[str, int] = json.loads(output.splitlines()[-1])
-        return counts
-
 
 @contextlib.asynccontextmanager
 async def ros2_graph(folder: Path, *, workspace: bool = True) -> AsyncIterator[Ros2Graph]:
@@ -122,7 +99,4 @@ async def ros2_graph(folder: Path, *, workspace: bool = True) -> AsyncIterator[R
     try:
         yield graph
     finally:
-        for process in graph.processes:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
+        await kill_all(graph.processes)

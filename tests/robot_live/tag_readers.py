@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.sources.topics import LlrpReader
-from tests.robot_live.zenoh_graph import START_TIMEOUT_S, free_port
+from tests.robot_live.ward import START_TIMEOUT_S, free_port
 
 READER = Path(__file__).with_name("llrp_reader.py")
 ANN, BEN = "E28011606000020500000001", "E28011606000020500000002"

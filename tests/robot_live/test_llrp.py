@@ -16,7 +16,7 @@ from clients.robot.sources.topics import LlrpReader, Topics
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import Heard, listening
 from tests.robot_live.tag_readers import ANN, BEN, TagReaders
-from tests.robot_live.zenoh_graph import free_port
+from tests.robot_live.ward import free_port
 
 NO_TOPICS = Topics(tags=())
 

@@ -12,6 +12,7 @@ import pytest
 from tests.robot_live.own_network import run_in_own_network
 from tests.robot_live.ros2_graph import DEPTH, RFID, TAG_TYPE, Ros2Graph, ros2_graph
 from tests.robot_live.ros2_wheels import install, sourced
+from tests.robot_live.ward import published_counts
 
 pytestmark = pytest.mark.ros2
 
@@ -46,7 +47,7 @@ def test_every_frame_and_every_reading_of_reliable_drivers_arrives_within_a_fram
         drivers, ear = await asyncio.gather(
             graph.talk(seconds=3, rate=30, tags="ward", reads_per_s=10), graph.listen({DEPTH: "", RFID: ""})
         )
-        published = await graph.counts(drivers)
+        published = await published_counts(drivers)
         state = await ear.ask("state")
 
         assert published == {"frames": 90, "tag_messages": 30}
@@ -140,7 +141,7 @@ def test_of_large_frames_best_effort_loses_many_and_tells_unless_both_sides_use_
         if is_large_data:
             graph.environment["FASTDDS_BUILTIN_TRANSPORTS"] = "LARGE_DATA"
         ear, drivers = await asyncio.gather(graph.listen({DEPTH: ""}), graph.talk(seconds=2, rate=30, reliable=False))
-        published = (await graph.counts(drivers))["frames"]
+        published = (await published_counts(drivers))["frames"]
         state = await ear.ask("close")
 
         came, lost = state["heard"].get(f"{DEPTH} {IMAGE}", 0), state["lost"].get(DEPTH, 0)
@@ -168,7 +169,7 @@ def test_frames_that_cannot_be_used_are_refused_one_by_one_and_the_good_between_
             {"raw": "0001"},
         ]
         ear, drivers = await asyncio.gather(graph.listen({DEPTH: IMAGE}), graph.talk(seconds=0.2, rate=20, acts=acts))
-        published = await graph.counts(drivers)
+        published = await published_counts(drivers)
         state = await ear.ask("close")
 
         assert published["frames"] == 4 * len(acts)
@@ -243,7 +244,7 @@ def test_a_type_that_was_built_of_another_version_is_refused_rather_than_misread
 def test_definitions_of_all_types_that_ros_2_ships_have_the_hash_that_ros_2_announces(on_graph: ON_GRAPH) -> None:
     async def story(graph: Ros2Graph) -> None:
         process = await graph.start("-m", "tests.robot_live.ros2_hashes")
-        counts = await graph.counts(process)
+        counts = await published_counts(process)
 
         assert counts["types"] > 100
         assert counts["others"] == []

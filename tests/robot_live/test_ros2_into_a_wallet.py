@@ -19,8 +19,8 @@ from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.robot_live.live_robot import LiveRobot
 from tests.robot_live.own_network import run_in_own_network
-from tests.robot_live.ros1_graph import make_scene
-from tests.robot_live.ros2_graph import DEPTH, RFID, TOPICS_FILE, Ros2Graph, ros2_graph
+from tests.robot_live.ros2_graph import DEPTH, RFID, Ros2Graph, ros2_graph
+from tests.robot_live.ward import TOPICS_FILE, make_scene, published_counts
 from tests.walking_alone import UID, walking_alone
 
 pytestmark = pytest.mark.ros2
@@ -87,7 +87,7 @@ async def record_viewpoint(live: LiveRobot, graph: Ros2Graph, empty: Path) -> No
 async def record_and_check(live: LiveRobot, graph: Ros2Graph, scene: Path) -> None:
     async with live.running() as process:
         drivers = await graph.talk(scene=str(scene), rate=RATE_HZ, seconds=SECONDS, tags="ward", reads_per_s=5)
-        published = await graph.counts(drivers)
+        published = await published_counts(drivers)
         await live.until_it_says(process, f'"frames_read": {published["frames"]}')
         summary = await live.end(process)
     reports = await live.robot.read()

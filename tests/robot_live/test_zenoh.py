@@ -19,8 +19,8 @@ from clients.robot.sources.topics import Topics, parse_topics
 from clients.robot.sources.zenoh import ZenohFeed
 from consensus.errors import BlockRobotError
 from tests.robot_live.listening import listening
-from tests.robot_live.ros1_graph import make_scene
-from tests.robot_live.zenoh_graph import ZenohGraph, free_port, zenoh_graph
+from tests.robot_live.ward import free_port, make_scene
+from tests.robot_live.zenoh_graph import ZenohGraph, zenoh_graph
 from tests.walking_alone import UID, walking_alone
 
 DEPTH, TAGS = "/camera/depth/image_raw", "/rfid/sightings"

@@ -13,8 +13,8 @@ from clients.robot.sources.topics import LlrpReader
 from tests.cluster.killed_robot import killed_robot
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.robot_live.live_robot import LiveRobot
-from tests.robot_live.ros1_graph import make_scene
 from tests.robot_live.tag_readers import TagReaders
+from tests.robot_live.ward import make_scene
 from tests.robot_live.zenoh_graph import ZenohGraph, zenoh_graph
 from tests.walking_alone import UID, walking_alone
 

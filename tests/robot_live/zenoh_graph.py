@@ -9,7 +9,6 @@ import asyncio
 import contextlib
 import json
 import os
-import socket
 import sys
 from asyncio.subprocess import Process
 from collections.abc import AsyncIterator
@@ -17,28 +16,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tests.robot_live.ward import free_port, kill_all, published_counts, wait_for_port
+
 PUBLISHER = Path(__file__).with_name("zenoh_publisher.py")
 ROOT = Path(__file__).parents[2]
-START_TIMEOUT_S = 20.0
-END_TIMEOUT_S = 60.0
-
-
-def free_port() -> int:
-    """A port of the loopback address that nobody uses just now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-async def wait_for_port(port: int) -> None:
-    """Return when somebody listens."""
-    async with asyncio.timeout(START_TIMEOUT_S):
-        while True:
-            with contextlib.suppress(OSError):
-                _, writer = await asyncio.open_connection("127.0.0.1", port)
-                writer.close()
-                return
-            await asyncio.sleep(0.05)
 
 
 @dataclass
@@ -78,20 +59,10 @@ class ZenohGraph:
 
     async def publish(self, scene: Path, **settings: Any) -> dict[str, int]:
         """Publish a scene to its end; return how many of each were published."""
-        return await self.counts(await self.start_drivers(scene, **settings))
-
-    async def counts(self, process: Process) -> dict[str, int]:
-        """Return what drivers say at their end."""
-        output, said = await asyncio.wait_for(process.communicate(), END_TIMEOUT_S)
-        assert process.returncode == 0, said.decode()[-2_000:]
-        counts: dict[str, int] = json.loads(output.splitlines()[-1])
-        return counts
+        return await published_counts(await self.start_drivers(scene, **settings))
 
     async def stop(self) -> None:
-        for process in [*self.drivers, *([self.router] if self.router else [])]:
-            if process.returncode is None:
-                process.kill()
-                await process.communicate()
+        await kill_all([*self.drivers, *([self.router] if self.router else [])])
 
 
 @contextlib.asynccontextmanager
