@@ -233,7 +233,7 @@ def test_a_type_that_was_built_of_another_version_is_refused_rather_than_misread
         assert (topic, is_for_good) == (RFID, False)
         assert "built with another version of ward_msgs/msg/TagArray" in detail
         assert (state["heard"], state["failures"]) == ({}, [])
-        other.kill()
+        other.terminate()  # it takes its leave; one that is killed stays listed for 20 s
         await graph.talk(seconds=100, tags="ward", wait=False, node="good")
         state = await ear.until("state", heard(RFID, TAG_TYPE, 3))
         assert (state["there"], state["failures"]) == ([RFID], [])
