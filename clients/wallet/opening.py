@@ -30,6 +30,8 @@ from consensus.genesis import Genesis
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
+WALLET_COMMAND = "blockrobot wallet"
+"""How texts name the wallet; whoever has several is shown how this one is called."""
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _KEYRING_KEY = "blockrobot.keyring"
 _READS_ONLY_MARK = "blockrobot_reads_only"
@@ -113,7 +115,7 @@ def called(ctx: click.Context) -> str:
 
 def called_as(profile: str) -> str:
     """Return how the wallet of a profile is called."""
-    return "blockrobot wallet" if profile == "default" else f"blockrobot wallet --profile {profile}"
+    return WALLET_COMMAND if profile == "default" else f"{WALLET_COMMAND} --profile {profile}"
 
 
 def called_in_full(ctx: click.Context) -> str:
@@ -131,7 +133,7 @@ def _say_error(error: BlockRobotError) -> str:
     """Return an error as the command line tells it, its next step with the wallet's profile, as it can be typed."""
     context = click.get_current_context(silent=True)
     told = say_error(error)
-    return told if context is None else told.replace("blockrobot wallet ", f"{called(context)} ")
+    return told if context is None else told.replace(f"{WALLET_COMMAND} ", f"{called(context)} ")
 
 
 def read_passphrase(*, from_keyring: bool = True) -> str:

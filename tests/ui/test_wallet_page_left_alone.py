@@ -89,6 +89,78 @@ async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_co
     await expect(page.locator("#main code")).to_have_text(COMMAND)
 
 
+async def test_of_a_locked_page_no_reader_is_told_what_came_in_before(shown: Shown, watch: Watch) -> None:
+    watch.expect("status of 401|ERR_CONNECTION_REFUSED")
+    page = shown.page
+    await shown.record()
+    aloud = page.locator("[role=status][aria-live=polite]")
+    await expect(aloud).to_contain_text("came in", timeout=SOON_MS)
+    await page.get_by_role("button", name="Lock").click()
+    await expect(page.locator("h1")).to_have_text("The wallet is locked")
+    await expect(aloud).to_have_text("")
+    await expect(page.locator("#main code")).to_have_text(COMMAND)
+
+
+async def test_the_line_of_what_came_in_goes_when_that_is_shown(shown: Shown) -> None:
+    page = shown.page
+    await shown.record()
+    news = page.locator("#news")
+    await expect(news).to_contain_text("came in", timeout=SOON_MS)
+    await page.get_by_role("link", name="What happened").click()
+    await expect(page.locator(".story").first).to_be_visible(timeout=SOON_MS)
+    await expect(news).to_contain_text("came in")
+    await page.evaluate("() => { location.hash = '#/'; }")
+    await page.locator(".latest a").first.click()
+    await expect(page.locator("input[data-visit]").first).to_be_visible(timeout=SOON_MS)
+    await expect(news).to_be_empty()
+
+
+async def test_a_long_name_stays_within_its_card_and_the_form_takes_no_longer_one(shown: Shown) -> None:
+    page, ward = shown.page, shown.ward
+    doctor = ward.come_in("doctor", "staff")
+    name = "W" * 100
+    await ward.share(doctor, label=name)
+    async with shown.session.lock:
+        await shown.session.read()
+    await page.evaluate("() => { location.hash = '#/sharing'; }")
+    await expect(page.get_by_role("heading", name=name)).to_be_visible(timeout=SOON_MS)
+    for width in (1280, 400):
+        await page.set_viewport_size({"width": width, "height": 800})
+        assert await page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), width
+
+
+async def test_a_wrong_handle_is_answered_without_naming_a_command(shown: Shown, watch: Watch) -> None:
+    watch.expect("status of 40[03]")
+    page = shown.page
+    await page.locator(".latest a").first.click()
+    await page.locator("input[data-visit]").first.check(timeout=SOON_MS)
+    await page.get_by_role("button", name="Share…").click()
+    for label, longest in (("With whom?", "200"), ("What you call them", "100")):
+        await expect(page.get_by_label(label)).to_have_attribute("maxlength", longest, timeout=SOON_MS)
+    for wanted in ("Dr Nobody", "ab" * 32):
+        await page.get_by_label("With whom?").fill(wanted)
+        await page.get_by_role("button", name="See what that means").click()
+        told = page.get_by_role("alert")
+        await expect(told).to_contain_text("A handle has 64 letters and digits", timeout=SOON_MS)
+        assert "blockrobot" not in await told.inner_text()
+
+
+async def test_before_the_file_is_made_the_page_says_what_it_gives_away(shown: Shown) -> None:
+    page = shown.page
+    await shown.record()
+    await page.evaluate("() => { location.hash = '#/export'; }")
+    await page.get_by_role("button", name="See what goes along").click(timeout=SOON_MS)
+    told = page.locator("section.card", has_text="Whoever has the file learns")
+    for words in ("2 meetings were of one person", "which member of the network", "later erasure does not reach it"):
+        await expect(told).to_contain_text(words, timeout=SOON_MS)
+    await expect(told).to_contain_text("one by one")
+    await page.get_by_label("With your membership").uncheck()
+    await page.get_by_label("With the pictures").uncheck()
+    await page.get_by_role("button", name="See what goes along").click()
+    await expect(told).not_to_contain_text("which member of the network", timeout=SOON_MS)
+    await expect(told).not_to_contain_text("one by one")
+
+
 async def test_a_page_that_was_reloaded_says_how_to_come_back(shown: Shown, watch: Watch) -> None:
     watch.expect("status of 401")
     page = shown.page

@@ -29,6 +29,7 @@ const news = h("div", { class: "news", id: "news" });
 let overview = null;
 let verified = null;
 let shown = null;
+let newest = null;
 let leaving = new AbortController();
 let isClosed = false;
 
@@ -112,6 +113,7 @@ async function showPlace({ keepFocus = false } = {}) {
     window.scrollTo(0, 0);
   }
   view.onShown?.();
+  dropNewsShown();
 }
 
 async function showRegistering() {
@@ -189,6 +191,7 @@ function close(title, text) {
   replace(bar, h("span", { class: "brand" }, "BlockRobot"));
   replace(footer);
   replace(news);
+  announce("");
   const heading = h("h1", { tabindex: -1 }, title);
   replace(main, heading, h("div", { class: "card" }, h("p", {}, text), h("pre", { tabindex: 0 }, h("code", {}, command()))));
   main.removeAttribute("aria-busy");
@@ -230,11 +233,20 @@ async function takeNews(change, isOther) {
   const badge = bar.querySelector("nav .badge");
   if (String(count || "") !== (badge?.textContent ?? "") && !bar.contains(document.activeElement)) drawBar(name);
   if (!leaving.signal.aborted) await shown?.refresh?.(change);
+  dropNewsShown();
+}
+
+/** Take away the line that tells of a recording which the view shows itself. */
+function dropNewsShown() {
+  if (newest === null || !shown?.shows?.(newest)) return;
+  newest = null;
+  replace(news);
 }
 
 function tellNew(ids) {
   const text = t("live.new", { count: ids.length });
   announce(text);
+  newest = ids.at(-1);
   const note = h("div", { class: "notice accent row" }, h("span", {}, text), h("a", { href: `#/record/${ids.at(-1)}`, onclick: () => note.remove() }, t("live.show")),
     h("button", { type: "button", class: "plain push", onclick: () => note.remove() }, t("live.dismiss")));
   replace(news, note);

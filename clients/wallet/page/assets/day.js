@@ -108,7 +108,7 @@ export async function showDay(context, day) {
 
   draw();
   drawActions();
-  return { title: dayName(dateOf(day).getTime()), back: { href: "#/", label: t("calendar.title") }, node, async refresh() {
+  return { title: dayName(dateOf(day).getTime()), back: { href: "#/", label: t("calendar.title") }, node, shows: (id) => rows.some((row) => row.record_id === id), async refresh() {
     [rows, days] = await Promise.all([load(day, context.signal), get("days", { zone: zone() }, context.signal)]);
     redraw(node, draw);
     drawActions();

@@ -37,7 +37,7 @@ export async function showExport(context) {
     const wanted = body();
     try {
       const plan = await post("exports/plan", wanted, context.signal);
-      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), sentences([t("export.warn1"), plan.visits > 1 && t("export.warn2", { count: plan.visits })].filter(Boolean)), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
+      replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t("export.means")), h("p", {}, t("export.plan", { count: plan.records })), h("p", {}, t("export.learns")), sentences(given(plan, wanted)), h("p", {}, t("export.keep")), plan.records > 0 && h("button", { type: "button", class: "primary", onclick: () => start(wanted) }, t("export.start"))));
       result.querySelector("h2").focus();
     } catch (error) {
       if (error.name !== "AbortError") replace(result, problemCard(error));
@@ -76,4 +76,13 @@ export async function showExport(context) {
 
   const guardians = h("section", { class: "card", "aria-labelledby": "guardians" }, h("h2", { id: "guardians" }, t("guardians.title")), h("p", { class: "quiet" }, t("guardians.lead")), sentences(context.overview.guardians));
   return { title: t("export.title"), node: h("div", {}, h("p", { class: "lead" }, t("export.lead")), form, result, guardians) };
+}
+
+/** What whoever has the file learns from it, as `blockrobot wallet export` says it. */
+function given(plan, wanted) {
+  const has = plan.records > 0;
+  return [
+    plan.visits > 0 && t("export.joined", { count: plan.visits }), wanted.pictures && has && t("export.seen"), wanted.identity && t("export.member"),
+    t("export.noKey"), wanted.pictures && plan.visits > 1 && t("export.asked"),
+  ].filter(Boolean);
 }

@@ -31,7 +31,7 @@ export async function showRecord(context, id) {
       record.previous && h("a", { class: "button", href: `#/record/${record.previous}` }, `‹ ${t("record.previous")}`), record.next && h("a", { class: "button", href: `#/record/${record.next}` }, `${t("record.next")} ›`),
       h("a", { href: `#/visit/${record.visit}/${dayOf(record.started_at_ms)}` }, t("record.visit"))),
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, t("record.story")), story), h("section", { class: "card" }, h("h2", {}, t("record.facts")), facts)));
-  return { title, back, node, async refresh() {
+  return { title, back, node, shows: (one) => one === id, async refresh() {
     const now = await get(`records/${id}`, {}, context.signal);
     draw(now);
     screen.update([now]);
@@ -40,7 +40,7 @@ export async function showRecord(context, id) {
 
 /** Show a whole visit, played part by part. */
 export async function showVisit(context, visit, day, play) {
-  const rows = await rowsOf(visit, context.signal);
+  let rows = await rowsOf(visit, context.signal);
   if (rows.length === 0) return { title: t("visit.title"), back: { href: "#/", label: t("calendar.title") }, node: h("div", { class: "card" }, h("p", {}, t("visit.empty"))) };
   const from = rows[0].started_at_ms;
   const title = t("visit.of", { day: dayName(from) });
@@ -49,9 +49,10 @@ export async function showVisit(context, visit, day, play) {
   const story = await get("story", { visit, limit: 100 }, context.signal);
   const list = h("div", {}, storyList(story.events));
   const node = h("div", { class: "record" }, h("p", {}, t("visit.span", { from: clock(from), to: clock(rows.at(-1).ended_at_ms), count: rows.filter((row) => row.kind !== "notice").length })), screen.node, h("section", { class: "card" }, h("h2", {}, t("record.story")), list));
-  return { title, back, node, onShown: () => play === "play" && screen.open(), async refresh() {
+  return { title, back, node, onShown: () => play === "play" && screen.open(), shows: (id) => rows.some((row) => row.record_id === id), async refresh() {
     replace(list, storyList((await get("story", { visit, limit: 100 }, context.signal)).events));
-    screen.update(await rowsOf(visit, context.signal));
+    rows = await rowsOf(visit, context.signal);
+    screen.update(rows);
   } };
 }
 

@@ -10,6 +10,9 @@ import { t } from "./texts.js";
 const DAY_MS = 86_400_000;
 const SPANS = [1, 7, 30];
 const OWN_PURPOSES = ["own-access", "complaint"];
+const WITH_MAX_CHARS = 200;
+const NAME_MAX_CHARS = 100;
+const HANDLE = /^[0-9a-f]{64}$/i;
 
 /** Show what is shared, newest first. */
 export async function showSharing(context) {
@@ -57,8 +60,8 @@ export async function showShareForm(context) {
   const { people } = await get("shares", {}, context.signal);
   const purposes = Object.entries(context.overview.network.purposes).filter(([code]) => !OWN_PURPOSES.includes(code));
   const result = h("div", { role: "status" });
-  const who = h("input", { id: "share-with", required: true, list: "share-people", "aria-describedby": "share-with-hint", autocomplete: "off", spellcheck: "false" });
-  const name = h("input", { id: "share-name", autocomplete: "off" });
+  const who = h("input", { id: "share-with", required: true, list: "share-people", "aria-describedby": "share-with-hint", autocomplete: "off", spellcheck: "false", maxlength: WITH_MAX_CHARS });
+  const name = h("input", { id: "share-name", autocomplete: "off", maxlength: NAME_MAX_CHARS });
   const purpose = h("select", { id: "share-purpose" }, purposes.map(([code, sentence]) => h("option", { value: code }, purposeName(code, sentence))));
   const span = h("select", { id: "share-span" }, SPANS.map((days) => h("option", { value: days }, t("share.days", { count: days }))), h("option", { value: "date" }, t("share.date")));
   const date = h("input", { id: "share-date", type: "date", min: new Date(Date.now() + DAY_MS).toISOString().slice(0, 10) });
@@ -77,7 +80,7 @@ export async function showShareForm(context) {
         sentences([t("share.sees"), t("share.listed"), t("share.canEnd"), t("share.undo")]), h("button", { type: "button", class: "primary", onclick: () => share(wanted) }, t("share.confirm"))));
       result.querySelector("h2").focus();
     } catch (error) {
-      if (error.name !== "AbortError") replace(result, problemCard(error));
+      if (error.name !== "AbortError") replace(result, problemCard(inPlainWords(error, wanted, people)));
     }
   } },
   h("p", {}, h("strong", {}, selection.title), !selection.backLabel && ` · ${t("share.what", { count: selection.records.length })}`),
@@ -105,6 +108,16 @@ export async function showShareForm(context) {
   };
 
   return { title: t("share.title"), back: { href: `#/${selection.back}`, label: selection.backLabel ?? selection.title }, node: h("div", {}, form, result) };
+}
+
+/** Say what was wrong with whom she named as somebody at a page can mend it: no command, no option of one. */
+function inPlainWords(error, wanted, people) {
+  if (!["SHARE_NOT_POSSIBLE", "SHARE_WITH_NON_MEMBER"].includes(error.code)) return error;
+  const isKnown = (name) => people.some((one) => one.name?.toLowerCase() === name?.toLowerCase());
+  const isHandle = HANDLE.test(wanted.with.replace(/[\s-]/g, ""));
+  if (error.code === "SHARE_NOT_POSSIBLE" && !isHandle && !isKnown(wanted.with)) return { detail: t("share.noHandle", { wanted: wanted.with }), nextStep: t("share.readAgain") };
+  if (error.code === "SHARE_NOT_POSSIBLE" && wanted.name && isKnown(wanted.name) && isHandle) return { detail: t("share.nameTaken", { name: wanted.name }), nextStep: t("share.otherName") };
+  return { detail: error.detail, nextStep: t("share.readAgain") };
 }
 
 function field(id, label, input) {

@@ -158,6 +158,22 @@ def test_an_erasure_that_is_late_names_who_had_received_it_all_the_same(
     assert told.exit_code == late.exit_code != 0
 
 
+def test_the_command_that_an_inbox_names_can_be_typed_as_it_stands(people: People) -> None:
+    people.ward.record_visit()
+    asyncio.run(people.ward.share(people.doctor))
+    people.opened = people.doctor
+
+    @click.group()
+    @click.option("--profile", default="default")
+    def wallet(profile: str) -> None:
+        """A wallet's commands."""
+
+    wallet.add_command(inbox_commands.inbox)
+    for arguments, said in (([], ""), (["--profile", "doctor"], " --profile doctor")):
+        result = CliRunner().invoke(wallet, [*arguments, "inbox"])
+        assert f"blockrobot wallet{said} look " in result.output.replace("\n", " "), result.output
+
+
 def test_who_never_looked_is_told_and_has_nothing_to_delete(people: People) -> None:
     ward, doctor = people.ward, people.doctor
     visit, records = ward.record_visit()
