@@ -118,6 +118,8 @@ async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -
         await page.get_by_role("button", name=re.compile(f"^{name} of ")).click()
     group = page.get_by_role("group", name="node-4", exact=True)
     await expect(group.get_by_role("radio", name="B")).to_be_checked()
+    await expect(page.get_by_role("button", name="Heal", exact=True)).to_have_count(0)
+    await expect(page.get_by_role("button", name="Heal every fault")).to_be_visible()
     await page.get_by_role("button", name="Cut it").click()
     await _expect_told(page, "Done: partition node-1, node-2 | node-3, node-4.")
     await expect(page.locator(".link.cut").first).to_be_visible(timeout=LONG_MS)

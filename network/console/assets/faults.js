@@ -138,10 +138,10 @@ function createPartitionPanel({ names, said, onGroups }) {
     const sides = letters.map((_, index) => [...groups].filter(([, group]) => group === index).map(([name]) => name)).filter((side) => side.length);
     await carryOut(said, { do: "partition", groups: sides.map((side) => side.join(",")).join(" | ") }, event.currentTarget);
   };
-  const element = panel({ id: "partition", title: "Cut the network into groups", hint: "Choose a group for each node here, or click nodes in the drawing. Groups hear nothing of each other; a new partition takes the place of the last one." },
+  const element = panel({ id: "partition", title: "Cut the network into groups", hint: "Choose a group for each node here, or click nodes in the drawing. Groups hear nothing of each other; a new partition takes the place of the last one. Healing ends it, and every other fault too: wrong clocks, full disks, pauses, lies and sick links." },
     list, h("div", { class: "buttons" }, h("button", { type: "button", class: "danger", onclick: cut }, "Cut it"),
       h("button", { type: "button", onclick: () => { groups = new Map([...groups].map(([name]) => [name, 0])); changed(); } }, "All in one group again"),
-      h("button", { type: "button", onclick: (event) => carryOut(said, { do: "heal" }, event.currentTarget) }, "Heal")));
+      h("button", { type: "button", onclick: (event) => carryOut(said, { do: "heal" }, event.currentTarget) }, "Heal every fault")));
   draw();
   return {
     element,
