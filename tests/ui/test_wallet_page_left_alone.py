@@ -190,11 +190,14 @@ async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
     page.on("dialog", stay)
     await page.evaluate("() => { location.hash = '#/consent'; }")
     await page.locator("[data-key=no-research-rgb]").click(timeout=SOON_MS)
-    await expect(page.get_by_text("Writing your word into the ledger").first).to_be_visible(timeout=SOON_MS)
-    await page.evaluate("() => { setTimeout(() => location.reload(), 0); }")
-    async with asyncio.timeout(SOON_MS / 1000):
-        await was_asked.wait()
-    may_go_on.set()
+    try:
+        working = page.get_by_role("progressbar", name="Writing your word into the ledger")
+        await expect(working).to_be_visible(timeout=SOON_MS)
+        await page.evaluate("() => { setTimeout(() => location.reload(), 0); }")
+        async with asyncio.timeout(SOON_MS / 1000):
+            await was_asked.wait()
+    finally:
+        may_go_on.set()
     await expect(page.locator("#main")).to_contain_text("You said no.", timeout=SOON_MS)
     await page.goto("about:blank")
     assert asked == ["beforeunload"], "once nothing is under way nobody is asked"
