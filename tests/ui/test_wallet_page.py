@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import re
 
 from playwright.async_api import Page, expect
 
@@ -199,7 +200,7 @@ async def test_when_the_command_ends_nothing_of_hers_is_left_on_the_screen(
         await expect(page.get_by_role("heading", level=1)).to_have_text(
             "The wallet behind this page has ended", timeout=SETTLED_MS
         )
-        await expect(page.locator("body")).to_contain_text("blockrobot wallet serve")
+        await expect(page.locator("main code")).to_have_text(re.compile(r"^blockrobot wallet --profile ann .* serve$"))
         assert await page.locator(".day, .latest").count() == 0
         assert await find_accessibility_faults(page, by_keyboard=False) == []
 
