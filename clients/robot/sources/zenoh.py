@@ -164,8 +164,18 @@ class ZenohFeed:
         if key.hash in HASHES_UNSAID or not self._knows(key.type):
             return False
         if key.type not in self._hashes:
-            self._hashes[key.type] = self._types.hash_rihs01(key.type)
+            self._hashes[key.type] = self._hash_of(key.type)
         return self._hashes[key.type] != key.hash
+
+    def _hash_of(self, type_name: str) -> str:
+        """Return the hash that ROS 2 would announce. Raises TOPICS_INVALID for a type with parts that nobody defines."""
+        try:
+            return self._types.hash_rihs01(type_name)
+        except KeyError as error:
+            detail = (
+                f"The definition of {type_name} names a type that nobody defines: put that under [definitions], too."
+            )
+            raise BlockRobotError("TOPICS_INVALID", detail) from error
 
     def _knows(self, type_name: str) -> bool:
         return type_name in self._types.fielddefs

@@ -54,3 +54,12 @@ def test_a_sample_that_cannot_be_taken_counts_as_a_message_of_no_type_and_ends_n
     heard.take(SimpleNamespace(key_expr=key, attachment=attachment, payload=b"\0\1\0\0"))
     assert [(one.topic, one.type, one.data) for one in notes.messages] == [(TAGS, "", b"")]
     assert notes.failures == []
+
+
+def test_a_definition_that_names_a_type_nobody_defines_is_refused_by_name() -> None:
+    feed = ZenohFeed(definitions={"ward_msgs/msg/TagArray": "ward_msgs/Tag[] tags"})
+    key = parse_key(f"0/rfid/ward_msgs::msg::dds_::TagArray_/{HASH}")
+    assert key is not None
+    with pytest.raises(BlockRobotError, match="ward_msgs/msg/TagArray") as caught:
+        feed.differs(key)
+    assert caught.value.code == "TOPICS_INVALID"
