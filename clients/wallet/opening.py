@@ -151,8 +151,8 @@ def read_passphrase(*, from_keyring: bool = True) -> str:
 def read_new_passphrase() -> str:
     """Return a passphrase for a new wallet file, from the file that is named for it or asked for twice at the terminal.
 
-    At the terminal it says what is wrong with one, five times at most, and how good the one is that it takes. Raises
-    PASSPHRASE_WEAK, PASSPHRASE_UNCONFIRMED.
+    At the terminal it says what is wrong with one, five times at most, and what can be known of the one that it takes.
+    Raises PASSPHRASE_WEAK, PASSPHRASE_UNCONFIRMED.
     """
     given = _passphrase_from_file()
     if given is not None:

@@ -418,7 +418,7 @@ def test_new_words_leave_old_sets_to_the_former_words(tmp_path: Path, monkeypatc
     assert desk.rotate().exit_code == 0
     assert run("list")["sets"][0]["words_in_force"] is False
     listed = " ".join(desk.run("guardians").output.split())
-    assert "No guardians hold these words" in listed
+    assert "This wallet knows of no guardians" in listed
     assert "opens what was recorded under them, and decides of nothing any more" in listed
     new = run("split", *THREE, "--out", str(tmp_path / "new"))["sheets"]
     again = run("split", *THREE, "--former", "1", "--yes", "--out", str(tmp_path / "again"))["sheets"]

@@ -12,7 +12,7 @@ from tests.unit.clients.wallet.page.conftest import Desk
 async def test_the_page_tells_of_guardians_and_how_to_name_them(desk: Desk) -> None:
     profile = desk.session.profile
     (first, second) = (await desk.page.get("/api/overview"))["guardians"]
-    assert first.startswith("No guardians hold these words.")
+    assert first.startswith("This wallet knows of no guardians.")
     assert second.endswith("guardians split --guardian NAME --guardian NAME --guardian NAME")
     assert (f"--profile {profile} " in second) == (profile != "default")
     content = desk.session.wallet.store.content
