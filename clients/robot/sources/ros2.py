@@ -72,7 +72,7 @@ class Ros2Feed:
         """
         if self._thread is not None:
             return dict(self._advertised)
-        joined = _Joined.join(_Library(), self._domain)
+        joined = _Joined.join(_Bindings(), self._domain)
         try:
             return joined.discover()
         finally:
@@ -85,12 +85,12 @@ class Ros2Feed:
         MIDDLEWARE_MISSING when rclpy or such a type cannot be imported, or is not the publisher's. Of other topics that
         is told to `listener` as unusable, and the rest is heard all the same.
         """
-        library = _Library()
+        bindings = _Bindings()
         told = {topic for topic, type_name in wanted.items() if type_name}
         for topic in sorted(told):
-            library.find(topic, wanted[topic])
+            bindings.find(topic, wanted[topic])
         self._wanted = dict(wanted)
-        joined = _Joined.join(library, self._domain)
+        joined = _Joined.join(bindings, self._domain)
         try:
             deadline_s = time.monotonic() + SUBSCRIBE_MAX_S
             while True:
@@ -152,7 +152,7 @@ class Ros2Feed:
         """Subscribe as suits the publishers, all of one type, unless that is so already. Raises MIDDLEWARE_MISSING."""
         heard = self._heard.get(topic)
         wish = _Heard(publishers[0].type, all(one.is_reliable for one in publishers))
-        found = joined.library.find(topic, wish.type)
+        found = joined.bindings.find(topic, wish.type)
         is_other = found.is_other({one.type_hash for one in publishers if one.type_hash})
         if heard is not None and (is_other or heard != wish):
             joined.unsubscribe(self._heard.pop(topic).subscription)
@@ -201,7 +201,7 @@ def _cut(error: Exception) -> str:
     return str(error)[:DETAIL_MAX_CHARS]
 
 
-class _Library:
+class _Bindings:
     """rclpy, and the message types that Python finds beside it. Making it raises MIDDLEWARE_MISSING."""
 
     def __init__(self) -> None:
@@ -241,16 +241,16 @@ class _Library:
 class _Joined:
     """A node of ours in the graph, with a context and an executor of its own. `spin` alone makes messages come."""
 
-    def __init__(self, library: _Library, context: Any, node: Any, executor: Any) -> None:
-        self.library = library
+    def __init__(self, bindings: _Bindings, context: Any, node: Any, executor: Any) -> None:
+        self.bindings = bindings
         self._context = context
         self._node = node
         self._executor = executor
 
     @classmethod
-    def join(cls, library: _Library, domain: int | None) -> _Joined:
+    def join(cls, bindings: _Bindings, domain: int | None) -> _Joined:
         """Join the graph of a domain, the environment's if none is given. Raises FEED_UNREACHABLE."""
-        rclpy = library.rclpy
+        rclpy = bindings.rclpy
         context = rclpy.context.Context()
         try:
             # Not rclpy.init: that would take our signals; and without logging nothing is written to ~/.ros/log.
@@ -271,7 +271,7 @@ class _Joined:
                 "and ROS_DOMAIN_ID, and whether `ros2 topic list` works in this terminal."
             )
             raise BlockRobotError("FEED_UNREACHABLE", detail) from error
-        return cls(library, context, node, executor)
+        return cls(bindings, context, node, executor)
 
     def advertised(self) -> dict[str, str]:
         """Return the topics that have a publisher now, each with a type."""
@@ -297,7 +297,7 @@ class _Joined:
 
     def publishers(self, topic: str) -> list[_Publisher]:
         """Return what the publishers of a topic offer now."""
-        reliable = self.library.rclpy.qos.ReliabilityPolicy.RELIABLE
+        reliable = self.bindings.rclpy.qos.ReliabilityPolicy.RELIABLE
         found = []
         for info in self._node.get_publishers_info_by_topic(topic):
             told = getattr(info, "topic_type_hash", None)
@@ -311,7 +311,7 @@ class _Joined:
         Best effort hears every publisher, but of large messages it loses many: it is asked for only where somebody offers
         no more. Volatile hears every durability.
         """
-        qos, events = self.library.rclpy.qos, self.library.rclpy.event_handler
+        qos, events = self.bindings.rclpy.qos, self.bindings.rclpy.event_handler
         reliability = qos.ReliabilityPolicy.RELIABLE if wish.is_reliable else qos.ReliabilityPolicy.BEST_EFFORT
         profile = qos.QoSProfile(
             history=qos.HistoryPolicy.KEEP_LAST,
@@ -326,7 +326,7 @@ class _Joined:
         def lose(info: Any) -> None:
             listener.miss(topic, info.total_count_change)
 
-        wanted = self.library.find(topic, wish.type).python_class
+        wanted = self.bindings.find(topic, wish.type).python_class
         for callbacks in (
             events.SubscriptionEventCallbacks(message_lost=lose, use_default_callbacks=False),
             events.SubscriptionEventCallbacks(use_default_callbacks=False),
