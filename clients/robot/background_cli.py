@@ -21,12 +21,10 @@ from clients.robot.empty_scenes import (
 )
 from clients.robot.events import Depth
 from clients.robot.identity import load_identity
-from clients.robot.live_options import camera_options, notice_teller, open_camera, source_option
+from clients.robot.live_options import look_options, notice_teller, open_camera
 from clients.robot.source_options import open_recording, source_options
 from clients.robot.sources.sampling import record_empty_frames
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
-
-_LISTEN_DEFAULT_S = 3.0
 
 
 @click.group()
@@ -40,15 +38,10 @@ def background() -> None:
 @background.command("record")
 @click.argument("recording", type=click.Path(path_type=Path), required=False)
 @click.option("--viewpoint", required=True, metavar="NAME", help="Where the robot stands and looks.")
-@source_option(help="Take the frames from the robot's camera as it looks now, instead of from a RECORDING.")
-@click.option(
-    "--seconds",
-    default=_LISTEN_DEFAULT_S,
-    show_default=True,
-    type=click.FloatRange(0.5, 60),
-    help="Look at the robot's camera for so long.",
+@look_options(
+    source_help="Take the frames from the robot's camera as it looks now, instead of from a RECORDING.",
+    seconds_help="Look at the robot's camera for so long.",
 )
-@camera_options
 @source_options
 @json_option
 @click.pass_context

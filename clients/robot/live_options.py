@@ -27,6 +27,7 @@ from clients.robot.sources.topics import (
 from consensus.errors import BlockRobotError
 
 SYNTHETIC = "synthetic"
+LOOK_DEFAULT_S = 3.0
 
 
 def camera_options(command: Any) -> Any:
@@ -49,6 +50,18 @@ def _with_options(command: Any, kinds: Mapping[str, FeedKind]) -> Any:
 def source_option(*others: str, **settings: Any) -> Callable[[Any], Any]:
     """Return the option that names the live source, one of `others` or a robot's middleware."""
     return click.option("--source", type=click.Choice([*others, *CAMERAS]), **settings)
+
+
+def look_options(*, source_help: str, seconds_help: str) -> Callable[[Any], Any]:
+    """Return the options of a command that looks at a running robot for some seconds instead of at a recording."""
+
+    def with_options(command: Any) -> Any:
+        seconds = click.option(
+            "--seconds", default=LOOK_DEFAULT_S, show_default=True, type=click.FloatRange(0.5, 60), help=seconds_help
+        )
+        return source_option(help=source_help)(seconds(camera_options(command)))
+
+    return with_options
 
 
 def live_topics(options: Mapping[str, Any]) -> Topics:

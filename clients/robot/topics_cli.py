@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from clients.robot.live_options import camera_options, source_option
+from clients.robot.live_options import look_options
 from clients.robot.sources.feeds import make_feeds
 from clients.robot.sources.listing import Listed, draft_topics, list_topics, next_steps
 from clients.robot.sources.recording import Recording
@@ -15,20 +15,13 @@ from clients.robot.sources.sampling import Sample
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from consensus.errors import BlockRobotError
 
-_LISTEN_DEFAULT_S = 3.0
-
 
 @click.command()
 @click.argument("recording", type=click.Path(path_type=Path), required=False)
-@source_option(help="List what the robot's middleware carries now, instead of a RECORDING.")
-@click.option(
-    "--seconds",
-    default=_LISTEN_DEFAULT_S,
-    show_default=True,
-    type=click.FloatRange(0.5, 60),
-    help="Listen to the robot's middleware for so long.",
+@look_options(
+    source_help="List what the robot's middleware carries now, instead of a RECORDING.",
+    seconds_help="Listen to the robot's middleware for so long.",
 )
-@camera_options
 @click.option(
     "--draft",
     type=click.Path(path_type=Path, dir_okay=False),

@@ -1,9 +1,8 @@
-"""Where tests of ROS 2 cannot run they fail first of all and say what to type; leaving them out is said too."""
+"""Where tests of ROS 2 cannot run they fail first of all and say what to type."""
 
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -43,27 +42,3 @@ def test_without_an_index_of_packages_the_way_out_is_named(tmp_path: Path) -> No
     assert "cannot be installed" in done.stderr
     assert "make test PYTHON=python3.11" in done.stderr
     assert "make test ROS2=none" in done.stderr
-
-
-@pytest.mark.parametrize("value", ["none", "install"])
-def test_the_makefile_deselects_by_the_marker_only_when_told_to(value: str) -> None:
-    make = shutil.which("make")
-    assert make
-    told = subprocess.run(
-        [make, "--dry-run", "test", f"ROS2={value}"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    assert ("not ros2" in told) == (value == "none")
-    assert ("tests.robot_live.ros2_wheels" in told) == (value == "install")
-
-
-def test_who_is_left_out_is_said_in_the_last_lines() -> None:
-    told = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "not ros2", "--collect-only", "-q", "tests/robot_live"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout
-    last = told.strip().splitlines()[-6:]
-    assert any("tests were NOT run: they need wheels of ROS 2" in line for line in last), told
-    assert any("tests/robot_live/test_ros2_feed.py" in line for line in last)

@@ -94,32 +94,8 @@ def test_where_nothing_can_be_installed_the_refusal_says_what_to_type(
     assert "make test SYSTEM_PACKAGES=none" in told
 
 
-@pytest.mark.parametrize("value", ["none", "install"])
-def test_the_makefile_deselects_by_the_marker_only_when_told_to(value: str) -> None:
-    make = shutil.which("make")
-    assert make
-    told = subprocess.run(
-        [make, "--dry-run", "test", f"SYSTEM_PACKAGES={value}"], cwd=ROOT, capture_output=True, text=True, check=True
-    ).stdout
-    assert ("not system_packages" in told) == (value == "none")
-    assert f"tests/system_packages.py {value}" in told
-
-
 def test_what_is_left_out_is_said_before_the_first_test_too(tmp_path: Path) -> None:
     told = subprocess.run([sys.executable, SCRIPT, "none"], env={}, capture_output=True, text=True, check=True).stdout
     (line,) = told.splitlines()
     assert all(package.name in line for package in system_packages.PACKAGES)
     assert "left out" in line
-
-
-def test_who_is_left_out_is_said_in_the_last_lines() -> None:
-    told = subprocess.run(
-        [sys.executable, "-m", "pytest", "-m", "not system_packages", "--collect-only", "-q", "tests/ui"],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stdout
-    last = told.strip().splitlines()[-6:]
-    assert any("tests were NOT run: they need Debian's chromium" in line for line in last), told
-    assert any("tests/ui/test_what_pages_are_judged_by.py" in line for line in last)
