@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 import pytest_asyncio
-from playwright.async_api import Page, Request, expect
+from playwright.async_api import Page, Request, Route, expect
 
 from clients.wallet.erasing import Erasing
 from consensus.primitives.encoding import encode_value
@@ -232,9 +232,16 @@ async def test_a_node_that_stands_still_is_told_though_its_connections_are_open(
         "() => { const patient = AbortSignal.timeout.bind(AbortSignal); "
         "AbortSignal.timeout = (ms) => patient(ms / 20); AbortSignal.patient = patient; }"
     )
-    await page.route("**/v1/explorer/status*", lambda _: None)
+    goes_on = asyncio.Event()
+
+    async def stand_still(route: Route) -> None:
+        await goes_on.wait()
+        await route.abort()  # one that is never ended ends when its memory is freed, in whatever test runs then
+
+    await page.route("**/v1/explorer/status*", stand_still)
     await expect(page.locator("#state")).to_contain_text("not connected")
-    await page.unroute_all(behavior="ignoreErrors")
+    goes_on.set()
+    await page.unroute_all(behavior="wait")
     await page.evaluate("() => { AbortSignal.timeout = AbortSignal.patient; }")
     await expect(page.locator("#state")).to_contain_text("session until")
 
