@@ -58,8 +58,8 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "SPAN_WRONG": "Name minutes that are over, an hour at most: see `blockrobot officer lost-keys preview`.",
         "VISITS_TOO_MANY": "Propose the rest anew: `blockrobot officer lost-keys propose`.",
         # Sharing
-        "GRANT_ENDED": "It has ended, and nothing is left to do: `blockrobot wallet shares`, or `wallet inbox`, shows it.",
-        "GRANT_UNKNOWN": "What you share shows `blockrobot wallet shares`; what is shared with you, `wallet inbox`.",
+        "GRANT_ENDED": "It has ended; nothing is left to do. See `blockrobot wallet shares`, or `blockrobot wallet inbox`.",
+        "GRANT_UNKNOWN": "What you share: `blockrobot wallet shares`; what is shared with you: `blockrobot wallet inbox`.",
         "GRANTS_TOO_MANY": "End one that you need no more: `blockrobot wallet shares`, then `blockrobot wallet revoke`.",
         "RECORD_NOT_GRANTED": "`blockrobot wallet inbox` shows which records were shared with you.",
         # Any contract

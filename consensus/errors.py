@@ -248,7 +248,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("NOTHING_TO_CONFIRM", 404, "Nothing of this is to be confirmed.", "`blockrobot wallet inbox` shows what is to be deleted, and what you have confirmed."),
     ErrorEntry("NOTHING_TO_SHARE", 404, "There is nothing left of this to share.", "Erased records cannot be shared, nor pictures that no custodian has whole: `blockrobot wallet records` shows what is left."),
     ErrorEntry("SHARE_NOT_POSSIBLE", 400, "This cannot be shared so.", "See with whom, for what and for how long one can: `blockrobot wallet share --help`."),
-    ErrorEntry("SHARE_WITH_NON_MEMBER", 403, "Records are shared with active members of the staff and with officers only.", "Have the other read the handle out again: `blockrobot wallet handle`."),
+    ErrorEntry("SHARE_WITH_NON_MEMBER", 403, "Records are shared with active members of the staff and with officers only.", "Have the other read the handle out again: `wallet handle`."),
     ErrorEntry("SHARE_CUSTODIANS_MISSING", 503, "Too few custodians took their parts of the key, so nothing was shared.", "Try again when they are back; `blockrobot status` shows who is away.", retryable=True),
     ErrorEntry("COPIES_REMAIN", 409, "Pictures that were shared are still on this machine.", "Delete them, or give --delete, and confirm then."),
     ErrorEntry("EXPORT_TOO_LARGE", 400, "The export would be larger than one bundle may be.", "Export it in parts: choose records with --records, --from and --until, or leave pictures out with --no-pictures."),

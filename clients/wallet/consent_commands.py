@@ -15,6 +15,7 @@ from rich.markup import escape
 
 from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.calling import verify_command
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
 from clients.wallet.language import code_text, describe_error, purposes_text, text
@@ -279,7 +280,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
         line = text("receipts.missing", name=txid.hex()[:12], detail=detail, next_step=next_step)
         console.print(escape(line))
     if out is not None:
-        console.print(escape(text("receipts.written", path=out)))
+        console.print(escape(text("receipts.written", path=out, check=verify_command(out))))
 
 
 def _receipt_line(receipt: CheckedReceipt) -> str:

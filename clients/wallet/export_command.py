@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from clients.bundle.checking import Verdict, unproved
 from clients.bundle.frames import count_pictures
@@ -17,6 +18,7 @@ from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.calling import as_called, verify_command
 from clients.wallet.exporting import Exporting, Plan, Wanted
 from clients.wallet.language import describe_error, language_in_use, section, text
 from clients.wallet.opening import run_opened
@@ -50,7 +52,7 @@ def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
         except ValueError:
             record_id = b""
         if len(record_id) != RECORD_ID_BYTES:
-            raise click.UsageError(f"{digits!r} is no record: `blockrobot wallet records` shows them.")
+            raise click.UsageError(f"{digits!r} is no record: " + as_called("`blockrobot wallet records` shows them."))
         ids.append(record_id)
     return tuple(dict.fromkeys(ids))
 
@@ -191,4 +193,4 @@ def _print(out: Path, verdict: Verdict) -> None:
         about = text("export.record", name=problem.record_id) if problem.record_id else text("export.all")
         sentence = say_problem(problem.code, problem.sentence)
         console.print(f"  [red]{text('export.missing')}[/red] ({about}): {sentence}")
-    console.print(text("export.next", out=out))
+    console.print(escape(text("export.next", check=verify_command(out))))

@@ -11,14 +11,11 @@ from clients.wallet.opening import show_moment
 from clients.wallet.shares import show_identifier
 
 
-def guardian_lines(content: WalletContent, command: str, language: str | None = None) -> list[str]:
-    """Return who holds words of this wallet and what to do next, in sentences (`language` None: the one in use).
-
-    `command` is how this wallet is called, `blockrobot wallet --profile ann`.
-    """
+def guardian_lines(content: WalletContent, language: str | None = None) -> list[str]:
+    """Return who holds words of this wallet and what to do next, in sentences (`language` None: the one in use)."""
     era, told = len(content.former), []
     if not any(one.era == era for one in content.guardian_sets):
-        told += text("guardians.none", language=language, command=command).split("\n")
+        told += text("guardians.none", language=language).split("\n")
     for one in content.guardian_sets:
         told.append(_line(one, language))
         if not one.is_whole:
@@ -27,7 +24,7 @@ def guardian_lines(content: WalletContent, command: str, language: str | None = 
         if one.era != era:
             told.append(text("guardians.former", language=language))
     if content.guardian_sets:
-        told.append(text("guardians.stay", language=language, command=command))
+        told.append(text("guardians.stay", language=language))
     return told
 
 

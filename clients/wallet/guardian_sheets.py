@@ -17,6 +17,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+from clients.wallet.calling import WALLET_COMMAND
 from clients.wallet.guardians import GuardianSet
 from clients.wallet.language import language_in_use, text
 from clients.wallet.shares import show_identifier
@@ -38,7 +39,13 @@ def build_sheet(one: GuardianSet, place: int, share: str) -> str:
     policy = f"default-src 'none'; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     made = datetime.datetime.fromtimestamp(one.made_at_ms / 1000).astimezone().strftime("%Y-%m-%d")
     values: dict[str, Any] = {"count": len(one.guardians), "threshold": one.threshold, "name": one.guardians[place]}
-    values |= {"number": place + 1, "identifier": show_identifier(one.identifier), "made": made}
+    # A guardian is told no profile and no folder: these are the owner's.
+    values |= {
+        "command": WALLET_COMMAND,
+        "number": place + 1,
+        "identifier": show_identifier(one.identifier),
+        "made": made,
+    }
 
     def told(key: str) -> str:
         return html.escape(text(f"sheet.{key}", **values))

@@ -32,7 +32,7 @@ from clients.wallet.guardians_recovering import check, recover
 from clients.wallet.keystore import Keystore, WalletContent
 from clients.wallet.language import text
 from clients.wallet.making_commands import check_back, word_lines
-from clients.wallet.opening import called, read_passphrase
+from clients.wallet.opening import read_passphrase
 from clients.wallet.rotating_commands import ask_or_say
 from clients.wallet.shares import (
     GUARDIANS_MAX_COUNT,
@@ -93,7 +93,7 @@ def list_(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "sets": [set_json(one, era) for one in content.guardian_sets]})
         return
-    for line in guardian_lines(content, called(ctx)):
+    for line in guardian_lines(content):
         console.print(escape(line))
 
 

@@ -37,7 +37,7 @@ from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import say_error, text
 from clients.wallet.making_commands import guess_cost, hand_over, word_lines
-from clients.wallet.opening import called, read_new_passphrase, run_made
+from clients.wallet.opening import read_new_passphrase, run_made
 from clients.wallet.restoring import CHECK_MAX_S, read_words, require_distinct, restore_wallet
 from clients.wallet.rotating_commands import write_words
 from clients.wallet.shares import (
@@ -372,16 +372,16 @@ def recover(
     if show:
         hand_over(words, None, check=False)
     if not only:
-        _tell_recovered(ctx, path, done["standing"], has_former=bool(former))
+        _tell_recovered(path, done["standing"], has_former=bool(former))
 
 
-def _tell_recovered(ctx: click.Context, path: Path, standing: str, *, has_former: bool) -> None:
-    console.print(text("guardians.recovered", path=escape(str(path)), command=called(ctx)))
+def _tell_recovered(path: Path, standing: str, *, has_former: bool) -> None:
+    console.print(text("guardians.recovered", path=escape(str(path))))
     if standing == MEMBER:
         console.print(text("guardians.member"))
     elif standing == NOBODY:
-        console.print(text("guardians.nobody", command=called(ctx)))
+        console.print(text("guardians.nobody"))
     else:
-        console.print(text("guardians.not_asked", command=called(ctx)))
+        console.print(text("guardians.not_asked"))
     if not has_former:
         console.print(text("restore.former"))

@@ -18,7 +18,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json,
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import code_text, describe_error, text
-from clients.wallet.opening import WALLET_COMMAND, called, reads_only, run_opened, show_moment
+from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
     KIND_ERASED,
@@ -113,11 +113,8 @@ def receipt_json(receipt: Receipt) -> dict[str, Any]:
     }
 
 
-def receipt_lines(receipt: Receipt, language: str | None = None, *, command: str = WALLET_COMMAND) -> list[str]:
-    """Say one grant and what became of it, in plain sentences (None: in the language of the command that runs).
-
-    `command` is how this wallet is called, for the commands that the sentences name.
-    """
+def receipt_lines(receipt: Receipt, language: str | None = None) -> list[str]:
+    """Say one grant and what became of it, in plain sentences (None: in the language of the command that runs)."""
     say = functools.partial(text, language=language)
     grant, name = receipt.grant, receipt.grant.grant_id.hex()[:12]
     records = say("count.records", count=len(grant.records))
@@ -143,7 +140,7 @@ def receipt_lines(receipt: Receipt, language: str | None = None, *, command: str
         lines.append("  " + say("received.confirmed"))
     if receipt.to_look:
         lines.append("  " + say("received.look", grant=name))
-    return [line.replace(WALLET_COMMAND, command) for line in lines]
+    return lines
 
 
 def unread_json(unread: Unread) -> dict[str, Any]:
@@ -203,7 +200,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
     elif not found.receipts and not found.alarms and not found.changed and not found.unread:
         console.print(text("inbox.nothing"))
     for receipt in found.receipts:
-        for line in receipt_lines(receipt, command=called(ctx)):
+        for line in receipt_lines(receipt):
             console.print(line)
     for each in found.unread:
         console.print(unread_line(each), markup=False)
@@ -216,7 +213,7 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
         frames = ", ".join(map(str, entry.data["frames"]))
         said = text("inbox.changed", name=entry.record_id.hex(), frames=frames, moment=show_moment(entry.time_ms))
         console.print(f"[red]{said}[/red]")
-    _print_looks(found.looks, called(ctx))
+    _print_looks(found.looks)
 
 
 def _look_json(entry: AuditEntry) -> dict[str, Any]:
@@ -230,9 +227,9 @@ def _look_json(entry: AuditEntry) -> dict[str, Any]:
     }
 
 
-def _print_looks(looks: Sequence[AuditEntry], command: str) -> None:
+def _print_looks(looks: Sequence[AuditEntry]) -> None:
     if len(looks) > LOOKS_SHOWN:
-        console.print(text("inbox.more_looks", count=len(looks) - LOOKS_SHOWN).replace(WALLET_COMMAND, command))
+        console.print(text("inbox.more_looks", count=len(looks) - LOOKS_SHOWN))
     for entry in looks[-LOOKS_SHOWN:]:
         purpose = code_text("purpose", entry.data["purpose"])
         told = {"moment": show_moment(entry.time_ms), "count": entry.data["records"], "purpose": purpose}

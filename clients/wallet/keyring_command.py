@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
+from clients.wallet.calling import called
 from clients.wallet.claiming import require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
@@ -55,7 +56,7 @@ def store(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "wallet": str(path)})
     else:
-        console.print(text("keyring.stored"))
+        console.print(text("keyring.stored", command=called()))
 
 
 @keyring.command()

@@ -15,6 +15,7 @@ from types import MappingProxyType
 
 import click
 
+from clients.wallet.calling import as_called
 from consensus.contract_refusals import refusal_code
 from consensus.errors import BlockRobotError
 
@@ -82,14 +83,17 @@ def choose_language(context: click.Context, language: str | None) -> None:
 
 
 def text(key: str, /, *, language: str | None = None, **values: object) -> str:
-    """Return a text with its values put in; `count` also chooses its plural form. Raises KeyError for no such text."""
+    """Return a text with its values put in; `count` also chooses its plural form. Raises KeyError for no such text.
+
+    Commands of the wallet in it (not those in a value) are called as this very wallet is.
+    """
     language = language or language_in_use()
     form = load(language).get(key)
     if form is None:
         form = load(DEFAULT_LANGUAGE)[key]
     if not isinstance(form, str):
         form = form[ONE if values["count"] == 1 else OTHER]
-    return form.format(**values) if values else form
+    return as_called(form, has_fields=True).format(**values) if values else as_called(form)
 
 
 def code_text(table: str, code: str, *, language: str | None = None) -> str:
@@ -130,7 +134,9 @@ def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
     start = f"{prefix}."
     texts = {**load(DEFAULT_LANGUAGE), **load(language)}
     return {
-        key.removeprefix(start): form if isinstance(form, str) else dict(form)
+        key.removeprefix(start): as_called(form)
+        if isinstance(form, str)
+        else {name: as_called(one) for name, one in form.items()}
         for key, form in texts.items()
         if key.startswith(start)
     }
@@ -149,7 +155,7 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
     if error.next_step != error.entry.next_step:  # that of a contract's own code says more
         refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
         next_step = texts.get(f"refusals.{refused}")
-    return detail, next_step if isinstance(next_step, str) else error.next_step
+    return as_called(detail), as_called(next_step if isinstance(next_step, str) else error.next_step)
 
 
 def say_error(error: BlockRobotError) -> str:

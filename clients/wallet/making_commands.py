@@ -16,7 +16,7 @@ from clients.wallet.claiming import claim_place
 from clients.wallet.keys import derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
 from clients.wallet.language import text
-from clients.wallet.opening import called, read_new_passphrase
+from clients.wallet.opening import read_new_passphrase
 from clients.wallet.restoring import read_words, require_distinct, restore_wallet
 from clients.wallet.rotating_commands import CHECK_TRIES_MAX_COUNT, write_words
 from consensus.errors import BlockRobotError
@@ -119,7 +119,7 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
     words = draw_words()
     with _place(ctx, path, words_file):
         if not as_json:
-            click.echo(text("new.lost", command=called(ctx)), err=True)
+            click.echo(text("new.lost"), err=True)
         passphrase = read_new_passphrase()
         hand_over(words, words_file, check=check)
         Keystore.create(path, words, passphrase, guess_cost(fast_passphrase))
@@ -129,7 +129,7 @@ def new(ctx: click.Context, words_file: Path | None, check: bool, fast_passphras
         return
     if words_file is not None:
         console.print(text("new.words_file", path=words_file))
-    console.print("\n" + text("new.done", path=path, command=called(ctx)))
+    console.print("\n" + text("new.done", path=path))
 
 
 @click.command()
@@ -170,7 +170,7 @@ def restore(
         member = keys.identity.public_key.hex()
         print_json({"ok": True, "wallet": str(path), "member": member, "words_checked": known})
         return
-    console.print(text("restore.done", path=path, command=called(ctx)))
+    console.print(text("restore.done", path=path))
     if not former:
         console.print(text("restore.former"))
     elif not known:

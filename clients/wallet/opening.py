@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import datetime
 import os
-import shlex
 import sys
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from clients.sdk.terminal import Answers, home_folder, let_answer, load_genesis, say_errors
+from clients.wallet.calling import DEFAULT_PROFILE, genesis_place
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
@@ -30,8 +30,6 @@ from consensus.genesis import Genesis
 T = TypeVar("T")
 F = TypeVar("F", bound=Callable[..., Any])
 
-WALLET_COMMAND = "blockrobot wallet"
-"""How texts name the wallet; whoever has several is shown how this one is called."""
 STOLEN_PAGE = "docs/how-to/when-your-wallet-is-stolen.md"
 _KEYRING_KEY = "blockrobot.keyring"
 _READS_ONLY_MARK = "blockrobot_reads_only"
@@ -42,7 +40,7 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
-    say_errors(ctx, _say_error)
+    say_errors(ctx, say_error)
     words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again")]
     let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), words[2], words[3]))
 
@@ -85,7 +83,7 @@ def wallet_options(command: F) -> F:
         ),
         click.option(
             "--profile",
-            default="default",
+            default=DEFAULT_PROFILE,
             show_default=True,
             shell_complete=complete_profiles,
             help="Which wallet, if there are several.",
@@ -101,39 +99,8 @@ def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) ->
         raise click.UsageError("A profile's name has letters, digits, - and _ only.")
     return (
         (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
-        genesis or home_folder() / "network" / "genesis.json",
+        genesis_place(genesis),
     )
-
-
-def called(ctx: click.Context) -> str:
-    """Return how the wallet was called, so that a next step can be typed as it stands: with its profile, if it has one."""
-    above: click.Context | None = ctx
-    while above is not None and "profile" not in above.params:
-        above = above.parent
-    return called_as("default" if above is None else above.params["profile"])
-
-
-def called_as(profile: str) -> str:
-    """Return how the wallet of a profile is called."""
-    return WALLET_COMMAND if profile == "default" else f"{WALLET_COMMAND} --profile {profile}"
-
-
-def called_in_full(ctx: click.Context) -> str:
-    """Return how the wallet was called, also with the folder and the network's file that were named for it."""
-    above: click.Context | None = ctx
-    while above is not None and "wallet_dir" not in above.params:
-        above = above.parent
-    named = {"--wallet-dir": "wallet_dir", "--genesis": "genesis"}
-    places = {} if above is None else {option: above.params[name] for option, name in named.items()}
-    told = [f"{option} {shlex.quote(str(place.absolute()))}" for option, place in places.items() if place is not None]
-    return " ".join([called(ctx), *told])
-
-
-def _say_error(error: BlockRobotError) -> str:
-    """Return an error as the command line tells it, its next step with the wallet's profile, as it can be typed."""
-    context = click.get_current_context(silent=True)
-    told = say_error(error)
-    return told if context is None else told.replace(f"{WALLET_COMMAND} ", f"{called(context)} ")
 
 
 def read_passphrase(*, from_keyring: bool = True) -> str:

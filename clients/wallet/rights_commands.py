@@ -12,6 +12,7 @@ from typing import Any, BinaryIO
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
+from clients.wallet.calling import as_called
 from clients.wallet.language import purposes_text, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
@@ -38,7 +39,8 @@ def _now(command: Any) -> Any:
 
 def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None:
     if not record_ids and not visits:
-        raise click.UsageError("Name records, or a whole visit by --visit. To see them: blockrobot wallet records.")
+        wanted = "Name records, or a whole visit by --visit. To see them: blockrobot wallet records."
+        raise click.UsageError(as_called(wanted))
 
 
 async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[Chosen]:

@@ -18,7 +18,7 @@ from clients.wallet.keys import WORDS_COUNT
 from clients.wallet.keystore import WalletContent
 from clients.wallet.language import text
 from clients.wallet.linking import tell_linked_moves
-from clients.wallet.opening import STOLEN_PAGE, called, run_opened
+from clients.wallet.opening import STOLEN_PAGE, run_opened
 from clients.wallet.rotating import Rotating, Transferred
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
@@ -72,7 +72,7 @@ def _show_words(words: str, words_file: Path | None) -> None:
     while ask_for(question).strip().lower() != words.split()[wanted]:
         left -= 1
         if not left:
-            console.print(text("rotate.words_wait", command=called(click.get_current_context())))
+            console.print(text("rotate.words_wait"))
             raise BlockRobotError("WORDS_NOT_CHECKED")
         console.print(text("rotate.wrong_word", count=left))
 

@@ -15,10 +15,11 @@ from pathlib import Path
 import click
 
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.wallet.calling import called
 from clients.wallet.claiming import claim_wallet, require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
-from clients.wallet.opening import called_in_full, read_passphrase, tell_member_gone
+from clients.wallet.opening import read_passphrase, tell_member_gone
 from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
@@ -55,7 +56,7 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
     path, genesis_path = ctx.obj
     require_wallet(path)
     genesis = load_genesis(genesis_path)
-    command = f"{called_in_full(ctx)} serve"
+    command = f"{called()} serve"
     passphrase = read_passphrase()
     with claim_wallet(path):
         store = Keystore.open(path, passphrase)

@@ -239,7 +239,7 @@ class Sharing:
         if len(handle) != HANDLE_BYTES:
             raise BlockRobotError(
                 "SHARE_NOT_POSSIBLE",
-                f"{wanted!r} is neither a handle (64 digits, by `blockrobot wallet handle`) nor a name that you gave.",
+                f"{wanted!r} is neither a handle (64 digits, by `wallet handle`) nor a name that you gave.",
             )
         known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
         return handle, known[-1] if known else ""

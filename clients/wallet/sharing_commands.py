@@ -16,6 +16,7 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
+from clients.wallet.calling import as_called
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, language_in_use, text
 from clients.wallet.opening import reads_only, run_opened, show_moment
@@ -210,7 +211,8 @@ def share(
     Example: blockrobot wallet share --visit 02ab34cd --with HANDLE --as "Dr Weber" --purpose care --for 7d
     """
     if not record_ids and not visits:
-        raise click.UsageError("Name records, or a whole visit by --visit. To see them: blockrobot wallet records.")
+        wanted = "Name records, or a whole visit by --visit. To see them: blockrobot wallet records."
+        raise click.UsageError(as_called(wanted))
     until_ms = read_end(span, until, time.time_ns() // 1_000_000)
 
     async def action(opened: Wallet) -> tuple[Grantee, list[Shared]]:

@@ -14,6 +14,7 @@ from aiohttp import web
 from clients.bundle.checking import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
+from clients.wallet.calling import verify_command
 from clients.wallet.export_command import bundle_json, bundle_warning
 from clients.wallet.exporting import Exporting, Wanted
 from clients.wallet.page.answering import accepted, answer_json, body_of, route
@@ -90,10 +91,12 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: boo
     told = bundle_json(path, verdict)
     session.keep_export(name, path)
     day = datetime.datetime.fromtimestamp(now_ms / 1000).astimezone().date().isoformat()
+    saved = f"blockrobot-{day}.zip"
     kept = ("bytes", "is_complete", "visits", "records", "pictures", "audit_entries", "problems", "proved_until_height")
     return {
         "export": name,
-        "name": f"blockrobot-{day}.zip",
+        "name": saved,
+        "check": verify_command(saved),
         **{key: told[key] for key in kept},
         "lines": [f"Missing: {problem['sentence']}" for problem in told["problems"]],
     }

@@ -21,7 +21,7 @@ def routes(session: PageSession) -> list[LocalRoute]:
 
 
 async def _inbox(session: PageSession, request: web.Request) -> web.Response:
-    language, command = language_of(request), session.command.removesuffix(" serve")
+    language = language_of(request)
     async with session.hold() as wallet:
         found = await read_inbox(wallet)
     snapshot = session.snapshot
@@ -44,10 +44,7 @@ async def _inbox(session: PageSession, request: web.Request) -> web.Response:
             "reads_new": found.reads_new,
             "looks": sorted(looks, key=lambda look: look["time_ms"], reverse=True),
             "alarms": alarms,
-            "received": [
-                receipt_json(each) | {"lines": receipt_lines(each, language, command=command)}
-                for each in found.receipts
-            ],
+            "received": [receipt_json(each) | {"lines": receipt_lines(each, language)} for each in found.receipts],
             "unread": [unread_json(each) | {"line": unread_line(each, language)} for each in found.unread],
             "overdue": [told_erasure(each) for each in erasures if any(word.overdue for word in each.custodians)],
         }

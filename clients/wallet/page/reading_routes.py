@@ -12,7 +12,7 @@ from clients.wallet.auditing import AuditEntry
 from clients.wallet.erasure_status import AskedErasure, custodian_names, erasure_json, erasure_lines
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.language import LANGUAGES, language_in_use, section
-from clients.wallet.opening import called_as, member_gone_line
+from clients.wallet.opening import member_gone_line
 from clients.wallet.page.answering import answer_json, job_json, language_of, problem_json, query_of, route
 from clients.wallet.page.asking import Asked, read_id
 from clients.wallet.page.days import (
@@ -98,7 +98,7 @@ async def _overview(session: PageSession, request: web.Request) -> web.Response:
             "refreshed_at_ms": snapshot.read_at_ms or None,
             "warnings": [*member_gone_line(wallet, language), *words_lines(content, language)],
             "counts": _counts(session),
-            "guardians": guardian_lines(content, called_as(session.profile), language),
+            "guardians": guardian_lines(content, language),
             "notice": None
             if notice is None
             else {

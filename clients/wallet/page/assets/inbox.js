@@ -18,7 +18,7 @@ export async function showInbox(context) {
       data.overdue.map((erasure) => h("div", { class: "notice warn" }, h("h2", {}, t("inbox.overdue")), receiptList(erasure.custodians))),
       data.looks.length > 0 && h("section", { class: "card" }, h("h2", {}, t("inbox.looks")), sentences(data.looks.map((look) => t("inbox.look", { time: moment(look.time_ms), who: look.who, count: look.records })))),
       data.received.length > 0 && h("section", { class: "card" }, h("h2", {}, t("inbox.received")), data.received.map((one) => h("div", { class: "received" },
-        h("p", {}, t("inbox.receivedOne", { count: one.records.length, purpose: purposeName(one.purpose), time: moment(one.shared_at_ms), until: moment(one.until_ms) })), sentences(one.lines))), h("p", { class: "quiet" }, t("inbox.receivedNext").replace("blockrobot wallet", context.overview.person.command.replace(/ serve$/, "")))),
+        h("p", {}, t("inbox.receivedOne", { count: one.records.length, purpose: purposeName(one.purpose), time: moment(one.shared_at_ms), until: moment(one.until_ms) })), sentences(one.lines))), h("p", { class: "quiet" }, t("inbox.receivedNext"))),
       data.unread.length > 0 && h("div", { class: "notice warn" }, sentences(data.unread.map((one) => one.line))),
       !data.reads_new && h("p", { class: "quiet" }, t("inbox.notNew")));
   };

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import click
 import msgspec
 import pytest
 from nacl import pwhash
@@ -17,6 +19,7 @@ from clients.robot.spool import SpooledClip
 from clients.sdk.announcements import Announcement, AnnouncementPage
 from clients.sdk.connections import NodeAddress
 from clients.sdk.trust import ProvedState
+from clients.wallet import cli
 from clients.wallet.keys import WalletKeys, derive_keys, draw_words
 from clients.wallet.keystore import Keystore, PassphraseCost
 from clients.wallet.wallet import Wallet
@@ -47,6 +50,15 @@ def make_genesis() -> Genesis:
         purposes=("demo", "own-access"),
         state_root=bytes(32),
     )
+
+
+@contextmanager
+def typed_for(profile: str, **places: Path) -> Iterator[None]:
+    """While inside, as while a command runs for the wallet of this profile; `wallet_dir` and `genesis` if named."""
+    context = click.Context(cli.wallet)
+    context.params = {"profile": profile, "wallet_dir": None, "genesis": None, **places}
+    with context:
+        yield
 
 
 def rendition(sequence: int) -> Rendition:

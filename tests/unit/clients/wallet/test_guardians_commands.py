@@ -115,7 +115,8 @@ def test_beside_an_open_page_it_lists_and_hands_out_nothing(home: Home, monkeypa
 
 def test_without_guardians_it_says_what_to_type(home: Home) -> None:
     assert home.json("list") == {"ok": True, "sets": []}
-    assert "blockrobot wallet --profile work guardians split --guardian NAME" in _listed(home, "work")
+    places = f"--wallet-dir {home.folder} --genesis {home.folder / 'none'}"
+    assert f"blockrobot wallet --profile work {places} guardians split --guardian NAME" in _listed(home, "work")
 
 
 def _listed(home: Home, profile: str) -> str:

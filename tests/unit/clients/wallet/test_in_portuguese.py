@@ -187,7 +187,7 @@ def test_words_are_changed_and_visits_moved_in_portuguese(desk: Desk) -> None:
     for number in (2, 3):
         desk.story.visit(number)
     told = " ".join(desk.run("records").output.split())
-    assert "2 encontros ainda obedecem às suas palavras anteriores. Execute: blockrobot wallet transfer" in told
+    assert f"2 encontros ainda obedecem às suas palavras anteriores. Execute: {desk.command} transfer" in told
     moved = desk.run("transfer", "--now")
     assert "2 encontros têm uma chave das suas palavras atuais." in moved.output
     assert (

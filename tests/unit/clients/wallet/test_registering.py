@@ -148,7 +148,8 @@ def test_what_changed_since_she_consented_is_said_and_shown(desk: Desk) -> None:
     assert "changed since" not in ok("records")
     assert "changed since" not in ok("notice")
     desk.ward.publish(other_words())
-    assert "What ward tells you changed since you consented: blockrobot wallet notice" in ok("records")
+    command = f"blockrobot wallet --genesis {Path('genesis.json').absolute()}"
+    assert f"What ward tells you changed since you consented: {command} notice" in ok("records")
     assert json.loads(run("records", "--json").output)["notice_changed_to"] == 2
     told = ok("notice")
     assert "that was under version 1, and version 2 came" in told

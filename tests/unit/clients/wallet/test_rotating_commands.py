@@ -49,6 +49,11 @@ class Desk:
         group = ["--wallet-dir", str(self.folder), "--profile", profile]
         return CliRunner().invoke(wallet, [*group, *arguments], input=keyboard)
 
+    @property
+    def command(self) -> str:
+        """How her wallet is called here."""
+        return f"blockrobot wallet --profile ann --wallet-dir {self.folder}"
+
     def rotate(self, *arguments: str) -> Result:
         return self.run("rotate", "--words-file", str(self.words_file), "--yes", "--now", *arguments)
 
@@ -76,7 +81,7 @@ def test_a_program_gets_one_object(desk: Desk) -> None:
     told = json.loads(desk.run("records", "--json").stdout)
     assert told["exposed_visits"] == [late.owner.hex()]
     said = desk.run("records")
-    assert "1 visit still obeys your former words. Run: blockrobot wallet transfer" in " ".join(said.output.split())
+    assert f"1 visit still obeys your former words. Run: {desk.command} transfer" in " ".join(said.output.split())
     moved = json.loads(desk.run("transfer", "--now", "--json").stdout)
     assert moved["transferred"] == [late.owner.hex()]
     assert json.loads(desk.run("records", "--json").stdout)["exposed_visits"] == []
@@ -244,6 +249,6 @@ def test_reading_goes_on_beside_a_command_that_has_the_wallet_and_writes_nothing
         assert desk.story.path.read_bytes() == before
         refused = desk.run("leave", "--yes")
     assert (refused.exit_code, desk.story.path.read_bytes()) == (1, before)
-    assert "`blockrobot wallet --profile ann erase` (process" in refused.stderr
+    assert f"`{desk.command} erase` (process" in refused.stderr
     assert desk.run("records", "--json").stderr == ""
     assert desk.story.path.read_bytes() != before

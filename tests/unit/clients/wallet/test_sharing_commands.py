@@ -174,6 +174,15 @@ def test_the_command_that_an_inbox_names_can_be_typed_as_it_stands(people: Peopl
         assert f"blockrobot wallet{said} look " in result.output.replace("\n", " "), result.output
 
 
+def test_the_command_that_ends_a_share_is_that_of_the_wallet_that_made_it(people: People) -> None:
+    _, (record_id,) = people.ward.record_visit(1)
+    handle = people.doctor.store.content.handle.hex()
+    arguments = ["share", record_id.hex(), "--with", handle, "--purpose", "care", "--for", "7d", "--yes"]
+    done = CliRunner().invoke(cli.wallet, ["--profile", "anna", *arguments])
+    (row,) = people.told(people.ward.wallet, "shares")["shares"]
+    assert f"To end it: blockrobot wallet --profile anna revoke {row['grant_id'][:12]}" in done.output
+
+
 def test_who_never_looked_is_told_and_has_nothing_to_delete(people: People) -> None:
     ward, doctor = people.ward, people.doctor
     visit, records = ward.record_visit()

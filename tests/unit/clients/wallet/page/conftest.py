@@ -13,6 +13,7 @@ from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
 from pages.local_page import LocalPage
+from tests.unit.clients.wallet.conftest import typed_for
 from tests.unit.clients.wallet.shared_ward import SharedWard
 from tests.wallet_page_client import WalletPage
 
@@ -56,11 +57,12 @@ async def desk(ward: SharedWard, tmp_path: Path) -> AsyncIterator[Desk]:
     session = PageSession(
         ward.wallet, "ann", tmp_path / ".ann.page", now_ms=lambda: ward.chain.time_ms, read_every_s=3_600.0
     )
-    async with session:
-        served = make_page(session)
-        where = await served.start()
-        async with WalletPage(where.redirect_file) as page:
-            desk = Desk(ward, session, served, page)
-            await desk.read()
-            yield desk
-        await served.stop()
+    with typed_for("ann"):
+        async with session:
+            served = make_page(session)
+            where = await served.start()
+            async with WalletPage(where.redirect_file) as page:
+                desk = Desk(ward, session, served, page)
+                await desk.read()
+                yield desk
+            await served.stop()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from clients.wallet.page import export_routes
+from tests.unit.clients.wallet.conftest import typed_for
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 
 WISH = {"now": True, "identity": False, "passphrase": PASSPHRASE}
@@ -31,6 +32,16 @@ async def test_the_file_can_be_fetched_has_no_name_on_the_disk_and_goes_when_it_
     assert await desk.page.get(path) == content, "it can be fetched twice"
     await desk.page.ask("DELETE", f"/api/exports/{done['export']}")
     assert await desk.page.refused("GET", path) == "NOT_FOUND"
+
+
+async def test_it_says_how_anybody_checks_the_file_against_the_network_that_this_wallet_trusts(
+    desk: Desk, tmp_path: Path
+) -> None:
+    desk.ward.record_visit()
+    await desk.read()
+    with typed_for("ann", genesis=tmp_path / "our network.json"):
+        done = await desk.page.do("/api/exports", WISH)
+    assert done["check"] == f"blockrobot verify {done['name']} --genesis '{tmp_path / 'our network.json'}'"
 
 
 async def test_where_no_file_is_without_a_name_it_is_deleted_when_the_page_forgets_it(
