@@ -6,7 +6,6 @@ All asynchronous tests here share one event loop with the browser. A fixture of 
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -14,19 +13,11 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Browser, Page, async_playwright, expect
 
+from tests.ui.chromium import open_chromium
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.watched_page import TIMEOUT_MS, Pages, Watch
 
 HERE = Path(__file__).parent
-CHROMIUM_NAMES = ("chromium", "chromium-browser")
-FLAGS = [
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -40,24 +31,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(pytest.mark.asyncio(loop_scope="session"), append=False)
 
 
-def find_chromium() -> str:
-    """Return where the system's Chromium is."""
-    found = next(filter(None, map(shutil.which, CHROMIUM_NAMES)), None)
-    assert found, "There is no Chromium: `make test` installs it, `make test SYSTEM_PACKAGES=none` leaves these out."
-    return found
-
-
 @pytest_asyncio.fixture(scope="session", loop_scope="session")
 async def browser() -> AsyncIterator[Browser]:
     """The system's Chromium, started once. What is expected may take as long as what is done: machines are slow."""
     expect.set_options(timeout=TIMEOUT_MS)
-    async with async_playwright() as playwright:
-        # The tests' pages are our own, and root (in a container) has no other way to start it.
-        started = await playwright.chromium.launch(
-            executable_path=find_chromium(), headless=True, chromium_sandbox=False, args=FLAGS
-        )
+    async with async_playwright() as playwright, open_chromium(playwright) as started:
         yield started
-        await started.close()
 
 
 @pytest.fixture

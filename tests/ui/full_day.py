@@ -22,6 +22,7 @@ from clients.wallet.page.session import PageSession
 from clients.wallet.page.snapshot import Snapshot, VisitPart
 from clients.wallet.wallet import RecordEntry
 from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.weights import weigh
 
 VISITS_COUNT, RECORDS_A_VISIT_COUNT = 25, 80
 RECORDS_COUNT = VISITS_COUNT * RECORDS_A_VISIT_COUNT
@@ -79,31 +80,14 @@ async def serve_full_day(network: RecordedNetwork, folder: Path) -> AsyncIterato
             await page.stop()
 
 
-_WEIGHT = """() => {
-  const parts = performance.getEntries().filter((one) => one.decodedBodySize &&
-    (!one.name.includes('/api/') || one.name.includes('/api/texts')));
-  const sum = (name) => parts.reduce((all, one) => all + one[name], 0);
-  return {plain: sum('decodedBodySize'), sent: sum('encodedBodySize')};
-}"""
-
-
-async def weigh(page: Page) -> dict[str, int]:
-    """Return what the page weighs in bytes when its calendar stands, and what all of its views weigh together.
-
-    `sent` is what came over the wire, packed; `plain` the same unpacked. Without pictures and answers about her data, with
-    the texts of one language.
-    """
-    began: dict[str, int] = await page.evaluate(_WEIGHT)
+async def weigh_all_views(page: Page) -> dict[str, float]:
+    """Return what the calendar that stands weighs, and what all views weigh together, in bytes; and its first paint."""
+    began = await weigh(page)
     for name in sorted(path.name for path in ASSETS.glob("*.js")):
         if name != "app.js":
             await page.evaluate(f"() => import('./{name}')")
-    whole: dict[str, int] = await page.evaluate(_WEIGHT)
-    return {
-        "page_plain_bytes": began["plain"],
-        "page_sent_bytes": began["sent"],
-        "all_views_plain_bytes": whole["plain"],
-        "all_views_sent_bytes": whole["sent"],
-    }
+    whole = await weigh(page)
+    return began | {"all_views_plain_bytes": whole["plain_bytes"], "all_views_sent_bytes": whole["sent_bytes"]}
 
 
 async def measure_full_day(page: Page) -> dict[str, float]:
@@ -127,9 +111,7 @@ async def measure_full_day(page: Page) -> dict[str, float]:
         await frame();
         return performance.now() - began; }"""
     )
-    first: float = await page.evaluate("() => performance.getEntriesByName('first-contentful-paint')[0].startTime")
     return {
-        "first_paint_ms": round(first, 1),
         "day_of_2000_records_ms": round(took, 1),
         "open_a_visit_of_80_ms": round(opened, 1),
     }

@@ -1,4 +1,4 @@
-"""Makes docs/pictures/page/wallet-*.png: every view of the wallet's page over a real network; and measures the page.
+"""Makes docs/pictures/page/wallet-*.png: every view of the wallet's page over a real network.
 
 Must never retouch a picture. Run it from the root of the repository, where the tests run:
 .venv/bin/python -m tests.ui.picture_wallet_page
@@ -7,44 +7,27 @@ Must never retouch a picture. Run it from the root of the repository, where the 
 from __future__ import annotations
 
 import asyncio
-import json
-import os
 import sys
 import tempfile
 from pathlib import Path
 
-from PIL import Image
 from playwright.async_api import Browser, Page, async_playwright, expect
 
 from network.demo.tampering import flip_stored_byte
-from tests.ui.conftest import FLAGS, find_chromium
-from tests.ui.full_day import measure_full_day, serve_full_day, weigh
+from tests.ui.chromium import open_chromium
 from tests.ui.recorded_network import RecordedNetwork
+from tests.ui.screenshots import shoot_for_docs
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting
-from tests.ui.watched_page import NARROW, WIDE, Pages, Watch
+from tests.ui.watched_page import Pages, Watch
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "page"
-COLOURS_COUNT = 256
-HEIGHT_MAX_PX = 1240
 STAFF_UID = "D0C"
 NEW_UID = "BEA"
 
 
 async def shoot(page: Page, name: str) -> None:
-    """Take a view light and dark, wide and narrow, as small files."""
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    for scheme in ("dark", "light"):
-        await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
-        for width_name, (width, height) in (("narrow", NARROW), ("wide", WIDE)):
-            await page.set_viewport_size({"width": width, "height": height})
-            path = FOLDER / f"wallet-{name}-{scheme}-{width_name}.png"
-            tall = min(HEIGHT_MAX_PX, await page.evaluate("() => document.documentElement.scrollHeight"))
-            clip = {"x": 0, "y": 0, "width": width, "height": max(height, tall)}
-            await page.screenshot(path=path, full_page=True, clip=clip, animations="disabled", scale="css")
-            with Image.open(path) as taken:
-                taken.convert("RGB").quantize(COLOURS_COUNT, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
-                    path, optimize=True
-                )
+    """Take a view of the wallet's page all ways."""
+    await shoot_for_docs(page, FOLDER, f"wallet-{name}")
 
 
 async def _views(network: RecordedNetwork, page: Page) -> None:
@@ -128,8 +111,8 @@ async def _erase(network: RecordedNetwork, page: Page) -> None:
     await shoot(page, "receipts")
 
 
-async def make(browser: Browser, folder: Path) -> dict[str, float]:
-    """Make all pictures; return what was measured."""
+async def make(browser: Browser, folder: Path) -> None:
+    """Make all pictures."""
     pages = Pages(browser, Watch())
     network = RecordedNetwork(folder)
     try:
@@ -137,31 +120,16 @@ async def make(browser: Browser, folder: Path) -> dict[str, float]:
         await network.record()
         await _views(network, await pages.open())
         await _register(network, await pages.open())
-        page = await pages.open()
-        async with serve_full_day(network, folder / "page") as file:
-            await page.goto(file.as_uri())
-            await expect(page.locator("table.calendar .day.has").first).to_be_visible(timeout=SETTLED_MS)
-            await expect(page.locator(".lead")).to_contain_text("recordings of you")
-            figures = await weigh(page) | await measure_full_day(page)
-            await page.goto("about:blank")
-        return figures
     finally:
         await pages.close()
         await network.close()
 
 
 async def main() -> int:
-    """Make the pictures and print the figures as JSON."""
+    """Make the pictures."""
     with tempfile.TemporaryDirectory() as folder:
-        async with async_playwright() as playwright:
-            browser = await playwright.chromium.launch(
-                executable_path=find_chromium(), headless=True, chromium_sandbox=False, args=FLAGS
-            )
-            figures = await make(browser, Path(folder))
-            await browser.close()
-    conditions = {"nodes": 4, "cores": os.cpu_count(), "load": os.getloadavg()[0], "python": sys.version.split()[0]}
-    text = json.dumps({"name": "wallet_page", "ok": True, "figures": figures, "conditions": conditions}, indent=2)
-    sys.stdout.write(f"{text}\n")
+        async with async_playwright() as playwright, open_chromium(playwright) as browser:
+            await make(browser, Path(folder))
     return 0
 
 
