@@ -16,10 +16,9 @@ from playwright.async_api import Page, Request, Route, expect
 
 from clients.wallet.erasing import Erasing
 from consensus.primitives.encoding import encode_value
-from network.cli.contract_signers import find_signers
-from network.cli.explore_command import find_entrance
 from node.config import CONFIG_FILE
 from tests.ui.accessible import find_accessibility_faults
+from tests.ui.explorer_page import enter, go
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.screenshots import shoot_all_ways
 from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
@@ -50,20 +49,6 @@ async def public_url(recorded_network: RecordedNetwork) -> AsyncIterator[str]:
     cluster.start(PUBLIC_NODE)
     await cluster.wait_ready()
     yield recorded_network.api_url(PUBLIC_NODE) + "/explorer/"
-
-
-async def enter(page: Page, network: RecordedNetwork, place: str = "live") -> None:
-    """Open the explorer of the first node as the command does, in a session of the hospital's admin."""
-    entrance = await find_entrance(find_signers(network.network.folder, None, None, None), "node-1")
-    await page.goto(entrance.target)
-    await expect(page.locator("#state")).to_contain_text("session until")
-    await go(page, place)
-
-
-async def go(page: Page, place: str) -> None:
-    await page.evaluate("place => { location.hash = `#/${place}` }", place)
-    await page.wait_for_function("place => location.hash === `#/${place}`", arg=place)
-    await expect(page.locator("main:not([aria-busy]) h1")).to_be_visible()
 
 
 async def refuse_something(network: RecordedNetwork) -> dict[str, Any]:
@@ -122,12 +107,12 @@ async def test_an_address_that_was_passed_on_opens_once_there_is_a_session_in_th
     watch.expect("status of 401")
     await page.goto(recorded_network.api_url("node-1") + "/explorer/#/block/1")
     await expect(page.locator("h1")).to_have_text("Look at the chain")
-    await enter(await page.context.new_page(), recorded_network)
+    await enter(await page.context.new_page(), recorded_network.network)
     await expect(page.locator("h1")).to_have_text("Block 1")
 
 
 async def test_blocks_appear_live_and_can_be_held_still(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     place = await refuse_something(recorded_network)
     await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
     await expect(page.locator(".figure").nth(2)).to_contain_text("ms")
@@ -144,7 +129,7 @@ async def test_nothing_is_left_out_while_the_connection_was_broken(
     page: Page, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:
     watch.expect("ERR_INTERNET_DISCONNECTED")
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.context.set_offline(True)
     await expect(page.locator("#state")).to_contain_text("not connected", timeout=20_000)
     for _ in range(3):
@@ -160,7 +145,7 @@ async def test_nothing_is_left_out_while_the_connection_was_broken(
 
 
 async def test_the_page_keeps_500_headers_at_most(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     count = """async () => {
       const { feed, KEPT_COUNT } = await import('./feed.js');
       const { api } = await import('./api.js');
@@ -180,7 +165,7 @@ async def test_the_page_keeps_500_headers_at_most(page: Page, recorded_network: 
 
 async def test_where_clocks_differ_no_time_below_nothing_is_told(page: Page, recorded_network: RecordedNetwork) -> None:
     place = await refuse_something(recorded_network)
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
     await page.evaluate(
         "() => import('./feed.js').then(({ feed }) => { "
@@ -195,8 +180,32 @@ async def test_where_clocks_differ_no_time_below_nothing_is_told(page: Page, rec
     assert "-1,500" not in await page.locator("main").inner_text()
 
 
+async def test_what_this_node_gave_up_and_what_the_network_lost_are_told_apart(
+    page: Page, recorded_network: RecordedNetwork
+) -> None:
+    async def tell_of_three(route: Route) -> None:
+        answer = await route.fetch()
+        said = await answer.json()
+        for header in said.get("headers", ()):
+            header["missed_count"] = 0
+        if "rounds" in said:
+            said["rounds"]["timed_out_count"] = 3
+        await route.fulfill(response=answer, json=said)
+
+    await page.route(re.compile(r"/v1/explorer/(status|headers)\?"), tell_of_three)
+    await enter(page, recorded_network.network)
+    figure = page.locator(".card", has_text="Given up by this node")
+    await expect(figure).to_contain_text("3 rounds")
+    await expect(figure).to_contain_text("lost is a round only if a quorum gave it up")
+    lost = page.locator(".card", has=page.get_by_role("heading", name="Rounds that the network lost"))
+    await expect(lost).to_contain_text("By blocks 0 to")
+    await expect(lost).to_contain_text("no round was lost")
+    await expect(lost).to_contain_text("This node itself gave up 3 rounds since its start. Not each of them is lost")
+    await page.unroute_all(behavior="ignoreErrors")
+
+
 async def test_what_the_page_remembers_is_bounded_by_bytes(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     block = {"block": "00" * 500_000}
     await page.route("**/v1/blocks/*", lambda route: route.fulfill(json=block))
     memory = await page.evaluate(
@@ -211,7 +220,7 @@ async def test_what_the_page_remembers_is_bounded_by_bytes(page: Page, recorded_
 async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     begun = """async () => {
       const { feed } = await import('./feed.js');
       const { api } = await import('./api.js');
@@ -227,7 +236,7 @@ async def test_one_loop_follows_the_chain_however_many_neighbours_open_a_session
 async def test_a_node_that_stands_still_is_told_though_its_connections_are_open(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.evaluate(
         "() => { const patient = AbortSignal.timeout.bind(AbortSignal); "
         "AbortSignal.timeout = (ms) => patient(ms / 20); AbortSignal.patient = patient; }"
@@ -250,7 +259,7 @@ async def test_another_network_at_the_same_address_is_not_taken_for_the_same_cha
     page: Page, watch: Watch, recorded_network: RecordedNetwork
 ) -> None:
     watch.expect("status of 401")
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.evaluate(
         "() => import('./api.js').then(({ api }) => { const { status } = api; "
         "api.status = async (...asked) => ({ ...await status(...asked), chain_id: '00'.repeat(32) }); })"
@@ -261,7 +270,7 @@ async def test_another_network_at_the_same_address_is_not_taken_for_the_same_cha
 async def test_a_time_beyond_all_calendars_is_shown_as_the_number_that_it_is(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     shown = "[1e30, 2n ** 63n].map((ms) => moment(ms).textContent)"
     assert await page.evaluate(f"() => import('./pieces.js').then(({{ moment }}) => {shown})") == [
         "1e+30 ms",
@@ -270,7 +279,7 @@ async def test_a_time_beyond_all_calendars_is_shown_as_the_number_that_it_is(
 
 
 async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.evaluate(
         "() => import('./api.js').then(({ api }) => { "
         "api.events = async () => ({ events: [], isAll: false, upTo: 7 }); })"
@@ -282,7 +291,7 @@ async def test_custody_says_from_where_on_it_shows_nothing(page: Page, recorded_
 
 async def test_a_block_shows_who_certified_it(page: Page, recorded_network: RecordedNetwork) -> None:
     place = await refuse_something(recorded_network)
-    await enter(page, recorded_network, f"block/{place['height']}")
+    await enter(page, recorded_network.network, f"block/{place['height']}")
     await expect(page.locator("h1")).to_have_text(f"Block {place['height']}")
     await expect(page.locator("main")).to_contain_text(place["block_id"])
     assert await page.locator(".ring .seat.voted").count() == 3
@@ -293,7 +302,7 @@ async def test_a_block_shows_who_certified_it(page: Page, recorded_network: Reco
 
 async def test_a_round_that_a_dead_leader_lost_is_told_and_drawn(page: Page, recorded_network: RecordedNetwork) -> None:
     cluster = recorded_network.network.cluster
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await asyncio.to_thread(cluster.kill, "node-4")
     try:
         for _ in range(4):
@@ -317,7 +326,7 @@ async def test_a_refused_transaction_shows_its_code_its_words_and_the_line(
     page: Page, recorded_network: RecordedNetwork
 ) -> None:
     place = await refuse_something(recorded_network)
-    await enter(page, recorded_network, f"tx/{place['txid']}")
+    await enter(page, recorded_network.network, f"tx/{place['txid']}")
     shown = page.locator("main")
     for text in ("refused", "HANDLE_UNKNOWN", "Nobody is registered under this handle.", "handle"):
         await expect(shown).to_contain_text(text)
@@ -329,7 +338,7 @@ async def test_a_refused_transaction_shows_its_code_its_words_and_the_line(
 
 
 async def test_a_contracts_source_is_shown_whole_as_text(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network, "contract/identity")
+    await enter(page, recorded_network.network, "contract/identity")
     shown = await page.locator(".source li").all_inner_texts()
     source = (Path(__file__).parents[2] / "contracts/privacy/identity.py").read_text().rstrip("\n").split("\n")
     assert [line.rstrip("\n") for line in shown] == source
@@ -352,7 +361,7 @@ async def test_search_says_what_it_took_the_words_for(
     page: Page, watch: Watch, recorded_network: RecordedNetwork, text: str, taken: str, found: str | None
 ) -> None:
     watch.expect("status of 404")
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.get_by_role("searchbox").fill(text)
     await page.keyboard.press("Enter")
     await expect(page.locator("main")).to_contain_text(taken)
@@ -364,7 +373,7 @@ async def test_search_finds_a_block_and_a_transaction_by_their_ids(
 ) -> None:
     watch.expect("status of 404")
     place = await refuse_something(recorded_network)
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     for wanted, words in ((place["block_id"], f"Block {place['height']}"), (place["txid"], "Transaction, finalized")):
         await page.get_by_role("searchbox").fill(wanted)
         await page.keyboard.press("Enter")
@@ -378,7 +387,7 @@ async def test_an_erasure_is_told_with_the_receipt_of_each_custodian_and_with_no
     async with recorded_network.wallet() as ann:
         ((visit, ids),) = await Erasing(ann).request_each([recorded_network.records[-1]], [])
         await Erasing(ann).wait_complete(visit, ids, 20.0)
-    await enter(page, recorded_network, "custody")
+    await enter(page, recorded_network.network, "custody")
     await expect(page.get_by_text("receipt; complete")).to_be_visible()
     await page.get_by_role("link", name="1 record").first.click()
     await expect(page.locator("main")).to_contain_text("complete")
@@ -391,7 +400,7 @@ async def test_an_erasure_is_told_with_the_receipt_of_each_custodian_and_with_no
 
 
 async def test_values_of_the_chain_are_read_as_they_were_written(page: Page, recorded_network: RecordedNetwork) -> None:
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     script = """async (hexes) => {
       const { decode, Bytes } = await import('./msgpack.js');
       const plain = (v) => v instanceof Bytes ? 'b' + v.hex : typeof v === 'bigint' ? String(v)
@@ -421,7 +430,7 @@ async def test_a_session_that_ends_is_told_and_another_lets_the_page_go_on(
 ) -> None:
     watch.expect("status of 401")
     page = await pages.open()
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     await page.evaluate(
         "() => import('./shared/fetching.js').then((m) => m.fetchJson('../v1/sessions', {method: 'DELETE'}))"
     )
@@ -430,7 +439,7 @@ async def test_a_session_that_ends_is_told_and_another_lets_the_page_go_on(
     await expect(page.locator("#ended")).to_contain_text("blockrobot explore")
     await expect(page.locator("#blocks tbody tr").first).to_be_visible()
     second = await page.context.new_page()
-    await enter(second, recorded_network)
+    await enter(second, recorded_network.network)
     await expect(page.locator("#ended")).to_be_hidden()
     place = await refuse_something(recorded_network)
     await expect(page.locator(f"#blocks a[href='#/block/{place['height']}']")).to_be_visible()
@@ -473,7 +482,7 @@ async def test_every_page_can_be_read_and_used_by_everybody(
 ) -> None:
     place = await refuse_something(recorded_network)
     page = await pages.open(size, color_scheme=scheme)
-    await enter(page, recorded_network)
+    await enter(page, recorded_network.network)
     faults = {}
     for where in (*PLACES, f"tx/{place['txid']}", "search/node"):
         await go(page, where)

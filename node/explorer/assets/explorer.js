@@ -1,9 +1,9 @@
 // The explorer: gets in, follows the chain, shows the page that the address names. Never keeps a token but in memory.
 
 import { announce, h, replace } from "./shared/dom.js";
-import { formatClock } from "./shared/format.js";
+import { formatClock, formatDuration } from "./shared/format.js";
 import { api, entry, enter, followNeighbours } from "./api.js";
-import { feed } from "./feed.js";
+import { RETRY_MAX_MS, feed } from "./feed.js";
 import { go, problemView } from "./pieces.js";
 import { blockPage } from "./page-block.js";
 import { contractPage, contractsPage } from "./page-contracts.js";
@@ -14,7 +14,7 @@ import { peoplePage } from "./page-people.js";
 import { producersPage } from "./page-producers.js";
 import { searchPage } from "./page-search.js";
 import { transactionPage } from "./page-transaction.js";
-import { welcomePage } from "./page-welcome.js";
+import { awayPage, endedPage, welcomePage } from "./page-welcome.js";
 
 const PAGES = {
   live: { name: "Live", render: livePage },
@@ -32,10 +32,14 @@ const PAGES = {
 };
 
 const LAST_MINUTE_MS = 60_000;
+const AGAIN_MS = 1_000;
 const main = document.getElementById("main");
 const nav = document.getElementById("nav");
 const state = document.getElementById("state");
 let shown = new AbortController();
+let failure = null; // why the page could not be shown; null if it could
+let wasAway = false;
+let announced = "";
 
 /** Return the page that the address names, and its arguments. */
 function place() {
@@ -51,7 +55,8 @@ function decodePart(text) {
   }
 }
 
-async function show(isFirst = false) {
+/** Show the page. `kind`: first, again (the same page, by itself) or moved (somebody went there). */
+async function show(kind = "moved") {
   shown.abort();
   shown = new AbortController();
   const { signal } = shown;
@@ -60,25 +65,45 @@ async function show(isFirst = false) {
   markNav(page?.under ?? name);
   main.setAttribute("aria-busy", "true");
   let content;
+  let problem = null;
   try {
     if (!page) content = [h("h1", { tabindex: "-1" }, "There is no such page"), h("p", {}, go("live", "Go to the live page"))];
     else if (page.forMembers && entry.kind !== "member") content = welcomePage({ forMembers: true });
     else content = await page.render({ args, signal });
-  } catch (problem) {
-    if (problem.status === undefined) console.error(problem);
-    content = [h("h1", { tabindex: "-1" }, "This cannot be shown"), problemView(problem)];
+  } catch (thrown) {
+    problem = thrown;
+    content = failedPage(problem);
   }
   if (signal.aborted) return;
+  failure = problem;
+  const hadFocus = main.contains(document.activeElement);
   replace(main, content);
   main.removeAttribute("aria-busy");
   const title = main.querySelector("h1");
   document.title = `${title?.textContent ?? ""} – ${feed.status?.node ?? "BlockRobot"} explorer`;
-  if (!isFirst) {
-    scrollTo(0, 0);
-    title?.focus({ preventScroll: true });
-    announce(title?.textContent ?? "");
-    main.querySelector(".here")?.scrollIntoView({ block: "center" });
-  }
+  if (isAway(failure) && !feed.problem) setTimeout(() => { if (!signal.aborted) show("again"); }, AGAIN_MS);
+  if (kind === "first") return;
+  announce(title?.textContent ?? "");
+  if (kind === "moved") scrollTo(0, 0);
+  if (kind === "moved" || hadFocus) title?.focus({ preventScroll: true });
+  if (kind === "moved") main.querySelector(".here")?.scrollIntoView({ block: "center" });
+}
+
+function isAway(problem) {
+  return problem?.status === 0;
+}
+
+function failedPage(problem) {
+  if (isAway(problem)) return awayPage(feed.status?.node ?? "the node", RETRY_MAX_MS);
+  if (problem.status === 401) return endedPage();
+  if (problem.status === undefined) console.error(problem);
+  return [h("h1", { tabindex: "-1" }, "This cannot be shown"), problemView(problem)];
+}
+
+/** Show by itself what could not be shown while the node was away. */
+function comeBack() {
+  if (wasAway && !feed.isAway && isAway(failure)) show("again");
+  wasAway = feed.isAway;
 }
 
 function markNav(current) {
@@ -100,14 +125,27 @@ function showState() {
   let tone = "good";
   if (entry.kind === "member" && status && entry.endsMs - status.now_ms < LAST_MINUTE_MS) [words, tone] = ["the session ends within a minute", "warn"];
   if (feed.isOver) [words, tone] = ["session ended", "bad"];
-  else if (problem?.code === "RATE_LIMITED") [words, tone] = ["the node is busy, trying again", "warn"];
-  else if (problem) [words, tone] = ["not connected, trying again", "warn"];
-  if (state.textContent !== words) {
-    replace(state, h("span", { class: `badge ${tone}` }, words));
-    if (tone !== "good") announce(words);
-  }
-  document.getElementById("ended").hidden = tone !== "bad";
+  else if (problem?.code === "RATE_LIMITED") [words, tone] = [`the node is busy, asking again in ${formatDuration(feed.retryMs)}`, "warn"];
+  else if (problem) [words, tone] = [`not connected, asking every ${RETRY_MAX_MS / 1000} s`, "warn"];
+  if (state.textContent !== words) replace(state, h("span", { class: `badge ${tone}` }, words));
+  const said = tone === "good" ? "" : words.split(",")[0];
+  if (said !== announced) announce(said || "Connected again");
+  announced = said;
+  showEnd(tone === "bad");
   for (const name of document.querySelectorAll(".node-name")) name.textContent = status?.node ?? "this node";
+}
+
+/** Say why the session is over, and what to do. */
+function showEnd(isOver) {
+  const end = document.getElementById("ended");
+  if (isOver && end.hidden) document.getElementById("ended-why").textContent = whyEnded();
+  end.hidden = !isOver;
+}
+
+function whyEnded() {
+  if (entry.endsMs <= feed.nodeNowMs) return "Your session has ended: its ten minutes are over.";
+  if (feed.wasAway) return `${feed.status.node} was started again: that ends all sessions, and so yours.`;
+  return "Your session was ended before its time: the node was started again, or your key may not look any more.";
 }
 
 document.querySelector(".skip-link").addEventListener("click", (event) => {
@@ -128,15 +166,18 @@ async function begin(status) {
   document.getElementById("word").hidden = false;
   buildNav();
   feed.follow(showState);
+  feed.follow(comeBack);
   feed.status = status;
   await feed.catchUp().catch((problem) => { feed.problem = problem; });
   showState();
   addEventListener("hashchange", () => show());
-  await show(true);
+  await show("first");
   followNeighbours(() => feed.isOver, () => {
     feed.run();
-    show();
+    show("again");
   });
+  addEventListener("online", () => feed.tryNow());
+  document.addEventListener("visibilitychange", () => feed.tryNow());
   feed.run();
 }
 

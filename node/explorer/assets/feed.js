@@ -9,14 +9,21 @@ const WAIT_MS = 5_000;
 const ANSWER_MS = 10_000; // a node that stands still keeps its connections open and answers nothing
 const PAUSE_MS = 200;
 const PUBLIC_PAUSE_MS = 1_000;
-const RETRY_FIRST_MS = 1_000;
-const RETRY_MAX_MS = 10_000;
+const RETRY_FIRST_MS = 500;
+export const RETRY_MAX_MS = 1_500; // who is back is seen within two seconds, and one question costs a node little
+const BUSY_RETRY_MAX_MS = 10_000; // one that asked for less is asked less
 
 class Feed extends EventTarget {
   headers = [];
   status = null;
   problem = null;
+  /** How long the pause before the next try is, ms; 0 while all is well. */
+  retryMs = 0;
+  /** Whether the node gave no answer at all right before its last word. */
+  wasAway = false;
   #isRunning = false;
+  #statusAtMs = performance.now();
+  #wake = () => {};
 
   /** The height of the newest header that is here; -1 if there is none. */
   get last() {
@@ -26,6 +33,16 @@ class Feed extends EventTarget {
   at(height) {
     const first = this.headers[0]?.height ?? 0;
     return this.headers[height - first] ?? null;
+  }
+
+  /** The node's clock now, as far as can be told from its last word, ms. */
+  get nodeNowMs() {
+    return (this.status?.now_ms ?? Date.now()) + performance.now() - this.#statusAtMs;
+  }
+
+  /** Tell whether the node does not answer at all. */
+  get isAway() {
+    return this.problem?.status === 0;
   }
 
   /** Tell whether the session is over: nothing comes in until there is another. */
@@ -49,22 +66,41 @@ class Feed extends EventTarget {
     let retryMs = RETRY_FIRST_MS;
     for (;;) {
       try {
-        this.status = await api.status(this.last, WAIT_MS, AbortSignal.timeout(WAIT_MS + ANSWER_MS));
+        const waitMs = this.problem ? 0 : WAIT_MS; // after a break any answer is news: no new block is waited for
+        await this.ask(waitMs);
         if (chain && this.status.chain_id !== chain) {
           location.reload(); // another network answers here now: nothing of the former is true of it
           return;
         }
         await this.catchUp();
-        this.#tell(null);
+        this.#tell(null, 0);
         retryMs = RETRY_FIRST_MS;
-        await pause(entry.kind === "member" ? PAUSE_MS : PUBLIC_PAUSE_MS);
+        await this.#pause(entry.kind === "member" ? PAUSE_MS : PUBLIC_PAUSE_MS);
       } catch (problem) {
-        this.#tell(problem);
+        this.#tell(problem, retryMs);
         if (this.isOver) return;
-        await pause(retryMs);
-        retryMs = Math.min(2 * retryMs, RETRY_MAX_MS);
+        await this.#pause(retryMs);
+        retryMs = Math.min(2 * retryMs, problem.code === "RATE_LIMITED" ? BUSY_RETRY_MAX_MS : RETRY_MAX_MS);
       }
     }
+  }
+
+  /** Ask how the node is, at once or when there is a newer block. */
+  async ask(waitMs = 0) {
+    this.status = await api.status(this.last, waitMs, AbortSignal.timeout(waitMs + ANSWER_MS));
+    this.#statusAtMs = performance.now();
+  }
+
+  /** Try again now: the browser has its network again, or somebody looks at the page again. */
+  tryNow() {
+    if (this.problem) this.#wake();
+  }
+
+  #pause(ms) {
+    return new Promise((resolve) => {
+      this.#wake = resolve;
+      setTimeout(resolve, ms);
+    });
   }
 
   /** Read on from the last header; what lies farther back than is kept is left out. */
@@ -100,14 +136,12 @@ class Feed extends EventTarget {
     if (this.status) listener();
   }
 
-  #tell(problem) {
+  #tell(problem, retryMs) {
+    this.wasAway = this.isAway;
     this.problem = problem;
+    this.retryMs = retryMs;
     this.dispatchEvent(new Event("change"));
   }
-}
-
-function pause(ms) {
-  return new Promise((resolve) => { setTimeout(resolve, ms); });
 }
 
 export const feed = new Feed();

@@ -9,6 +9,7 @@ import { badge, card, chartWidth, go, number, row, seatMarks, seatName, sheet } 
 
 const SHOWN_COUNT = 20;
 const CHARTED_COUNT = 100;
+const LISTED_COUNT = 10;
 const KINDS = ["number", "", "", "number", "number", "", ""];
 
 export async function livePage({ signal }) {
@@ -46,7 +47,7 @@ export async function livePage({ signal }) {
       h("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Newest blocks" },
         h("table", { class: "list", id: "blocks" }, h("caption", { class: "visually-hidden" }, "Newest blocks"),
           h("thead", {}, h("tr", {}, ["height", "producer", "votes", "transactions", "gas", "time", ""].map((head, index) => h("th", { scope: "col", class: KINDS[index] }, head || h("span", { class: "visually-hidden" }, "notes"))))), body))),
-    card("Rounds that were given up", lost));
+    card("Rounds that the network lost", lost));
 }
 
 async function readEpochs(numbers) {
@@ -68,7 +69,7 @@ function figureCards(epochs) {
     figure("Newest final block", go(`block/${status.head}`, number(status.head)), newest ? `made at ${formatClock(newest.timestamp_ms)}` : ""),
     rounds && figure("Round", number(rounds.round), `of epoch ${rounds.epoch}; ${seatName(epochs.get(rounds.epoch), rounds.leader)} leads it. Not final: this is where the node stands.`),
     finalityFigure(timed),
-    rounds && figure("Given up", number(rounds.timed_out_count), "rounds, by this node since its start"),
+    rounds && figure("Given up by this node", plural(rounds.timed_out_count, "round", "rounds"), "since its start, for their leader was late; lost is a round only if a quorum gave it up"),
     figure("Network", status.network, `${plural(counts.organisations, "organisation", "organisations")}, ${plural(counts.nodes, "node", "nodes")}, ${plural(counts.producers, "producer", "producers")}, ${plural(counts.contracts, "contract", "contracts")}`),
   ];
 }
@@ -99,17 +100,23 @@ function chartOf(points) {
   return lineChart({ series: [{ name: "finality", points }], width: chartWidth(), height: 180, label: "Time to finality by height", unit: "ms", formatX: (height) => `block ${Math.round(height)}` });
 }
 
+/** The rounds that the chain says were lost; a node may have given up more, alone or before these blocks. */
 function lostRounds(epochs) {
-  const lost = feed.headers.filter((header) => header.missed_count > 0).slice(-10).reverse();
+  const lost = feed.headers.filter((header) => header.missed_count > 0).slice(-LISTED_COUNT).reverse();
   const total = feed.headers.reduce((sum, header) => sum + header.missed_count, 0);
-  if (!lost.length) return h("p", {}, `None among the newest ${plural(feed.headers.length, "block", "blocks")}: each leader was in time.`);
+  const where = feed.headers.length ? `blocks ${number(feed.headers[0].height)} to ${number(feed.last)}` : "the blocks that are here";
+  const { rounds } = feed.status;
+  const own = rounds?.timed_out_count > 0 && h("p", { class: "quiet" },
+    `This node itself gave up ${plural(rounds.timed_out_count, "round", "rounds")} since its start. Not each of them is lost: a round that a quorum still certified brought its block, and others may lie before these blocks or after them.`);
+  if (!lost.length) return [h("p", {}, `By ${where} no round was lost: none of them carries the word of a quorum that it gave a round up.`), own];
   return [
-    h("p", {}, `${plural(total, "round was", "rounds were")} lost among the newest ${plural(feed.headers.length, "block", "blocks")}.`),
+    h("p", {}, `By ${where} ${plural(total, "round was", "rounds were")} lost: a quorum gave up.${lost.length === LISTED_COUNT ? ` The newest ${LISTED_COUNT} places:` : ""}`),
     h("ul", {}, lost.map((header) => {
       const epoch = epochs.get(header.epoch);
       const leaders = [...new Set(header.missed)].map((index) => seatName(epoch, index)).join(", ");
-      return h("li", {}, go(`block/${header.height}`, `Before block ${header.height}`), `: ${plural(header.missed_count, "round", "rounds")}, which ${leaders} should have led.`);
+      return h("li", {}, go(`block/${header.height}`, `Before block ${number(header.height)}`), `: ${plural(header.missed_count, "round", "rounds")}, which ${leaders} should have led.`);
     })),
+    own,
   ];
 }
 

@@ -6,6 +6,22 @@ import { card, problemView } from "./pieces.js";
 const NO_NEWS = new Set(["SESSION_REQUIRED"]);
 const USED_LINK = { detail: "This link works once, within a minute: it has been used, or is too old.", nextStep: "Run the command again: it makes a new link." };
 
+/** What stands here while the node gives no answer; the page is shown as soon as there is one. */
+export function awayPage(name, everyMs) {
+  return [
+    h("h1", { tabindex: "-1" }, "The node does not answer"),
+    h("div", { class: "notice warn", role: "alert" },
+      h("p", {}, `Nothing comes from ${name}: it is stopped, or cannot be reached from here.`),
+      h("p", {}, `This page asks again every ${everyMs / 1000} seconds, and shows itself as soon as the node is back.`)),
+    h("p", {}, "Whether it runs, says ", h("code", {}, "blockrobot status"), " on its machine."),
+  ];
+}
+
+/** What stands here once the session is over; why, and what to do, stands above. */
+export function endedPage() {
+  return [h("h1", { tabindex: "-1" }, "This page needs a session"), h("p", {}, "Yours has ended: see above.")];
+}
+
 export function welcomePage({ reason = null, forMembers = false }) {
   const told = reason && !NO_NEWS.has(reason.code) ? problemView(reason.code === "CHALLENGE_INVALID" ? USED_LINK : reason) : null;
   return [

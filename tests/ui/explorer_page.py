@@ -1,0 +1,24 @@
+"""The explorer of a real node, opened as the command does."""
+
+from __future__ import annotations
+
+from playwright.async_api import Page, expect
+
+from network.cli.contract_signers import find_signers
+from network.cli.explore_command import find_entrance
+from tests.cluster.network_under_test import NetworkUnderTest
+
+
+async def enter(page: Page, network: NetworkUnderTest, place: str = "live") -> None:
+    """Open the explorer of the first node as the command does, in a session of the hospital's admin."""
+    entrance = await find_entrance(find_signers(network.folder, None, None, None), "node-1")
+    await page.goto(entrance.target)
+    await expect(page.locator("#state")).to_contain_text("session until")
+    await go(page, place)
+
+
+async def go(page: Page, place: str) -> None:
+    """Go to a page by its address, and wait until it is shown."""
+    await page.evaluate("place => { location.hash = `#/${place}` }", place)
+    await page.wait_for_function("place => location.hash === `#/${place}`", arg=place)
+    await expect(page.locator("main:not([aria-busy]) h1")).to_be_visible()

@@ -1,0 +1,100 @@
+"""The explorer while its node is away, and when it is back: it says so, and goes on by itself as far as it can."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from playwright.async_api import Page, expect
+
+from node.config import CONFIG_FILE
+from tests.cluster.network_under_test import NetworkUnderTest
+from tests.ui.accessible import find_accessibility_faults
+from tests.ui.explorer_page import enter, go
+from tests.ui.watched_page import Watch
+
+PRIVATE_NODE, PUBLIC_NODE = "node-1", "node-2"
+AWAY_S = 6.0
+"""Long enough for a pause that doubles each time to grow far beyond what is allowed."""
+BACK_MS = 3_000
+"""Two seconds after the node answers again, and one for a busy machine."""
+ANSWER_TIMEOUT_S = 20.0
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="session")
+async def network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[NetworkUnderTest]:
+    """Four nodes; the explorer of one is public."""
+    made = NetworkUnderTest(tmp_path_factory.mktemp("explorer") / "network", nodes=4)
+    path = made.cluster.config(PUBLIC_NODE).data_dir / CONFIG_FILE
+    path.write_text(path.read_text() + "\n[explorer]\npublic = true\n")
+    try:
+        await made.start()
+        yield made
+    finally:
+        await made.close()
+
+
+async def kill(network: NetworkUnderTest, name: str) -> None:
+    await asyncio.to_thread(network.cluster.kill, name)
+
+
+async def bring_back(network: NetworkUnderTest, name: str) -> None:
+    """Start a node, and return at the moment when it answers."""
+    network.cluster.start(name)
+    deadline = time.monotonic() + ANSWER_TIMEOUT_S
+    while time.monotonic() < deadline:
+        try:
+            async with network.http.get(network.url(name) + "/v1/status") as answer:
+                await answer.read()
+                return
+        except aiohttp.ClientError:
+            await asyncio.sleep(0.02)
+    raise AssertionError(f"{name} did not answer")
+
+
+async def test_a_view_that_could_not_be_shown_shows_itself_soon_after_its_node_is_back(
+    page: Page, watch: Watch, network: NetworkUnderTest
+) -> None:
+    watch.expect("ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET")
+    await page.goto(network.url(PUBLIC_NODE) + "/explorer/")
+    await expect(page.locator("#state")).to_have_text("public explorer")
+    await kill(network, PUBLIC_NODE)
+    try:
+        await go(page, "producers")
+        await expect(page.locator("h1")).to_have_text("The node does not answer")
+        await expect(page.locator("main")).to_contain_text("node-2: it is stopped, or cannot be reached")
+        await expect(page.locator("main")).to_contain_text("asks again every 1.5 seconds")
+        await expect(page.locator("#state")).to_have_text("not connected, asking every 1.5 s")
+        assert await find_accessibility_faults(page) == []
+        await page.wait_for_timeout(1_000 * AWAY_S)
+    finally:
+        await bring_back(network, PUBLIC_NODE)
+    await expect(page.locator("h1")).to_have_text("Producers", timeout=BACK_MS)
+    await expect(page.locator("main")).to_contain_text("What they did")
+    await expect(page.locator("#state")).to_have_text("public explorer")
+
+
+async def test_a_session_that_a_restart_ended_is_told_at_the_top_with_the_next_step(
+    page: Page, watch: Watch, network: NetworkUnderTest
+) -> None:
+    watch.expect("ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET|status of 401")
+    await enter(page, network)
+    await kill(network, PRIVATE_NODE)
+    try:
+        await go(page, "members")
+        await expect(page.locator("h1")).to_have_text("The node does not answer")
+    finally:
+        await bring_back(network, PRIVATE_NODE)
+    ended = page.locator("#ended")
+    await expect(ended).to_contain_text("node-1 was started again: that ends all sessions", timeout=BACK_MS)
+    await expect(ended).to_contain_text("blockrobot explore --node node-1")
+    await expect(ended).to_be_in_viewport()
+    await expect(page.locator("h1")).to_have_text("This page needs a session")
+    assert await find_accessibility_faults(page) == []
+    await enter(await page.context.new_page(), network)
+    await expect(page.locator("h1")).to_have_text("Members and organisations")
+    await expect(ended).to_be_hidden()
