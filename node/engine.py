@@ -168,6 +168,7 @@ class Engine:
         self._branch_txids: frozenset[bytes] = frozenset()
         self._unstored: dict[bytes, frozenset[bytes]] = {}
         self.rounds_timed_out_count = 0
+        self._timed_out = (-1, -1)
 
     def start(self, outbox: Outbox) -> None:
         """Begin. Everything that the core says goes to `outbox`."""
@@ -253,7 +254,7 @@ class Engine:
             case Broadcast(message=message):
                 outbox.broadcast(message)
                 if isinstance(message, Timeout):
-                    self.rounds_timed_out_count += 1
+                    self._count_timed_out(message)
                     outbox.gossip_again()
             case SendTo(index=index, message=message):
                 outbox.send_to(index, message)
@@ -283,6 +284,13 @@ class Engine:
         log.warning("evidence_found", kind=evidence.kind, producer=producer, epoch=evidence.epoch, round=evidence.round)
         for listener in self._evidence_listeners:
             listener(evidence)
+
+    def _count_timed_out(self, said: Timeout) -> None:
+        """Count a round once: that it was given up is said again until the round ends."""
+        place = (said.epoch, said.round)
+        if place > self._timed_out:
+            self._timed_out = place
+            self.rounds_timed_out_count += 1
 
     def _persist(self, records: tuple[bytes, ...]) -> None:
         """Journal, then speak. On a slow disk the sync is done in a thread, so that the event loop goes on."""

@@ -11,7 +11,7 @@ from consensus.block import QuorumCertificate
 from consensus.effects import TIMER_ROUND, Broadcast, CancelTimer, Effect, Persist, SetTimer
 from consensus.errors import BlockRobotError
 from consensus.events import Event, NoticeReceived, Started, TimerFired, WorkChanged
-from consensus.messages import CertificateNotice
+from consensus.messages import CertificateNotice, Timeout
 from node.engine import Engine
 from tests.virtual_time import run_virtual
 
@@ -68,6 +68,9 @@ class Stage:
 
     def broadcast(self, message: Any) -> None:
         self.told.append("broadcast")
+
+    def gossip_again(self) -> None:
+        self.told.append("gossip")
 
 
 def _engine(core: ScriptedCore, stage: Stage) -> Engine:
@@ -194,6 +197,18 @@ async def test_a_timer_comes_back_with_its_round_and_a_cancelled_one_does_not() 
     for _ in range(5):
         await asyncio.sleep(0)
     assert core.events[1:] == [TimerFired(kind=TIMER_ROUND, round=7, now_ms=1)]
+
+
+async def test_a_round_that_is_given_up_counts_once_however_often_that_is_said_again() -> None:
+    stage = Stage()
+    seventh, eighth = (
+        Timeout(epoch=0, round=number, index=1, signature=bytes(65), qc=NOTICE.qc, entered_by=None) for number in (7, 8)
+    )
+    core = ScriptedCore([Broadcast(seventh), Broadcast(seventh), Broadcast(eighth), Broadcast(eighth)])
+    engine = _engine(core, stage)
+    engine.start(stage)  # type: ignore[arg-type]
+    assert stage.told == ["broadcast", "gossip"] * 4
+    assert engine.rounds_timed_out_count == 2
 
 
 async def test_an_action_between_events_waits_for_a_running_sync() -> None:
