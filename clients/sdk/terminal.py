@@ -36,14 +36,35 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 console = Console(highlight=False, soft_wrap=True)
 
+_PLATFORMS_WITHOUT_XDG = frozenset({"darwin", "win32", "cygwin"})
+_KEPT_AT_HOME = ("network", "wallets", "robots")
 _PLAIN_ROWS_COUNT = 100
 _SAYING_KEY = "blockrobot.say_error"
 _ANSWERS_KEY = "blockrobot.answers"
 
 
 def home_folder() -> Path:
-    """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place."""
-    return Path(os.environ.get("BLOCKROBOT_HOME") or click.get_app_dir("blockrobot"))
+    """Return the folder of this user's networks, wallets and robots: BLOCKROBOT_HOME, or the platform's own place.
+
+    Where the XDG base directories hold, that is below $XDG_DATA_HOME; a folder below $XDG_CONFIG_HOME, where versions
+    before kept all this, goes on being used as long as only it has any of it.
+    """
+    named = os.environ.get("BLOCKROBOT_HOME")
+    if named:
+        return Path(named)
+    former = Path(click.get_app_dir("blockrobot"))
+    if sys.platform in _PLATFORMS_WITHOUT_XDG:
+        return former
+    given = Path(os.environ.get("XDG_DATA_HOME") or "")
+    # The XDG specification has relative paths ignored. `expanduser` never raises, as click's own place never does.
+    data = given if given.is_absolute() else Path(os.path.expanduser("~/.local/share"))  # noqa: PTH111
+    present = data / "blockrobot"
+    return former if _is_home(former) and not _is_home(present) else present
+
+
+def _is_home(folder: Path) -> bool:
+    """Tell whether a folder holds what cannot be made again. Other things of ours may lie there too, as caches."""
+    return any((folder / name).exists() for name in _KEPT_AT_HOME)
 
 
 def load_genesis(path: Path) -> Genesis:
