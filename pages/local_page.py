@@ -16,6 +16,7 @@ import logging
 import os
 import secrets
 import time
+from collections import deque
 from collections.abc import Awaitable, Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ SESSION_HEADER = "X-BlockRobot-Session"
 TOKEN_BYTES = 32
 LINK_LIFETIME_MS = 120_000
 SESSIONS_MAX_COUNT = 8
+FORMER_LINKS_MAX_COUNT = 64
 REQUEST_MAX_BYTES = 1 << 20
 PROBLEM_TYPE = "application/problem+json"
 
@@ -69,6 +71,8 @@ class LocalPage:
 
     `idle_minutes`: after so long without a request every session ends (0: never). `now_ms` is a monotonic clock.
     `language`, `link_note` and `describe`: what is said before the page itself speaks, where that is not English.
+    `command`: what is typed to open the page again. It may name folders and people, so only who shows a link of this
+    page is told, which may be used or expired.
     """
 
     def __init__(
@@ -83,6 +87,7 @@ class LocalPage:
         language: str = "en",
         link_note: str = LINK_NOTE,
         describe: Describe = describe_plainly,
+        command: str = "",
     ) -> None:
         self._assets = assets
         self._shared = Assets(PAGES_ASSETS)
@@ -91,10 +96,12 @@ class LocalPage:
         self._language = language
         self._link_note = link_note
         self._describe = describe
+        self._command = command
         self._idle_ms = idle_minutes * 60_000
         self._now_ms = now_ms
         self._sessions: dict[str, int] = {}
         self._link: _Link | None = None
+        self._former: deque[str] = deque(maxlen=FORMER_LINKS_MAX_COUNT)
         self._runner: web.AppRunner | None = None
         self._origin = ""
         self.app = web.Application(client_max_size=REQUEST_MAX_BYTES, middlewares=[self._guard])
@@ -156,6 +163,7 @@ class LocalPage:
     async def _drop_link(self) -> None:
         link, self._link = self._link, None
         if link is not None:
+            self._former.append(link.token)
             await asyncio.to_thread(link.path.unlink, missing_ok=True)
 
     @web.middleware
@@ -198,13 +206,15 @@ class LocalPage:
     async def _exchange(self, request: web.Request) -> web.Response:
         """Take the link's secret, once, and give the session's."""
         body = await read_object(request)
-        link = self._link
         given = body.get("token")
-        if link is None or self._now_ms() > link.ends_ms or not isinstance(given, str):
+        if not isinstance(given, str):
             raise BlockRobotError("PAGE_LINK_INVALID")
+        link = self._link
         # Wrong ones cost the link nothing: of 256 bits nobody guesses any part, and any user of the machine can try.
-        if not hmac.compare_digest(link.token.encode(), given.encode()):
-            raise BlockRobotError("PAGE_LINK_INVALID")
+        if link is None or not _is_same(link.token, given) or self._now_ms() > link.ends_ms:
+            known = [*self._former, link.token] if link is not None else self._former
+            was_ours = any(_is_same(token, given) for token in known)
+            raise BlockRobotError("PAGE_LINK_INVALID", **({"command": self._command} if was_ours else {}))
         await self._drop_link()
         session = secrets.token_urlsafe(TOKEN_BYTES)
         if len(self._sessions) >= SESSIONS_MAX_COUNT:
@@ -223,6 +233,10 @@ class LocalPage:
 
 
 LOCAL_HEADERS = {**SECURITY_HEADERS, "Cache-Control": "no-store"}
+
+
+def _is_same(token: str, given: str) -> bool:
+    return hmac.compare_digest(token.encode(), given.encode())
 
 
 @dataclass(slots=True)
@@ -244,6 +258,8 @@ def problem_response(error: BlockRobotError, describe: Describe = describe_plain
         "next_step": next_step,
         "retryable": error.entry.retryable,
     }
+    if error.context.get("command"):
+        document["command"] = error.context["command"]
     return web.Response(status=error.entry.status, body=json.dumps(document).encode(), content_type=PROBLEM_TYPE)
 
 

@@ -4,12 +4,15 @@ const SESSION_HEADER = "X-BlockRobot-Session";
 let session = "";
 let sessionHeaders = (secret) => ({ [SESSION_HEADER]: secret });
 
-/** A refusal: `code`, `detail` (what happened) and `nextStep` (what the reader can do). `status` 0: nobody answered. */
+/**
+ * A refusal: `code`, `detail` (what happened) and `nextStep` (what the reader can do). `status` 0: nobody answered.
+ * `command`: what opens the page again, for who shows a link of it.
+ */
 export class Problem extends Error {
-  constructor({ code, detail, nextStep, status }) {
+  constructor({ code, detail, nextStep, status, command }) {
     super(detail);
     this.name = "Problem";
-    Object.assign(this, { code, detail, nextStep, status });
+    Object.assign(this, { code, detail, nextStep, status, command });
   }
 }
 
@@ -85,7 +88,7 @@ async function ask(path, { method = "GET", body, headers = {}, signal } = {}) {
     return response;
   }
   const problem = await response.json().catch(() => ({}));
-  throw new Problem({ code: problem.code ?? "INTERNAL", detail: problem.detail ?? problem.title ?? response.statusText, nextStep: problem.next_step ?? "", status: response.status });
+  throw new Problem({ code: problem.code ?? "INTERNAL", detail: problem.detail ?? problem.title ?? response.statusText, nextStep: problem.next_step ?? "", status: response.status, command: problem.command });
 }
 
 /** Fetch a JSON document. `body` is sent as JSON. Throws a Problem. */

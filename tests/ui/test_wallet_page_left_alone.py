@@ -171,6 +171,25 @@ async def test_a_page_that_was_reloaded_says_how_to_come_back(shown: Shown, watc
     await expect(page.locator("#main code")).to_have_text(COMMAND)
 
 
+async def test_a_used_link_in_a_fresh_tab_names_the_command_of_this_very_wallet_and_a_bare_address_none(
+    shown: Shown, watch: Watch
+) -> None:
+    watch.expect("status of 401")
+    link = re.search(r'url=([^"]+)"', (await shown.served.new_link()).read_text())
+    assert link
+    fresh = [await shown.page.context.new_page() for _ in range(3)]
+    await fresh[0].goto(link[1])
+    await expect(fresh[0].locator(".lead")).to_contain_text("2 recordings", timeout=SOON_MS)
+    await fresh[1].goto(link[1])
+    await expect(fresh[1].get_by_role("alert")).to_contain_text("press Enter in the terminal", timeout=SOON_MS)
+    await expect(fresh[1].locator("#main code")).to_have_text(COMMAND)
+    await fresh[2].goto(shown.served.url)
+    await expect(fresh[2].get_by_role("alert")).to_contain_text("press Enter in the terminal", timeout=SOON_MS)
+    await expect(fresh[2].locator("#main code")).to_have_count(0)
+    for page in fresh:
+        await page.close()
+
+
 async def test_whoever_reloads_while_something_is_under_way_is_asked_first(
     shown: Shown, monkeypatch: pytest.MonkeyPatch
 ) -> None:

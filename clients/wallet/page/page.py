@@ -51,6 +51,7 @@ def make_page(session: PageSession, *, now_ms: Callable[[], int] = monotonic_ms)
         language=language_in_use(),
         link_note=text("page.link.once"),
         describe=describe_error,
+        command=session.command,
     )
 
 

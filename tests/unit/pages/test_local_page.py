@@ -17,6 +17,7 @@ from aiohttp import web
 
 from consensus.errors import BlockRobotError
 from pages.local_page import (
+    FORMER_LINKS_MAX_COUNT,
     LINK_LIFETIME_MS,
     REQUEST_MAX_BYTES,
     SESSION_HEADER,
@@ -26,6 +27,8 @@ from pages.local_page import (
     read_object,
 )
 from pages.serving import Assets
+
+COMMAND = "my-page --profile ann"
 
 
 class Clock:
@@ -69,7 +72,13 @@ async def page(tmp_path: Path, clock: Clock) -> AsyncIterator[LocalPage]:
         LocalRoute("POST", "/api/echo", echo),
     ]
     page = LocalPage(
-        Assets(folder), routes, redirect_folder=tmp_path / "links", title="My page", idle_minutes=5, now_ms=clock
+        Assets(folder),
+        routes,
+        redirect_folder=tmp_path / "links",
+        title="My page",
+        idle_minutes=5,
+        now_ms=clock,
+        command=COMMAND,
     )
     async with page:
         yield page
@@ -109,6 +118,33 @@ async def test_the_link_opens_the_page_once(page: LocalPage, browser: aiohttp.Cl
         assert await said.json() == {"hello": "you"}
     status, answer = await exchange(browser, page, token)
     assert (status, answer["code"]) == (401, "PAGE_LINK_INVALID")
+
+
+async def test_who_has_a_link_of_this_page_used_old_or_replaced_is_told_the_command_and_nobody_else(
+    page: LocalPage, browser: aiohttp.ClientSession, clock: Clock
+) -> None:
+    replaced, used = token_of(await page.new_link()), token_of(await page.new_link())
+    assert (await exchange(browser, page, used))[0] == 200
+    late = token_of(await page.new_link())
+    clock.ms += LINK_LIFETIME_MS + 1
+    for token in (used, replaced, late):
+        status, answer = await exchange(browser, page, token)
+        assert (status, answer["code"], answer["command"]) == (401, "PAGE_LINK_INVALID", COMMAND)
+    for token in ("", "x" * 43, None, used[:-1], [used]):
+        status, answer = await exchange(browser, page, token)
+        assert (status, answer["code"]) == (401, "PAGE_LINK_INVALID")
+        assert COMMAND not in str(answer)
+
+
+async def test_of_links_that_open_nothing_any_more_only_the_newest_are_known(
+    page: LocalPage, browser: aiohttp.ClientSession
+) -> None:
+    first = token_of(await page.new_link())
+    second = token_of(await page.new_link())
+    for _ in range(FORMER_LINKS_MAX_COUNT):
+        await page.new_link()
+    assert "command" not in (await exchange(browser, page, first))[1]
+    assert "command" in (await exchange(browser, page, second))[1]
 
 
 async def test_only_the_owner_of_the_files_can_read_the_link(page: LocalPage) -> None:

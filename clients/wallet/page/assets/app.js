@@ -163,9 +163,13 @@ function noteVerified(headers) {
   if (overview !== null) drawFooter();
 }
 
-/** What opens this very wallet's page again; the browser's entry of the page remembers it when the page is reloaded. */
+/** What opens this very wallet's page again, "" if that is not known; the browser's entry of the page remembers it. */
 function command() {
-  return overview?.person.command ?? history.state?.command ?? "blockrobot wallet serve";
+  return overview?.person.command ?? history.state?.command ?? "";
+}
+
+function commandToType(typed) {
+  return typed && h("pre", { tabindex: 0 }, h("code", {}, typed));
 }
 
 async function changeLanguage(code) {
@@ -193,7 +197,7 @@ function close(title, text) {
   replace(news);
   announce("");
   const heading = h("h1", { tabindex: -1 }, title);
-  replace(main, heading, h("div", { class: "card" }, h("p", {}, text), h("pre", { tabindex: 0 }, h("code", {}, command()))));
+  replace(main, heading, h("div", { class: "card" }, h("p", {}, text), commandToType(command())));
   main.removeAttribute("aria-busy");
   document.title = `${title} · BlockRobot`;
   heading.focus();
@@ -269,7 +273,7 @@ async function start() {
   } catch (error) {
     if (isClosed) return;
     replace(main, h("h1", {}, "BlockRobot"), h("div", { class: "notice bad", role: "alert" }, h("p", {}, h("strong", {}, error.detail ?? String(error))), h("p", {}, error.nextStep ?? "")),
-      h("pre", { tabindex: 0 }, h("code", {}, command())));
+      commandToType(error.command ?? command()));
     return;
   }
   window.addEventListener("hashchange", () => { if (!isClosed) showPlace(); });
