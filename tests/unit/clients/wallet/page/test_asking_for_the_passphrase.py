@@ -1,4 +1,4 @@
-"""The passphrase asked for again: whoever finds the page open shares, erases, takes along and registers nothing."""
+"""The passphrase asked for again: who comes to an open page shares, erases, takes along and registers nothing."""
 
 from __future__ import annotations
 
