@@ -83,7 +83,7 @@ async def _expect_growth(page: Page, by: int = 5) -> None:
 
 
 async def test_a_node_is_killed_with_the_button_and_the_chain_goes_on(
-    console: ConsoleUnderTest, open_page: Page, watch: Watch
+    console: ConsoleUnderTest, open_page: Page
 ) -> None:
     page, cluster = open_page, console.network.cluster
     await page.get_by_label("Node", exact=True).select_option("node-2")
@@ -101,14 +101,44 @@ async def test_a_node_is_killed_with_the_button_and_the_chain_goes_on(
     await _expect_told(page, "node-2 is stopped")
     await _expect_told(page, "(leader node-2) was given up by node-1, node-3, node-4.")
     await expect(page.locator("table.rounds td.lost").first).to_be_visible()
-    watch.expect("status of 409")
-    await page.get_by_role("button", name="Pause", exact=True).click()
-    await expect(page.locator(".break .notice.bad")).to_contain_text("node-2 is not running.")
-    await expect(page.locator(".break .notice.bad")).to_contain_text("FAULT_TARGET_ABSENT. See `blockrobot fault list`")
+    for name in ("Kill", "Pause", "Resume", "Wrong clock…", "Fill a disk…"):
+        await expect(page.get_by_role("button", name=name, exact=True)).to_be_disabled()
+    kill, restart = (page.get_by_role("button", name=name, exact=True) for name in ("Kill", "Restart"))
+    await expect(kill).to_have_accessible_description("node-2 is stopped already.")
+    await expect(page.locator(".why")).to_contain_text("Kill: node-2 is stopped already.")
+    await kill.focus()
+    await page.keyboard.press("Enter")
+    await expect(page.get_by_role("dialog")).to_have_count(0)
+    await expect(page.get_by_role("status").filter(has_text="node-2 is stopped already.")).to_be_attached()
+    assert await find_accessibility_faults(page) == []
+    await page.get_by_label("Node", exact=True).select_option("node-1")
+    await expect(kill).to_be_enabled()
+    await expect(restart).to_have_accessible_description(re.compile("^node-1 runs"))
+    await page.get_by_label("Node", exact=True).select_option("node-2")
     await page.get_by_role("button", name="Restart", exact=True).click()
     await _expect_state(page, "node-2", "signing")
     await _expect_told(page, "Done: restart node-2.")
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
+
+
+async def test_what_a_paused_node_would_not_hear_is_not_offered_and_refused_elsewhere_in_words(
+    open_page: Page, watch: Watch
+) -> None:
+    page = open_page
+    await page.get_by_label("Node", exact=True).select_option("node-3")
+    await expect(page.get_by_role("button", name="Resume", exact=True)).to_be_disabled()
+    await page.get_by_role("button", name="Pause", exact=True).click()
+    await expect(page.get_by_role("button", name="Pause", exact=True)).to_be_disabled()
+    for name in ("Restart", "Wrong clock…", "Right clock", "Fill a disk…", "Free a disk…", "Let it lie…"):
+        await expect(page.get_by_role("button", name=name, exact=True)).to_be_disabled()
+    for name in ("Kill", "Resume", "Heal it"):
+        await expect(page.get_by_role("button", name=name, exact=True)).to_be_enabled()
+    watch.expect("status of 409")
+    await page.get_by_role("tab", name="A link").click()
+    await page.get_by_label("To", exact=True).select_option("node-3")
+    await page.get_by_role("button", name="Make it sound").click()
+    await expect(page.locator(".break .notice.bad")).to_contain_text("node-3 is paused.")
+    await expect(page.locator(".break .notice.bad")).to_contain_text("FAULT_TARGET_ABSENT. See `blockrobot fault list`")
 
 
 async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -> None:
@@ -200,8 +230,10 @@ async def test_the_live_console_is_scrolled_back_and_comes_back_to_now(open_page
 async def test_the_time_line_is_filtered_by_kind_node_and_word(open_page: Page) -> None:
     page = open_page
     await page.get_by_label("Node", exact=True).select_option("node-4")
-    await page.get_by_role("button", name="Right clock").click()
-    await _expect_told(page, "Done: skew node-4 by 0.")
+    await page.get_by_role("button", name="Wrong clock…").click()
+    await page.get_by_role("dialog").get_by_role("button", name="Set it").click()
+    await _expect_told(page, "Done: skew node-4 by +1h.")
+    await expect(page.get_by_role("button", name="Right clock")).to_be_enabled()
     await page.get_by_label("Containing").fill("skew")
     await expect(page.locator(".events li")).to_have_count(2)
     await page.get_by_label("About").select_option("node-1")

@@ -87,6 +87,7 @@ function show(parts, answer) {
   if (answer.moment) {
     parts.newest = answer;
     parts.timeline.extend(answer.moment.at_ms, answer.events);
+    parts.faults.update(answer.moment);
     if (parts.timeline.isAtEnd()) parts.stage.update(answer.moment, answer.rounds);
   }
   parts.events.add(answer.events);

@@ -2,6 +2,7 @@
 
 import { announce, ask, h, replace } from "./shared/dom.js";
 import { fetchJson, keepOpen } from "./shared/fetching.js";
+import { refusals } from "./offers.js";
 
 const GROUPS_MAX_COUNT = 4;
 
@@ -32,11 +33,11 @@ function panel({ id, title, hint }, ...children) {
   return h("div", { class: "panel", id: `panel-${id}`, role: "tabpanel", "aria-labelledby": `tab-${id}` }, h("h3", {}, title), hint && h("p", { class: "quiet" }, hint), ...children);
 }
 
-/** {element, select(name), selectLink(from, to), showPlan(plan), setNetwork}; onGroups(Map|null), isGrouping(). */
+/** {element, select(name), selectLink(from, to), showPlan(plan), update(moment), setNetwork}; onGroups(Map|null), isGrouping(). */
 export function createFaults({ network, choices, onSelect, onGroups }) {
   const said = h("div", { class: "said" });
   let names = network.nodes.map((node) => node.name);
-  const nodePanel = createNodePanel({ names, choices, said, onSelect });
+  const nodePanel = createNodePanel({ network, choices, said, onSelect });
   const partition = createPartitionPanel({ names, said, onGroups });
   const link = createLinkPanel({ names, choices, said });
   const plan = createPlanPanel({ said });
@@ -74,9 +75,11 @@ export function createFaults({ network, choices, onSelect, onGroups }) {
     select(name) { nodePanel.select(name); if (open !== "partition") choose("node", false); },
     selectLink(from, to) { link.select(from, to); choose("link", false); },
     showPlan: (running) => plan.show(running),
+    update: (moment) => nodePanel.update(moment),
     setNetwork(changed) {
       names = changed.nodes.map((node) => node.name);
-      for (const part of [nodePanel, partition, link]) part.setNames(names);
+      nodePanel.setNetwork(changed);
+      for (const part of [partition, link]) part.setNames(names);
     },
   };
 }
@@ -91,30 +94,65 @@ function field(label, input, hint) {
   return h("div", { class: "field" }, h("label", { for: input.id }, label), input, hint && h("div", { class: "quiet" }, hint));
 }
 
-function createNodePanel({ names, choices, said, onSelect }) {
-  const select = h("select", { id: "node-select", onchange: () => onSelect(select.value) });
-  fillOptions(select, names);
+function createNodePanel({ network, choices, said, onSelect }) {
+  const state = { network, moment: null, shown: "", buttons: new Map() };
+  const why = h("ul", { class: "quiet why", "aria-label": "What makes no sense now" });
+  const offer = () => showOffers(state, select.value, why);
+  const select = h("select", { id: "node-select", onchange: () => { offer(); onSelect(select.value); } });
+  fillOptions(select, network.nodes.map((node) => node.name));
   const sure = (title, text, confirm, fields = []) => ask({ title, body: h("p", {}, text), confirm, cancel: "Leave it", danger: true, fields });
-  const run = async (event, fields, question) => {
+  const run = async (event, fault, fields, question) => {
     const button = event.currentTarget;
+    const reason = refusals(select.value, state.network.nodes.find((node) => node.name === select.value), state.moment)[fault];
+    if (reason) { announce(reason); return; }
     const answer = question ? await question() : {};
     if (answer) await carryOut(said, { ...fields, node: select.value, ...answer }, button);
   };
-  const button = (text, fields, question, danger) => h("button", { type: "button", class: danger ? "danger" : undefined, onclick: (event) => run(event, typeof fields === "function" ? fields() : fields, question) }, text);
+  const button = (fault, text, fields, question, danger) => {
+    const made = h("button", { type: "button", class: danger ? "danger" : undefined, onclick: (event) => run(event, fault, fields, question) }, text);
+    state.buttons.set(fault, made);
+    return made;
+  };
   const disks = choices.disks.map((disk) => ({ value: disk, label: disk }));
   const element = panel({ id: "node", title: "What to do with a node" }, field("Node", select),
     h("div", { class: "buttons" },
-      button("Kill", { do: "kill" }, () => sure(`Kill ${select.value}?`, "As a power cut would: no last word, nothing flushed. What is final survives.", "Kill it"), true),
-      button("Restart", { do: "restart" }), button("Pause", { do: "pause" }), button("Resume", { do: "resume" }),
-      button("Wrong clock…", { do: "skew" }, () => sure(`Set the clock of ${select.value} wrong?`, "A change of it is a jump. 0 sets it right again.", "Set it",
+      button("kill", "Kill", { do: "kill" }, () => sure(`Kill ${select.value}?`, "As a power cut would: no last word, nothing flushed. What is final survives.", "Kill it"), true),
+      button("restart", "Restart", { do: "restart" }), button("pause", "Pause", { do: "pause" }), button("resume", "Resume", { do: "resume" }),
+      button("skew", "Wrong clock…", { do: "skew" }, () => sure(`Set the clock of ${select.value} wrong?`, "A change of it is a jump. 0 sets it right again.", "Set it",
         [{ name: "offset", label: "By how much", value: "+1h", required: true, hint: "Such as +1h, -90s, 250ms or 0" }]), true),
-      button("Right clock", { do: "skew", offset: "0" }),
-      button("Fill a disk…", { do: "disk", full: true }, () => sure(`Fill a disk of ${select.value}?`, "The node cannot write there until it is free again, and signs nothing meanwhile.", "Fill it",
+      button("unskew", "Right clock", { do: "skew", offset: "0" }),
+      button("fill", "Fill a disk…", { do: "disk", full: true }, () => sure(`Fill a disk of ${select.value}?`, "The node cannot write there until it is free again, and signs nothing meanwhile.", "Fill it",
         [{ name: "disk", label: "The disk under its", options: disks, value: "journal" }]), true),
-      button("Free a disk…", { do: "disk", full: false }, () => ask({ title: `Free a disk of ${select.value}`, confirm: "Free it", cancel: "Leave it", fields: [{ name: "disk", label: "The disk under its", options: disks, value: "journal" }] })),
-      button("Let it lie…", { do: "byzantine" }, () => askLie(select.value, choices), true),
-      button("Heal it", { do: "heal" })));
-  return { element, select(name) { select.value = name; }, setNames(changed) { fillOptions(select, changed); } };
+      button("free", "Free a disk…", { do: "disk", full: false }, () => ask({ title: `Free a disk of ${select.value}`, confirm: "Free it", cancel: "Leave it", fields: [{ name: "disk", label: "The disk under its", options: disks, value: "journal" }] })),
+      button("byzantine", "Let it lie…", { do: "byzantine" }, () => askLie(select.value, choices), true),
+      button("heal", "Heal it", { do: "heal" })), why);
+  return {
+    element,
+    select(name) { select.value = name; offer(); },
+    update(moment) { state.moment = moment; offer(); },
+    setNetwork(changed) { state.network = changed; fillOptions(select, changed.nodes.map((node) => node.name)); offer(); },
+  };
+}
+
+/** Say of each button that makes no sense for this node why not; it stays where it is, and can be reached and read. */
+function showOffers(state, name, why) {
+  const found = refusals(name, state.network.nodes.find((node) => node.name === name), state.moment);
+  const shown = JSON.stringify(found);
+  if (shown === state.shown) return;
+  state.shown = shown;
+  const reasons = [...new Set(Object.values(found))];
+  for (const [fault, button] of state.buttons) {
+    if (found[fault]) {
+      button.setAttribute("aria-disabled", "true");
+      button.setAttribute("aria-describedby", `why-${reasons.indexOf(found[fault])}`);
+    } else {
+      button.removeAttribute("aria-disabled");
+      button.removeAttribute("aria-describedby");
+    }
+  }
+  const label = (reason) => [...state.buttons].filter(([fault]) => found[fault] === reason).map(([, button]) => button.textContent.replace("…", "")).join(", ");
+  replace(why, reasons.map((reason, index) => h("li", {}, `${label(reason)}: `, h("span", { id: `why-${index}` }, reason))));
+  why.hidden = !reasons.length;
 }
 
 async function askLie(name, choices) {
