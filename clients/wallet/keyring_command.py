@@ -5,9 +5,7 @@ Whoever can use the person's session on this machine can then open the wallet: t
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -17,12 +15,7 @@ from clients.wallet.claiming import require_wallet
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import text
 from clients.wallet.opening import read_passphrase
-from clients.wallet.passphrase_sources import SERVICE, load_keyring
-from consensus.errors import BlockRobotError
-
-
-def _errors() -> Any:
-    return importlib.import_module("keyring.errors").KeyringError
+from clients.wallet.passphrase_sources import forget_in_keyring, load_keyring, store_in_keyring
 
 
 @click.group()
@@ -46,17 +39,16 @@ def store(ctx: click.Context, as_json: bool) -> None:
     """
     path: Path = ctx.obj[0]
     require_wallet(path)
-    backend = load_keyring()
+    load_keyring()
     passphrase = read_passphrase()
     Keystore.open(path, passphrase)
-    try:
-        backend.set_password(SERVICE, str(path.resolve()), passphrase)
-    except _errors() as error:
-        raise BlockRobotError("KEYRING_UNUSABLE", f"The keyring took nothing: {type(error).__name__}.") from None
+    little = store_in_keyring(path, passphrase)
     if as_json:
-        print_json({"ok": True, "wallet": str(path)})
-    else:
-        console.print(text("keyring.stored", command=called()))
+        print_json({"ok": True, "wallet": str(path), "protects_little": little})
+        return
+    console.print(text("keyring.stored", command=called()))
+    if little is not None:
+        console.print(f"  [yellow]{text('keyring.protects_little', name=little)}[/yellow]")
 
 
 @keyring.command()
@@ -69,14 +61,7 @@ def forget(ctx: click.Context, as_json: bool) -> None:
     Example: blockrobot wallet keyring forget
     """
     path: Path = ctx.obj[0]
-    backend = load_keyring()
-    name = str(path.resolve())
-    try:
-        if backend.get_password(SERVICE, name) is None:
-            raise BlockRobotError("KEYRING_EMPTY")
-        backend.delete_password(SERVICE, name)
-    except _errors() as error:
-        raise BlockRobotError("KEYRING_UNUSABLE", f"The keyring may still have it: {type(error).__name__}.") from None
+    forget_in_keyring(path)
     if as_json:
         print_json({"ok": True, "wallet": str(path)})
     else:

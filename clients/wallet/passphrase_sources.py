@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import importlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from consensus.errors import BlockRobotError
 
 SERVICE = "blockrobot-wallet"
+_NAMED_BACKEND = "PYTHON_KEYRING_BACKEND"  # how the package keyring lets a person name one
+_RECOMMENDED_PRIORITY = 1  # of keyrings, in the package's own terms: what is below encrypts nothing, or badly
 
 
 def load_keyring() -> Any:
@@ -21,13 +26,61 @@ def load_keyring() -> Any:
         ) from None
 
 
+@contextmanager
+def telling_of_trouble(sentence: str) -> Iterator[None]:
+    """Raise KEYRING_UNUSABLE for whatever a keyring raises inside: keyrings are others' code, and fail in many ways."""
+    try:
+        yield
+    except BlockRobotError:
+        raise
+    except Exception as error:  # noqa: BLE001 - no list of what those of other makers raise would be whole
+        raise BlockRobotError("KEYRING_UNUSABLE", f"{sentence}: {type(error).__name__}.") from None
+
+
+def protects_little(ring: Any) -> str | None:
+    """Return the name of a keyring that the package itself does not recommend, None for one that it does.
+
+    Raises KEYRING_UNUSABLE for such a one that nobody named: the package falls back to a readable file in silence.
+    """
+    if ring.priority >= _RECOMMENDED_PRIORITY:
+        return None
+    name = type(ring).__name__
+    if not os.environ.get(_NAMED_BACKEND):
+        setting = f"{_NAMED_BACKEND}={type(ring).__module__}.{name}"
+        detail = f"The only keyring here is {name}, which protects little. To use it all the same, set {setting}."
+        raise BlockRobotError("KEYRING_UNUSABLE", detail)
+    return name
+
+
+def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
+    """Keep a wallet's passphrase in the system's keyring; return the keyring's name if it protects little.
+
+    Raises EXTRA_MISSING, KEYRING_UNUSABLE, the latter also for one that takes it and has nothing afterwards.
+    """
+    backend, name = load_keyring(), str(wallet.resolve())
+    with telling_of_trouble("The keyring took nothing"):
+        little = protects_little(backend.get_keyring())
+        backend.set_password(SERVICE, name, passphrase)
+        kept = backend.get_password(SERVICE, name)
+    if kept != passphrase:
+        raise BlockRobotError("KEYRING_UNUSABLE", "The keyring kept nothing: it is switched off.")
+    return little
+
+
+def forget_in_keyring(wallet: Path) -> None:
+    """Take a wallet's passphrase out of the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
+    backend, name = load_keyring(), str(wallet.resolve())
+    with telling_of_trouble("The keyring may still have it"):
+        if backend.get_password(SERVICE, name) is None:
+            raise BlockRobotError("KEYRING_EMPTY")
+        backend.delete_password(SERVICE, name)
+
+
 def read_from_keyring(wallet: Path) -> str:
     """Return a wallet's passphrase from the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend = load_keyring()
-    try:
+    with telling_of_trouble("The keyring gave nothing"):
         found = backend.get_password(SERVICE, str(wallet.resolve()))
-    except importlib.import_module("keyring.errors").KeyringError as error:
-        raise BlockRobotError("KEYRING_UNUSABLE", f"The keyring gave nothing: {type(error).__name__}.") from None
     if found is None:
         raise BlockRobotError("KEYRING_EMPTY")
     return str(found)

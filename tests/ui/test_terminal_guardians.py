@@ -14,18 +14,13 @@ import pytest
 from clients.wallet.keystore import Keystore
 from clients.wallet.shares import read_share, split_words
 from tests.ui.recorded_network import RecordedNetwork
-from tests.ui.typed import CONTROL, ROWS, Typed, at_terminal
+from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal, plain
 from tests.unit.clients.wallet.conftest import CHEAP
 
 WORDS = " ".join(["abandon"] * 23 + ["art"])
 PASSPHRASE = "violet kettle orbit sandwich"
 NAMES = ("Ann [b]", "Ben", "Zoé")
-WIPED = "\x1b[H\x1b[2J\x1b[3J"
 WRITTEN = r"(?s)(?:When all of|Quando estiver)[^:]*Enter: "
-
-
-def plain(text: str) -> str:
-    return " ".join(CONTROL.sub("", text).split())
 
 
 def words_shown(typed: Typed) -> list[str]:

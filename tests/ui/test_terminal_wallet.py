@@ -11,7 +11,7 @@ from typing import Any
 from PIL import Image
 
 from tests.ui.recorded_network import RecordedNetwork
-from tests.ui.typed import CONTROL, Typed, at_terminal
+from tests.ui.typed import Typed, at_terminal, plain
 
 ESCAPE = re.compile(r"\x1b\[[0-9;]*m")
 
@@ -34,10 +34,6 @@ async def said(network: RecordedNetwork, *arguments: str, code: int = 0, **termi
         return typed.rest()
 
     return await asyncio.to_thread(run)
-
-
-def plain(text: str) -> str:
-    return " ".join(CONTROL.sub("", text).split())
 
 
 async def test_a_narrow_terminal_in_no_colour_and_portuguese(recorded_network: RecordedNetwork) -> None:

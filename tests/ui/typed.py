@@ -7,9 +7,11 @@ import re
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pexpect
 
+WIPED = "\x1b[H\x1b[2J\x1b[3J"
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 ANSWER_MAX_S = 60
 ROWS = 40
@@ -30,24 +32,40 @@ class Typed(pexpect.spawn):
         return str(self.before)
 
 
-def at_terminal(
-    home: Path,
-    *arguments: str,
-    columns: int = 100,
-    term: str = "xterm-256color",
-    environment: Mapping[str, str] = {},
-    output: Path | None = None,
-) -> Typed:
+def plain(text: str) -> str:
+    """Return what a person reads: without control sequences, every run of white space as one space."""
+    return " ".join(CONTROL.sub("", text).split())
+
+
+def at_terminal(home: Path, *arguments: str, output: Path | None = None, **terminal: Any) -> Typed:
     """Begin `blockrobot wallet` with these arguments, BLOCKROBOT_HOME being `home`, in English unless it says otherwise.
 
     Its standard output goes to a file if one is named; keyboard and standard error stay at the terminal.
     """
-    kept = {name: os.environ[name] for name in ("PATH", "HOME", "VIRTUAL_ENV") if name in os.environ}
-    settings = {"BLOCKROBOT_HOME": str(home), "BLOCKROBOT_LANGUAGE": "en", "LANG": "C.UTF-8", "TERM": term}
-    command = ["-m", "network.cli.main", "wallet", *arguments]
-    program = sys.executable
+    program, command = sys.executable, ["-m", "network.cli.main", "wallet", *arguments]
     if output is not None:
         program, command = "/bin/sh", ["-c", 'log=$1; shift; exec "$@" > "$log"', "sh", str(output), program, *command]
+    return _begin(home, program, command, **terminal)
+
+
+def type_line(home: Path, line: str, **terminal: Any) -> Typed:
+    """Begin a command exactly as it was printed, `blockrobot` and quotes and all, as a shell reads it."""
+    return _begin(home, "/bin/sh", ["-c", line], **terminal)
+
+
+def _begin(
+    home: Path,
+    program: str,
+    command: list[str],
+    *,
+    columns: int = 100,
+    term: str = "xterm-256color",
+    environment: Mapping[str, str] = {},
+    folder: Path = Path(__file__).parents[2],
+) -> Typed:
+    kept = {name: os.environ[name] for name in ("HOME", "VIRTUAL_ENV") if name in os.environ}
+    kept["PATH"] = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
+    settings = {"BLOCKROBOT_HOME": str(home), "BLOCKROBOT_LANGUAGE": "en", "LANG": "C.UTF-8", "TERM": term}
     return Typed(
         program,
         command,
@@ -55,5 +73,5 @@ def at_terminal(
         dimensions=(ROWS, columns),
         encoding="utf-8",
         timeout=ANSWER_MAX_S,
-        cwd=str(Path(__file__).parents[2]),
+        cwd=str(folder),
     )
