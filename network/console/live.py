@@ -102,8 +102,9 @@ class LiveConsole:
 
     def _take(self, sights: list[NodeSight]) -> None:
         wall_ms = self._now_ms()
-        moment = self._maker.take(sights, time.monotonic(), wall_ms)
         rounds = self._rounds.take(sights, wall_ms)
+        self.recorder.note_network(wall_ms, self.facts())
+        moment = self._maker.take(sights, time.monotonic(), wall_ms)
         self.recorder.add(moment, self._chronicle.take(moment, rounds))
         self.moment = moment
         self._tell_waiting()
@@ -120,7 +121,7 @@ class LiveConsole:
 
     def _begin_anew(self) -> bool:
         """Turn to what stands in the folder now; False if that cannot be read: half written, it is tried again."""
-        genesis = self._read_genesis()
+        genesis, before = self._read_genesis(), set(self.cluster.names)
         is_new_chain = genesis != self._genesis
         try:
             self.cluster = Cluster(self.cluster.folder)
@@ -128,10 +129,11 @@ class LiveConsole:
             return False
         if is_new_chain:
             self.stop_plan()  # it was meant for the other network
-        self._genesis = genesis
-        self._began()
+            self._genesis = genesis
+            self._began()
         what = "Another network stands in the folder now" if is_new_chain else "The nodes are others now"
-        self._tell("node", f"{what}: {', '.join(self.cluster.names)}.", "")
+        others = () if is_new_chain else tuple(sorted(before ^ set(self.cluster.names)))
+        self._tell("node", f"{what}: {', '.join(self.cluster.names)}.", "", others)
         return True
 
     async def wait_beyond(self, sequence: int, timeout_s: float) -> None:
@@ -146,7 +148,7 @@ class LiveConsole:
     # What the page is told
 
     def facts(self) -> dict[str, Any]:
-        """Return what does not change from moment to moment, ready for JSON."""
+        """Return who is who, which does not change from moment to moment, ready for JSON."""
         cluster = self.cluster
         organisations = {node.name: node.organisation for node in cluster.genesis.nodes}
         nodes = [
@@ -171,11 +173,12 @@ class LiveConsole:
         }
 
     def now(self, after_event: int) -> dict[str, Any]:
-        """Return the newest moment, the last rounds, and the events behind this number."""
+        """Return the newest moment with the nodes of its time, the last rounds, and the events behind this number."""
+        moment = self.moment
         return {
             "sequence": self.sequence,
-            "network": self.facts(),
-            "moment": self.moment,
+            "network": (moment and self.recorder.network_at(moment["at_ms"])) or self.facts(),
+            "moment": moment,
             "rounds": self._rounds.last(ROUNDS_SHOWN_COUNT),
             "events": self.recorder.events_after(after_event),
             "plan": None if self._plan is None else self._plan.describe(),
@@ -183,15 +186,18 @@ class LiveConsole:
         }
 
     def past(self, at_ms: int) -> dict[str, Any]:
-        """Return the moment that was the newest at a time of this recording, and the last rounds until then."""
+        """Return the moment that was the newest at a time of this recording, its nodes, and the last rounds until then."""
+        moment = self.recorder.moment_at(at_ms)
+        network = moment and self.recorder.network_at(moment["at_ms"])
         rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each["at_ms"] <= at_ms]
-        return {"moment": self.recorder.moment_at(at_ms), "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
+        return {"moment": moment, "network": network, "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
 
     def recording(self) -> dict[str, Any]:
-        """Return since when is recorded, how much is kept, and what was dropped."""
+        """Return since when is recorded, which nodes it knows, how much is kept, and what was dropped."""
         recorder = self.recorder
         return {
             "since_ms": self.started_ms,
+            "names": recorder.names() or list(self.cluster.names),
             "moments": recorder.moments_count,
             "size_bytes": recorder.size_bytes,
             "dropped": recorder.dropped(self._rounds.dropped_count),
@@ -201,6 +207,7 @@ class LiveConsole:
         """Return the run so far as one HTML file."""
         facts = {
             "network": self.facts(),
+            "networks": self.recorder.networks(),
             "exported_ms": self._now_ms(),
             "recording": self.recording(),
             "events": self.recorder.events_after(0),

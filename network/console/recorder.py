@@ -2,7 +2,8 @@
 
 Pure. A moment that differs from the last one by its time alone is no news and is not kept twice. When moments take more
 than their share, every second one of the older half goes: the whole run stays, the older the coarser. Of events the
-routine ones (who leads, who is connected) have a share of their own, so that they drive out nothing else.
+routine ones (who leads, who is connected) have a share of their own, so that they drive out nothing else. Who is who is
+kept with the time from which it was so: a moment is shown with the nodes of its time.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from network.console.moments import Moment
 MOMENTS_MAX_BYTES = 12 * 1024 * 1024
 EVENTS_MAX_COUNT = 4_000
 ROUTINE_MAX_COUNT = 1_000
+NETWORKS_MAX_COUNT = 500
 
 
 class Recorder:
@@ -39,6 +41,7 @@ class Recorder:
         self._looked_ms = 0
         self._events: deque[Event] = deque(maxlen=events_max_count)
         self._routine: deque[Event] = deque(maxlen=routine_max_count)
+        self._networks: deque[tuple[int, dict[str, Any]]] = deque(maxlen=NETWORKS_MAX_COUNT)
         self._number = 0
         self.moments_dropped_count = 0
         self.events_dropped_count = 0
@@ -57,6 +60,26 @@ class Recorder:
     def last_event_number(self) -> int:
         """The number of the newest event; 0 before the first."""
         return self._number
+
+    def note_network(self, at_ms: int, network: dict[str, Any]) -> None:
+        """Keep who is who from this time on, if it is not as before."""
+        if not self._networks or self._networks[-1][1] != network:
+            self._networks.append((at_ms, network))
+
+    def network_at(self, at_ms: int) -> dict[str, Any] | None:
+        """Return who was who at this time, the first that is known for a time before; None if nothing is known."""
+        if not self._networks:
+            return None
+        place = bisect.bisect_right(self._networks, at_ms, key=lambda known: known[0]) - 1
+        return self._networks[max(0, place)][1]
+
+    def networks(self) -> list[dict[str, Any]]:
+        """Return who was who from when on, ready for JSON, oldest first."""
+        return [{"at_ms": at_ms, "network": network} for at_ms, network in self._networks]
+
+    def names(self) -> list[str]:
+        """Return every node that the run has known, in the order in which they came."""
+        return list(dict.fromkeys(node["name"] for _, network in self._networks for node in network["nodes"]))
 
     def add(self, moment: Moment, events: Sequence[Event]) -> None:
         """Keep a moment and what is new in it."""

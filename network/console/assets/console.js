@@ -47,12 +47,12 @@ function createPast(parts) {
     wanted += 1;
     const own = wanted;
     if (isNow) {
-      if (parts.newest) parts.stage.update(parts.newest.moment, parts.newest.rounds);
+      if (parts.newest) parts.stage.update(parts.newest.moment, parts.newest.rounds, parts.newest.network);
       return;
     }
     try {
-      const { moment, rounds } = await fetchJson(`./api/past?at_ms=${Math.round(ms)}`, { signal: AbortSignal.timeout(ANSWER_MS) });
-      if (own === wanted && moment) parts.stage.update({ ...moment, at_ms: Math.max(moment.at_ms, ms) }, rounds);
+      const { moment, rounds, network } = await fetchJson(`./api/past?at_ms=${Math.round(ms)}`, { signal: AbortSignal.timeout(ANSWER_MS) });
+      if (own === wanted && moment) parts.stage.update({ ...moment, at_ms: Math.max(moment.at_ms, ms) }, rounds, network);
     } catch (problem) {
       if (own === wanted) showProblem(parts.said, problem);
     }
@@ -71,7 +71,7 @@ function buildPage(first, choices) {
   };
   const faults = createFaults({ network, choices, onSelect: select, onGroups: (groups) => parts?.stage.topology.setGroups(groups) });
   const stage = createStage({ network, onNode, onLink: (from, to) => faults.selectLink(from, to), beside: faults.element });
-  const events = createEvents({ network, onPick: (event) => parts.timeline.goTo(event.at_ms) });
+  const events = createEvents({ names: first.recording.names, onPick: (event) => parts.timeline.goTo(event.at_ms) });
   const recording = h("p", { class: "quiet" });
   parts = { stage, faults, events, recording, said, folder: choices.folder, newest: null };
   const from = first.recording.since_ms;
@@ -88,7 +88,7 @@ function show(parts, answer) {
     parts.newest = answer;
     parts.timeline.extend(answer.moment.at_ms, answer.events);
     parts.faults.update(answer.moment);
-    if (parts.timeline.isAtEnd()) parts.stage.update(answer.moment, answer.rounds);
+    if (parts.timeline.isAtEnd()) parts.stage.update(answer.moment, answer.rounds, answer.network);
   }
   parts.events.add(answer.events);
   parts.faults.showPlan(answer.plan);
@@ -112,9 +112,8 @@ async function follow(parts, first) {
       const changed = JSON.stringify(answer.network);
       if (changed !== shape) {
         shape = changed;
-        parts.stage.setNetwork(answer.network);
         parts.faults.setNetwork(answer.network);
-        parts.events.setNetwork(answer.network);
+        parts.events.setNames(answer.recording.names);
       }
       show(parts, answer);
     } catch (problem) {

@@ -6,8 +6,8 @@ import { KINDS, ROUTINE_KINDS } from "./words.js";
 
 const SHOWN_COUNT = 200;
 
-/** {element, set(events), add(events), setNetwork, showUntil(ms or null)}; onPick(event) makes the times buttons. */
-export function createEvents({ network, onPick }) {
+/** {element, set(events), add(events), setNames, showUntil(ms or null)}; onPick(event) makes the times buttons. */
+export function createEvents({ names, onPick }) {
   const state = { events: [], rows: new WeakMap(), kinds: new Set(Object.keys(KINDS).filter((kind) => !ROUTINE_KINDS.includes(kind))), node: "", text: "", until: null, count: SHOWN_COUNT };
   const list = h("ol", { class: "events", reversed: true });
   const said = h("p", { class: "quiet", role: "status" });
@@ -21,7 +21,7 @@ export function createEvents({ network, onPick }) {
       again();
     } }), name));
   const select = h("select", { id: "events-node", onchange: (event) => { state.node = event.target.value; again(); } },
-    nodeOptions(network));
+    nodeOptions(names));
   const search = h("input", { id: "events-text", type: "search", oninput: (event) => { state.text = event.target.value.toLowerCase(); again(); } });
   const element = h("div", {},
     h("fieldset", { class: "chips no-print" }, h("legend", { class: "visually-hidden" }, "Kinds of events"), kinds),
@@ -38,16 +38,16 @@ export function createEvents({ network, onPick }) {
       draw();
     },
     showUntil(ms) { state.until = ms; draw(); },
-    setNetwork(changed) {
-      replace(select, nodeOptions(changed));
-      if (changed.nodes.some((node) => node.name === state.node)) select.value = state.node;
+    setNames(all) {
+      replace(select, nodeOptions(all));
+      if (all.includes(state.node)) select.value = state.node;
       else { state.node = ""; again(); }
     },
   };
 }
 
-function nodeOptions(network) {
-  return [h("option", { value: "" }, "all nodes"), ...network.nodes.map((node) => h("option", { value: node.name }, node.name))];
+function nodeOptions(names) {
+  return [h("option", { value: "" }, "all nodes"), ...names.map((name) => h("option", { value: name }, name))];
 }
 
 function show(state, list, said, more, onPick) {

@@ -10,28 +10,30 @@ const ROUNDS_SHOWN_COUNT = 24;
 const root = document.getElementById("root");
 const read = (id) => JSON.parse(document.getElementById(id).textContent);
 
-function indexAt(moments, ms) {
+/** The place of what was the newest at a time. */
+function indexAt(entries, ms) {
   let low = 0;
-  let high = moments.length - 1;
+  let high = entries.length - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
-    if (moments[middle].at_ms <= ms) low = middle;
+    if (entries[middle].at_ms <= ms) low = middle;
     else high = middle - 1;
   }
   return low;
 }
 
 function build(facts, moments) {
-  const { network } = facts;
+  const { network, networks } = facts;
   const from = moments[0].at_ms;
   const to = Math.max(moments.at(-1).at_ms, facts.events.at(-1)?.at_ms ?? 0, from + 1);
   const stage = createStage({ network, beside: null });
   const show = (ms) => {
     const moment = moments[indexAt(moments, ms)];
-    stage.update({ ...moment, at_ms: Math.max(moment.at_ms, ms) }, facts.rounds.filter((round) => round.at_ms <= ms).slice(-ROUNDS_SHOWN_COUNT));
+    const its = networks.length ? networks[indexAt(networks, moment.at_ms)].network : network;
+    stage.update({ ...moment, at_ms: Math.max(moment.at_ms, ms) }, facts.rounds.filter((round) => round.at_ms <= ms).slice(-ROUNDS_SHOWN_COUNT), its);
   };
   const timeline = createTimeline({ from, to, events: facts.events, onShow: show });
-  const events = createEvents({ network, onPick: (event) => timeline.goTo(event.at_ms) });
+  const events = createEvents({ names: facts.recording.names, onPick: (event) => timeline.goTo(event.at_ms) });
   events.set(facts.events);
   const dropped = facts.recording.dropped.words;
   replace(root, h("header", { class: "bar" }, h("span", { class: "brand" }, "BlockRobot"), h("span", { class: "quiet" }, "a recorded run")),

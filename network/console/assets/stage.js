@@ -7,7 +7,7 @@ import { createRounds } from "./rounds.js";
 import { createTopology } from "./topology.js";
 import { leaderOf, verdict } from "./words.js";
 
-/** Parts of the page, and update(moment, rounds), setNetwork(network). `beside` stands at the drawing's right. */
+/** Parts of the page, and update(moment, rounds, network): the nodes are those of the moment's time. `beside` stands at the drawing's right. */
 export function createStage({ network, onNode, onLink, beside }) {
   const isNarrow = matchMedia("(max-width: 40rem)");
   const topology = createTopology({ network, onNode, onLink, isNarrow });
@@ -34,11 +34,11 @@ export function createStage({ network, onNode, onLink, beside }) {
       topology.setSelected(name);
       nodes.setSelected(name);
     },
-    setNetwork(changed) {
-      facts = changed;
-      for (const part of [topology, nodes, links, rounds]) part.setNetwork(changed);
-    },
-    update(moment, lastRounds) {
+    update(moment, lastRounds, its) {
+      if (its !== facts && JSON.stringify(its) !== JSON.stringify(facts)) {
+        facts = its;
+        for (const part of [topology, nodes, links, rounds]) part.setNetwork(its);
+      }
       showVerdict(seal, figures, moment, facts);
       for (const part of [topology, nodes, links]) part.update(moment);
       rounds.update(lastRounds);

@@ -111,6 +111,25 @@ async def test_nodes_that_come_or_go_in_the_folder_are_noticed(console: LiveCons
     assert console.recorder.events_after(0)[-1]["text"] == "The nodes are others now: node-1, node-2, node-3."
 
 
+async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_and_its_rounds_stay(
+    console: LiveConsole, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ms = iter(range(1_000, 100_000, 1_000))
+    monkeypatch.setattr(console, "_now_ms", lambda: next(now_ms))
+    said = {"status": {"rounds": [{"epoch": 0, "round": 7, "leader": "node-4", "said": {"voted": 1}}]}}
+    console._take(sights(node_4=said))
+    shutil.rmtree(console.cluster.folder / "nodes" / "node-4")
+    assert console._begin_anew()
+    assert len(console.now(0)["network"]["nodes"]) == 4, "the newest moment is still one of four"
+    assert console.recorder.events_after(0)[-1]["nodes"] == ["node-4"]
+    console._take(sights()[:3])
+    past, now = console.past(1_500), console.now(0)
+    assert [len(each["network"]["nodes"]) for each in (past, now)] == [4, 3]
+    assert [round_["round"] for round_ in past["rounds"]] == [round_["round"] for round_ in now["rounds"]] == [7]
+    assert now["recording"]["names"] == ["node-1", "node-2", "node-3", "node-4"]
+    assert sum("The recording begins" in event["text"] for event in now["events"]) == 1
+
+
 async def test_who_produces_and_what_a_quorum_is_goes_by_the_epoch_that_nodes_tell_of(console: LiveConsole) -> None:
     seats = {"status": {"epoch": 3, "quorum": 2, "producers": ["node-2", "node-3"]}}
     console._take(sights(node_2=seats))

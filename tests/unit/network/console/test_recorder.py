@@ -7,7 +7,7 @@ import json
 from typing import Any
 
 from network.console.chronicle import make_event
-from network.console.recorder import Recorder
+from network.console.recorder import NETWORKS_MAX_COUNT, Recorder
 
 
 def _moment(number: int) -> dict[str, Any]:
@@ -104,3 +104,26 @@ def test_the_newest_moments_stay_even_if_one_alone_is_over_the_limit() -> None:
         recorder.add(_moment(number), [])
     assert _kept(recorder)[-1] == 4
     assert recorder.moments_count <= 3
+
+
+def _network(*names: str) -> dict[str, Any]:
+    return {"name": "ward", "quorum": 3, "nodes": [{"name": name} for name in names]}
+
+
+def test_each_time_has_the_nodes_of_its_time_also_those_that_have_gone() -> None:
+    recorder = Recorder()
+    assert recorder.network_at(0) is None
+    for at_ms, names in ((1_000, "ab"), (2_000, "ab"), (3_000, "abc"), (4_000, "bc")):
+        recorder.note_network(at_ms, _network(*names))
+    assert [known["at_ms"] for known in recorder.networks()] == [1_000, 3_000, 4_000]
+    for at_ms, names in ((0, "ab"), (2_999, "ab"), (3_000, "abc"), (9_000, "bc")):
+        assert recorder.network_at(at_ms) == _network(*names)
+    assert recorder.names() == ["a", "b", "c"]
+
+
+def test_of_a_network_that_never_stops_changing_only_the_newest_states_are_kept() -> None:
+    recorder = Recorder()
+    for number in range(NETWORKS_MAX_COUNT + 5):
+        recorder.note_network(number, _network(f"node-{number}"))
+    assert len(recorder.networks()) == NETWORKS_MAX_COUNT
+    assert recorder.network_at(0) == _network("node-5")
