@@ -85,6 +85,7 @@ class PageSession:
         self.used_at_ms = now_ms()
         self._heard_at_ms = now_ms()
         self._troubles: dict[str, tuple[BlockRobotError, int]] = {}
+        self._troubles_told: dict[str, str] = {}
         self._new_records: list[tuple[int, bytes]] = []
         self._changed = asyncio.Event()
         self._wake = asyncio.Event()
@@ -225,7 +226,9 @@ class PageSession:
         is_new = self.state == "ready" and not self.snapshot.same_as(before)
         if was[0] == "not_registered" and self.state == "ready":
             self._forget_refusals()
-        if is_new or was != (self.state, self.problem and self.problem.code):
+        troubles = {name: error.code for name, error in self.node_troubles().items()}
+        if is_new or was != (self.state, self.problem and self.problem.code) or troubles != self._troubles_told:
+            self._troubles_told = troubles
             self._tell_news()
 
     def _forget_refusals(self) -> None:
