@@ -179,6 +179,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("HANDLE_TAKEN", 409, "The enrolment code was used already.", "If it was you, restore that wallet from its words; if not, tell the registrar, who issues a new card."),
     ErrorEntry("ENVELOPE_INVALID", 400, "The sealed bytes do not open with this key.", "They were made for another person, or were changed."),
     ErrorEntry("RENDITION_CORRUPTED", 409, "The picture is not the one that the robot committed to.", "Tell the hospital: the custodian's copy was changed."),
+    ErrorEntry("FRAMES_MISCOUNTED", 409, "The robot counted another number of pictures than it committed to.", "Ask the hospital's data protection officer why: the robot's own figures contradict each other, and no custodian can cause that."),
     ErrorEntry("BAG_DAMAGED", 400, "The recording cannot be read, or breaks off.", "What stood before the break was used; check the file, or make it again."),
     ErrorEntry("EVENT_LOG_INVALID", 400, "The event log cannot be read.", "Name a log of `blockrobot robot --events` (JSON lines, CSV, XES) or one in the form that the prototype's authors published; see docs/how-to/run-the-experiments.md."),
     ErrorEntry("DRAWING_UNAVAILABLE", 501, "The process map could not be drawn with Graphviz.", "Install Graphviz (Debian: `apt install graphviz`), then `dot -Tsvg FILE.dot -o FILE.svg`: the DOT file is there."),

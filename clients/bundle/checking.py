@@ -313,6 +313,10 @@ def unproved(verdict: Verdict) -> list[str]:
     open_metadata = [record for record in verdict.records if record.sensor and not record.metadata_proved]
     if open_metadata:
         lines.append(f"sensor, times and counts of {len(open_metadata)} records, which are the exporter's word")
+    known = [record for record in verdict.records if record.metadata_proved and record.frames]
+    miscounted = sum(len(record.frames) != record.frame_count for record in known)
+    if miscounted:
+        lines.append(f"which pictures {miscounted} records should hold: the robot counted others than it committed to")
     for status, sentence in (
         (ERASED, "are erased, and gone"),
         (ABSENT, "could not be had, or were changed at the custodians, and are not in the bundle"),

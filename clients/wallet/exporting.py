@@ -251,6 +251,9 @@ class Exporting:
             self._note(
                 entry.record_id, "RENDITION_CORRUPTED", f"Changed at every custodian that answered: pictures {places}."
             )
+        if view.miscounted:
+            counts = f"{view.frames_counted} by the robot's own count, {len(view.frames)} that it committed to"
+            self._note(entry.record_id, "FRAMES_MISCOUNTED", f"The pictures do not add up: {counts}.")
         for frame in view.frames:
             if frame.rendition is None or frame.status == STATUS_CORRUPTED:
                 continue

@@ -65,9 +65,29 @@ class RecordView:
         return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
 
     @property
+    def frames_counted(self) -> int:
+        """How many frames the record has by the metadata that the robot sealed to its owner."""
+        return self.entry.metadata.frame_count
+
+    @property
+    def miscounted(self) -> list[int]:
+        """The indexes at which the robot contradicts itself: frames that it counted and did not commit to, or the reverse.
+
+        An erased frame keeps its leaf, and the number of leaves is hashed into the root: no erasure makes a place of
+        these, and no custodian can.
+        """
+        ends = sorted((self.frames_counted, len(self.frames)))
+        return list(range(*ends))
+
+    @property
     def verdict(self) -> str:
-        """`verified` or `corrupted`, as the verdict on the chain says it."""
-        return "corrupted" if self.corrupted else "verified"
+        """`verified` or `corrupted`, as the verdict on the chain says it: verified is only what passed every check."""
+        return "corrupted" if self.verdict_places else "verified"
+
+    @property
+    def verdict_places(self) -> list[int]:
+        """The indexes that the verdict on the chain is about, ascending."""
+        return sorted({*self.corrupted, *self.miscounted})
 
 
 def judge_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
@@ -179,7 +199,7 @@ class Viewing:
 
     async def put_verdict(self, view: RecordView) -> bytes:
         """Put what was found on the chain, signed by the owner key. Returns the txid."""
-        arguments = [view.entry.record_id, view.verdict, view.corrupted]
+        arguments = [view.entry.record_id, view.verdict, view.verdict_places]
         return await self._wallet.sign_and_wait(view.entry.visit, "access", "verdict", arguments)
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes:

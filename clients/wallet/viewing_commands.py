@@ -44,6 +44,8 @@ def _view_json(view: RecordView) -> dict[str, Any]:
     return {
         "record_id": view.entry.record_id.hex(),
         "verdict": view.verdict,
+        "frames_counted": view.frames_counted,
+        "frames_committed": len(view.frames),
         "custodians": list(view.custodians),
         "frames": [{"index": frame.index, "status": frame.status} for frame in view.frames],
     }
@@ -58,6 +60,8 @@ def _print_views(views: list[RecordView]) -> None:
         if not pictures:
             withheld = withheld_text(view.entry.metadata.withheld)
             console.print(escape(text("view.no_pictures", name=name, withheld=withheld)))
+            if view.miscounted:
+                console.print(f"  [red]{_counts(view)}[/red].")
             continue
         whole = sum(frame.status == STATUS_OK for frame in view.frames)
         line = text("view.whole", name=name, whole=whole, count=pictures)
@@ -66,7 +70,13 @@ def _print_views(views: list[RecordView]) -> None:
             line += "; " + text("view.erased", count=erased)
         if view.corrupted:
             line += f"; [red]{text('view.changed', indexes=', '.join(map(str, view.corrupted)))}[/red]"
+        if view.miscounted:
+            line += f"; [red]{_counts(view)}[/red]"
         console.print(line + ".")
+
+
+def _counts(view: RecordView) -> str:
+    return text("view.miscounted", counted=view.frames_counted, committed=len(view.frames))
 
 
 @click.command()

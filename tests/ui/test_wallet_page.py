@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import re
+import sqlite3
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
 
 from playwright.async_api import Page, expect
 
 from network.demo.tampering import flip_stored_byte
+from node.offchain.sqlite_store import DATABASE_FILE_NAME
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_wallet, watch_first_meeting
@@ -15,6 +20,26 @@ from tests.ui.watched_page import Pages, Watch
 from tests.walking_alone import UID
 
 STAFF_UID = "D0C"
+
+
+@asynccontextmanager
+async def other_leaves(folders: list[Path], record_id: bytes) -> AsyncIterator[None]:
+    """Have custodians' stores hold another first leaf of a record until the end of the block."""
+
+    def turn() -> None:
+        for folder in folders:
+            with sqlite3.connect(folder / DATABASE_FILE_NAME, timeout=10) as database:
+                select = "SELECT commitment_leaves FROM clips WHERE record_id = ?"
+                (leaves,) = database.execute(select, (record_id,)).fetchone()
+                update = "UPDATE clips SET commitment_leaves = ? WHERE record_id = ?"
+                database.execute(update, (bytes([leaves[0] ^ 1]) + leaves[1:], record_id))
+            database.close()
+
+    await asyncio.to_thread(turn)
+    try:
+        yield
+    finally:
+        await asyncio.to_thread(turn)
 
 
 async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_green_seal(
@@ -95,8 +120,32 @@ async def test_bytes_that_were_changed_at_their_keepers_give_a_red_seal_that_say
         await page.get_by_role("button", name="Write this finding").click()
         await expect(page.locator(".seal")).to_contain_text("This finding stands in block", timeout=SETTLED_MS)
         await go(page, "inbox")
-        await expect(page.locator(".notice.bad")).to_contain_text("1 recording was changed", timeout=SETTLED_MS)
+        await expect(page.locator(".notice.bad")).to_contain_text(
+            "1 recording is not as the robot took it", timeout=SETTLED_MS
+        )
         assert await find_accessibility_faults(page, by_keyboard=False) == []
+
+
+async def test_what_no_keeper_hands_out_whole_has_no_seal_but_is_said_to_be_unchecked_and_why(
+    recorded_network: RecordedNetwork, page: Page
+) -> None:
+    """Leaves that lead to no root of the chain: neither green nor red, and it stays until she tries again."""
+    record = next(entry for entry in recorded_network.records if entry.metadata.sensor == "depth")
+    folders = [
+        recorded_network.network.cluster.config(node.name).custody_dir for node in recorded_network.genesis.custodians
+    ]
+    async with other_leaves(folders, record.record_id), serve_wallet(recorded_network) as served:
+        await open_page(page, served)
+        await go(page, f"record/{record.record_id.hex()}")
+        await page.get_by_role("button", name="Watch").click()
+        seal = page.locator(".seal[data-seal=unchecked]")
+        await expect(seal).to_contain_text("Could not be checked now", timeout=SETTLED_MS)
+        await expect(page.locator(".story").first).to_contain_text("You asked to look at 1 recording.")
+        await expect(seal).to_be_visible()
+        assert await page.locator(".player").count() == 0
+        assert await find_accessibility_faults(page, by_keyboard=False) == []
+        await page.get_by_role("button", name="Try again").click()
+        await expect(seal).to_be_visible(timeout=SETTLED_MS)
 
 
 async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_ends_it(

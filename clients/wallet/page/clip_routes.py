@@ -10,10 +10,10 @@ from aiohttp import web
 
 from clients.sdk.picture import Depth
 from clients.wallet.auditing import audit_visit
-from clients.wallet.page.answering import accepted, answer_json, body_of, query_of, route
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, query_of, route
 from clients.wallet.page.clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.jobs import Job
-from clients.wallet.page.seals import seal_json, verified_block
+from clients.wallet.page.seals import Seal, seal_json, verified_block
 from clients.wallet.page.session import PageSession
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry
@@ -51,14 +51,16 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
     if len({entry.visit.owner for entry in entries}) > 1:
         raise BlockRobotError("REQUEST_INVALID", "Open records of one visit at a time: together they would be joined.")
 
+    language = language_of(request)
+
     async def work(job: Job) -> dict[str, Any]:
-        return await open_records(session, job, entries, purpose, verify=verify)
+        return await open_records(session, job, entries, purpose, verify=verify, language=language)
 
     return accepted(session.jobs.start("verify" if verify else "clip", work, stoppable=not verify))
 
 
 async def open_records(
-    session: PageSession, job: Job, entries: list[RecordEntry], purpose: str, *, verify: bool
+    session: PageSession, job: Job, entries: list[RecordEntry], purpose: str, *, verify: bool, language: str
 ) -> dict[str, Any]:
     """Fetch, check and open records of one visit as they are on the chain now; with `verify` write down what was found.
 
@@ -81,9 +83,10 @@ async def open_records(
                 break
     written = await _find_written(session, entries) if verify else {}
     block, now_ms = verified_block(wallet), session.now_ms()
-    seals = [seal_json(view, block, now_ms, written.get(view.entry.record_id)) for view in views]
-    clip = session.clips.add(views, seals, rooms)
-    return {"clip": clip.name, "seals": seals, "frames": len(clip.frames), "records": len(views)}
+    seals = [Seal(view, block, now_ms, written.get(view.entry.record_id)) for view in views]
+    clip = session.clips.add(seals, rooms)
+    told = [seal_json(seal, language) for seal in seals]
+    return {"clip": clip.name, "seals": told, "frames": len(clip.frames), "records": len(views)}
 
 
 async def _add_rooms(viewing: Viewing, view: RecordView, rooms: dict[bytes, bytes]) -> None:
@@ -128,7 +131,7 @@ def _clip_of(session: PageSession, request: web.Request) -> OpenClip:
 
 
 async def _clip(session: PageSession, request: web.Request) -> web.Response:
-    return answer_json(_clip_of(session, request).as_json())
+    return answer_json(_clip_of(session, request).as_json(language_of(request)))
 
 
 async def _forget(session: PageSession, request: web.Request) -> web.Response:

@@ -14,6 +14,7 @@ import numpy as np
 
 from clients.sdk.picture import Depth, colourise, compose_on, decode_depth_png
 from clients.sdk.rendition_files import own_depth, own_pixels, sense_file
+from clients.wallet.page.seals import Seal, seal_json
 from clients.wallet.viewing import FrameView, RecordView
 from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_LABEL, ENCODING_PNG16, ENCODING_WAV, Rendition
@@ -30,12 +31,13 @@ class OpenClip:
     """Records of one visit, one after the other. `rooms` are empty frames as PNG, by hash."""
 
     name: str
-    views: tuple[RecordView, ...]
-    seals: list[dict[str, Any]]
+    seals: tuple[Seal, ...]
     rooms: dict[bytes, bytes]
+    views: tuple[RecordView, ...] = field(init=False)
     frames: list[tuple[RecordView, FrameView]] = field(init=False)
 
     def __post_init__(self) -> None:
+        self.views = tuple(seal.view for seal in self.seals)
         self.frames = [(view, frame) for view in self.views for frame in view.frames]
 
     @property
@@ -80,13 +82,13 @@ class OpenClip:
         """Return one's own pixels of a depth picture as they were measured."""
         return own_pixels(self.rendition(number))
 
-    def as_json(self) -> dict[str, Any]:
-        """Return it for the page."""
+    def as_json(self, language: str | None = None) -> dict[str, Any]:
+        """Return it for the page; sentences in `language` (None: the one in use)."""
         return {
             "clip": self.name,
             "visit": self.views[0].entry.visit.owner.hex(),
             "records": [view.entry.record_id.hex() for view in self.views],
-            "seals": self.seals,
+            "seals": [seal_json(seal, language) for seal in self.seals],
             "frames": [_frame_json(number, view, frame) for number, (view, frame) in enumerate(self.frames)],
         }
 
@@ -131,9 +133,9 @@ class Clips:
         self._held_max_bytes = held_max_bytes
         self._clips: dict[str, OpenClip] = {}
 
-    def add(self, views: list[RecordView], seals: list[dict[str, Any]], rooms: dict[bytes, bytes]) -> OpenClip:
+    def add(self, seals: list[Seal], rooms: dict[bytes, bytes]) -> OpenClip:
         """Keep a clip, and forget others if there is no room."""
-        clip = OpenClip(secrets.token_hex(8), tuple(views), seals, rooms)
+        clip = OpenClip(secrets.token_hex(8), tuple(seals), rooms)
         self._clips[clip.name] = clip
         while len(self._clips) > 1 and sum(each.size for each in self._clips.values()) > self._held_max_bytes:
             del self._clips[next(iter(self._clips))]

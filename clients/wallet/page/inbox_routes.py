@@ -60,7 +60,7 @@ def _alarm(part: VisitPart) -> dict[str, Any]:
     if report.unreadable_ids:
         told.append(f"{len(report.unreadable_ids)} records do not open with your keys. Ask the hospital why.")
     if corrupted:
-        told.append(f"{len(corrupted)} records were changed since the robot took them. Ask the hospital why.")
+        told.append(f"{len(corrupted)} records are not as the robot took them, as you found. Ask the hospital why.")
     return {
         "visit": report.visit.owner.hex(),
         "missing_records": report.missing_count,

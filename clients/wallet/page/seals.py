@@ -1,4 +1,5 @@
-"""The seal of a record: what was checked against which block, and what came of it. Must never be good by anybody's word.
+"""The seal of a record: what was checked against which block, and what came of it. Must never be good by anybody's word,
+nor while any check of it failed.
 
 It adds no check: it tells those that the wallet made when it fetched and opened the record.
 """
@@ -8,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView
+from clients.wallet.language import describe_error, text
+from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -23,59 +25,92 @@ class VerifiedBlock:
     block_id: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """A record as it was found, the block that it was checked against, and when, by this machine's clock.
+
+    `verdict_height` is the block in which the verdict stands that was put on the chain.
+    """
+
+    view: RecordView
+    block: VerifiedBlock
+    checked_at_ms: int
+    verdict_height: int | None = None
+
+
 def verified_block(wallet: Wallet) -> VerifiedBlock:
     """Return the block against whose state the wallet checks now."""
     client = wallet.network.light_client
     return VerifiedBlock(client.header.height, client.header.timestamp_ms, sha256(client.pinned_header_bytes))
 
 
-def seal_json(view: RecordView, block: VerifiedBlock, now_ms: int, verdict_height: int | None = None) -> dict[str, Any]:
-    """Return the seal of a record as it was found, checked at `now_ms` by this machine's clock.
-
-    `verdict_height` is the block in which the verdict stands that was put on the chain.
-    """
-    state = view.entry.state
+def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
+    """Return a seal for the page; sentences in `language` (None: the one in use)."""
+    view = seal.view
+    state, checks = view.entry.state, _checks(view, language)
     shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
     good = sum(frame.status == STATUS_OK for frame in shown)
-    is_good = not view.corrupted
     return {
         "record_id": view.entry.record_id.hex(),
-        "state": "good" if is_good else "bad",
-        "sentence": f"{good} of {len(shown)} pictures are as the robot took them."
-        + ("" if is_good else f" Changed since: {', '.join(map(str, view.corrupted))}."),
-        "checks": _checks(view),
+        "state": "good" if all(check["ok"] for check in checks) else "bad",
+        "sentence": _sentence(view, good, len(shown), language),
+        "checks": checks,
         "frames_ok": good,
         "frames_shown": len(shown),
+        "frames_counted": view.frames_counted,
+        "frames_committed": len(view.frames),
         "corrupted": view.corrupted,
         "erased": [frame.index for frame in view.frames if frame.status == STATUS_ERASED],
         "custodians": list(view.custodians),
         "refused": [
-            {"name": name, "code": code, "sentence": BlockRobotError(code).detail} for name, code in view.refused
+            {"name": name, "code": code, "sentence": describe_error(BlockRobotError(code), language)[0]}
+            for name, code in view.refused
         ],
         "record_height": state.get("height"),
         "record_txid": state["txid"].hex() if "txid" in state else None,
-        "proved_height": block.height,
-        "proved_block_id": block.block_id.hex(),
-        "proved_time_ms": block.time_ms,
-        "checked_at_ms": now_ms,
-        "verdict_height": verdict_height,
+        "proved_height": seal.block.height,
+        "proved_block_id": seal.block.block_id.hex(),
+        "proved_time_ms": seal.block.time_ms,
+        "checked_at_ms": seal.checked_at_ms,
+        "verdict_height": seal.verdict_height,
     }
 
 
-def _checks(view: RecordView) -> list[dict[str, Any]]:
+def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> str:
+    told = [text("seal.whole", language=language, whole=good, count=shown)]
+    if view.corrupted:
+        told.append(text("seal.changed", language=language, places=_places(view.corrupted)))
+    if view.miscounted:
+        told.append(text("seal.wrong.complete", language=language, **_counts(view)) + ".")
+    return " ".join(told)
+
+
+def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
     """Tell what was checked. The first ones hold for all that got so far: else there would be nothing to show."""
-    frames_count = view.entry.metadata.frame_count
-    bad = [frame.index for frame in view.frames if frame.status == STATUS_CORRUPTED]
+    is_whole = not view.corrupted
     rows = (
-        ("header_votes", True, "The block is signed by a quorum of the network's producers"),
-        ("record_on_chain", True, "The record stands in that block's state, under the key of your visit"),
-        ("ciphertext", not bad, "What was sent is what the ledger names"),
-        ("decrypted", not bad, "It opens with your key"),
-        ("commitment", not bad, "Every picture is the one that the robot committed to"),
-        ("complete", len(view.frames) == frames_count, "No picture is missing"),
+        ("header_votes", True),
+        ("record_on_chain", True),
+        ("ciphertext", is_whole),
+        ("decrypted", is_whole),
+        ("commitment", is_whole),
+        ("complete", not view.miscounted),
     )
-    places = ", ".join(map(str, bad))
-    wrong = (
-        f"Pictures {places} did not pass at any custodian." if bad else f"{len(view.frames)} of {frames_count} came."
-    )
-    return [{"code": code, "ok": ok, "what": what, "sentence": f"{what}." if ok else wrong} for code, ok, what in rows]
+    values = {"places": _places(view.corrupted), **_counts(view)}
+    return [
+        {
+            "code": code,
+            "ok": ok,
+            "sentence": text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values),
+        }
+        for code, ok in rows
+    ]
+
+
+def _counts(view: RecordView) -> dict[str, int]:
+    return {"counted": view.frames_counted, "committed": len(view.frames)}
+
+
+def _places(indexes: list[int]) -> str:
+    """Name frames as people count them, from 1."""
+    return ", ".join(str(index + 1) for index in indexes)

@@ -4,7 +4,7 @@ import { announce, h, replace } from "./shared/dom.js";
 import { follow, forget, get, post } from "./api.js";
 import { clock, contentOf, dayName, dayOf, moment, problemCard, progressOf, reasonName, sensorName } from "./pieces.js";
 import { makePlayer } from "./player.js";
-import { makeSeal, unsealed } from "./seal.js";
+import { makeSeal, titleOf, uncheckedSeal, unsealed } from "./seal.js";
 import { choose } from "./selection.js";
 import { storyList } from "./story.js";
 import { t } from "./texts.js";
@@ -73,6 +73,7 @@ function makeScreen(context, given, { title, back }) {
   let part = 0;
   let clipId = null;
   let player = null;
+  let isUnchecked = false;
   const area = h("div", {});
   const seal = h("div", {});
   const buttons = h("div", { class: "row actions-inline" });
@@ -87,6 +88,7 @@ function makeScreen(context, given, { title, back }) {
   context.onLeave(() => { if (clipId) forget(`clips/${clipId}`); });
 
   const invite = () => {
+    isUnchecked = false;
     const usable = parts();
     if (usable.length === 0) {
       replace(seal);
@@ -102,6 +104,7 @@ function makeScreen(context, given, { title, back }) {
     const wanted = parts()[part];
     const progress = progressOf(verify ? t("record.checking") : t("record.opening"));
     player?.stop();
+    isUnchecked = false;
     replace(area, progress.node);
     try {
       const { job } = await post("clips", { records: wanted.map((row) => row.record_id), verify }, context.signal);
@@ -110,16 +113,22 @@ function makeScreen(context, given, { title, back }) {
       clipId = result.clip;
       opened.set(wanted[0].record_id, result.records);
       const clip = await get(`clips/${clipId}`, {}, context.signal);
-      showOpened(clip, !verify && !clip.seals.some((one) => one.state === "bad"));
+      showOpened(clip, !verify && clip.seals.every((one) => one.state === "good"));
     } catch (error) {
       if (error.name === "AbortError") return;
-      replace(area, problemCard(error, () => open({ verify })));
+      if (error.code === "CANCELLED") {
+        replace(area, problemCard(error, () => open({ verify })));
+        return;
+      }
+      isUnchecked = true;
+      replace(seal, uncheckedSeal(error, rows.length === 1 ? rows[0] : null));
+      replace(area, h("div", { class: "notice bad" }, h("p", {}, t("seal.uncheckedText")), h("p", {}, h("button", { type: "button", "data-key": "again", onclick: () => open({ verify }) }, t("problem.again")))));
     }
   };
 
   const showOpened = (clip, isPlaying) => {
     replace(seal, makeSeal(clip.seals, () => open({ verify: true })));
-    announce(clip.seals.every((one) => one.state === "good") ? t("seal.good") : t("seal.bad"));
+    announce(titleOf(clip.seals));
     player = makePlayer(clip, context.overview.shown_mm, { signal: context.signal, onErase: (frame) => send("erase", { records: [frame.record_id], frames: [frame.index], title: t("erase.picture", { time: frame.captured_at_ms ? clock(frame.captured_at_ms) : String(frame.index + 1) }) })() });
     const count = parts().length;
     const turn = (by) => () => { part += by; open({}); };
@@ -142,7 +151,7 @@ function makeScreen(context, given, { title, back }) {
   return { node, open: () => parts().length > 0 && open({}), update(now) {
     const before = parts().flat().length;
     rows = now;
-    if (clipId === null && (parts().flat().length !== before || rows.length === 1) && !area.contains(document.activeElement) && !area.querySelector("[role=status]")) invite();
+    if (clipId === null && (parts().flat().length !== before || (rows.length === 1 && !isUnchecked)) && !area.contains(document.activeElement) && !area.querySelector("[role=status]")) invite();
     if (!buttons.contains(document.activeElement)) drawButtons();
   } };
 }

@@ -27,8 +27,8 @@ BEGAN_MS = 1_800_000_000_000
 VISIT = KnownVisit(owner=b"\x02" * 33, ephemeral=bytes(33), robot=bytes(33), sequence=0, bucket_ms=0)
 
 
-def entry(number: int) -> RecordEntry:
-    metadata = RecordMetadata("rgb", BEGAN_MS, BEGAN_MS + 500, 3, number, bytes(32), (), 64, 48)
+def entry(number: int, frames: int = 3) -> RecordEntry:
+    metadata = RecordMetadata("rgb", BEGAN_MS, BEGAN_MS + 500, frames, number, bytes(32), (), 64, 48)
     return RecordEntry(number.to_bytes(16, "big"), VISIT, {"status": "active"}, metadata)
 
 
@@ -175,13 +175,22 @@ def test_a_shell_completes_what_is_on_this_machine_and_nothing_where_nothing_is(
 def test_a_record_without_pictures_is_said_to_have_none_and_a_changed_one_which(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    notice = RecordView(entry(1), (FrameView(0, "notice", None),), ("node-1",))
-    erased = RecordView(entry(2), (FrameView(0, "ok", None), FrameView(1, "erased", None)), ("node-1",))
-    changed = RecordView(entry(3), (FrameView(0, "ok", None), FrameView(1, "corrupted", None)), ("node-1",))
+    notice = RecordView(entry(1, 1), (FrameView(0, "notice", None),), ("node-1",))
+    erased = RecordView(entry(2, 2), (FrameView(0, "ok", None), FrameView(1, "erased", None)), ("node-1",))
+    changed = RecordView(entry(3, 2), (FrameView(0, "ok", None), FrameView(1, "corrupted", None)), ("node-1",))
     _print_views([notice, erased, changed])
     said = " ".join(capsys.readouterr().out.split())
     assert f"{entry(1).record_id.hex()}: it holds no pictures" in said
     assert "1 of 2 pictures are as the robot took them; 1 erased." in said
     assert "1 of 2 pictures are as the robot took them; changed since: 1." in said
+    assert "count" not in said
+    short = RecordView(entry(4, 5), (FrameView(0, "ok", None),), ("node-1",))
+    noted = RecordView(entry(5, 2), (FrameView(0, "notice", None),), ("node-1",))
+    _print_views([short, noted])
+    said = " ".join(capsys.readouterr().out.split())
+    assert (
+        "1 of 1 pictures are as the robot took them; the robot's own count is 5, and it put 1 into the ledger;" in said
+    )
+    assert "the robot's own count is 2, and it put 1 into the ledger; ask the hospital why." in said
     _print_views([])
     assert "There is nothing to show." in capsys.readouterr().out

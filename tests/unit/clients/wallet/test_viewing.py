@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import msgspec
 import pytest
 
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry
 from consensus.errors import BlockRobotError
+from tests.miscounting_robot import miscounting
 from tests.unit.clients.wallet.conftest import World
 from tests.virtual_time import run_virtual
 
@@ -130,6 +132,36 @@ async def test_if_all_refuse_their_reason_is_told(world: World) -> None:
     with pytest.raises(BlockRobotError) as caught:
         await look(world, entry)
     assert caught.value.code == "ACCESS_NOT_GRANTED"
+
+
+@pytest.mark.parametrize(("counted", "committed", "places"), [(5, 1, [1, 2, 3, 4]), (1, 3, [1, 2])])
+async def test_a_record_of_which_the_robot_counted_others_than_it_committed_to_is_not_verified(
+    world: World, monkeypatch: pytest.MonkeyPatch, counted: int, committed: int, places: list[int]
+) -> None:
+    """No custodian can cause it: the root holds the number of leaves. What there is opens, and the verdict says it."""
+    miscounting(monkeypatch, counted)
+    entry = await one_record(world, committed)
+    view = await look(world, entry)
+    assert statuses(view) == ["ok"] * committed
+    assert (view.frames_counted, view.corrupted, view.miscounted) == (counted, [], places)
+    assert view.verdict == "corrupted"
+    await Viewing(world.wallet).put_verdict(view)
+    assert world.network.calls[-1] == (entry.visit.owner, "access", "verdict", [entry.record_id, "corrupted", places])
+
+
+async def test_a_custodian_that_sends_fewer_leaves_makes_no_miscounted_record_but_none(world: World) -> None:
+    entry = await one_record(world)
+    for clips in world.network.custody.clips.values():
+        clip = clips[entry.record_id]
+        clips[entry.record_id] = msgspec.structs.replace(
+            clip,
+            frames=clip.frames[:2],
+            commitment_leaves=clip.commitment_leaves[:2],
+            ciphertext_leaves=clip.ciphertext_leaves[:2],
+        )
+    with pytest.raises(BlockRobotError) as caught:
+        await look(world, entry)
+    assert caught.value.code == "PROOF_INVALID"
 
 
 async def test_the_verdict_goes_on_the_chain_with_the_frames_it_is_about(world: World) -> None:

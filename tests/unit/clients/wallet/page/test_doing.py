@@ -19,6 +19,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
 from consensus.records.vouchers import encode_card_code
 from network.demo_notice import demo_notice
+from tests.miscounting_robot import miscounting
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
 
@@ -64,6 +65,55 @@ async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -
     (alarm,) = (await desk.page.get("/api/inbox"))["alarms"]
     assert alarm["corrupted_records"] == [ids[0]]
     assert (await desk.page.get("/api/overview"))["counts"]["alarms"] == 1
+
+
+async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_the_chain(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The robot counted 5 pictures and committed to 1: what there is is whole, and still it is not verified."""
+    miscounting(monkeypatch, 5)
+    visit = desk.ward.open_visit()
+    record_id = desk.ward.record(visit, frames=1)
+    desk.ward.close_visit(visit)
+    await desk.read()
+    opened = await desk.page.do("/api/clips", {"records": [record_id.hex()], "verify": True})
+    (seal,) = opened["seals"]
+    assert (seal["state"], seal["frames_ok"], seal["corrupted"]) == ("bad", 1, [])
+    assert (seal["frames_counted"], seal["frames_committed"]) == (5, 1)
+    assert [check["code"] for check in seal["checks"] if not check["ok"]] == ["complete"]
+    on_chain = desk.ward.chain.value("access", b"verdict/" + record_id)
+    assert (on_chain["verdict"], on_chain["frames"]) == ("corrupted", [1, 2, 3, 4])
+    assert (await desk.page.get("/api/records"))["records"][0]["verdict"] == "corrupted"
+
+
+async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(desk: Desk) -> None:
+    visit = desk.ward.open_visit()
+    record_id = desk.ward.record(visit, frames=3)
+    desk.ward.close_visit(visit)
+    await desk.ward.erase(visit, [record_id], [1])
+    clip = desk.ward.custody.clips[record_id]
+    frames = list(clip.frames)
+    frames[1] = msgspec.structs.replace(frames[1], erased=True, ciphertext=b"", sealed_key=b"")
+    desk.ward.custody.clips[record_id] = msgspec.structs.replace(clip, frames=frames)
+    await desk.read()
+    (seal,) = (await desk.page.do("/api/clips", {"records": [record_id.hex()], "verify": True}))["seals"]
+    assert (seal["state"], seal["erased"], seal["frames_ok"]) == ("good", [1], 2)
+    assert desk.ward.chain.value("access", b"verdict/" + record_id)["verdict"] == "verified"
+
+
+async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+    ids = await recorded(desk)
+    desk.ward.spoil(bytes.fromhex(ids[0]), 1)
+    opened = await desk.page.do("/api/clips", {"records": ids})
+    path = f"/api/clips/{opened['clip']}"
+    told = {}
+    for language in ("en", "pt"):
+        desk.page.headers["Accept-Language"] = language
+        told[language] = (await desk.page.get(path))["seals"][0]
+    assert told["en"]["sentence"] == "1 of 2 pictures are as the robot took them. Not as the robot took them: 2."
+    assert told["pt"]["sentence"] == "1 de 2 imagens estão como o robô as fez. Não estão como o robô as fez: 2."
+    assert told["pt"]["checks"][0]["sentence"] == "O bloco está assinado por organizações suficientes da rede"
+    assert told["pt"]["checks"][2]["sentence"] == "O que foi enviado não é o que o registo nomeia"
 
 
 async def test_records_of_two_visits_are_not_opened_together(desk: Desk) -> None:

@@ -1,0 +1,59 @@
+"""Seals for whatever was found of a record: green, and verified on the chain, only if every check of it passed."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from clients.wallet.keystore import KnownVisit
+from clients.wallet.page.seals import Seal, VerifiedBlock, seal_json
+from clients.wallet.viewing import (
+    STATUS_CORRUPTED,
+    STATUS_ERASED,
+    STATUS_NOTICE,
+    STATUS_OK,
+    FrameView,
+    RecordView,
+)
+from clients.wallet.wallet import RecordEntry
+from consensus.limits import CLIP_FRAMES_MAX_COUNT
+from consensus.records.metadata import RecordMetadata
+
+VISIT = KnownVisit(owner=b"\x02" * 33, ephemeral=bytes(33), robot=bytes(33), sequence=0, bucket_ms=0)
+BLOCK = VerifiedBlock(7, 1_800_000_000_000, b"\x07" * 32)
+statuses = st.lists(
+    st.sampled_from([STATUS_OK, STATUS_NOTICE, STATUS_ERASED, STATUS_CORRUPTED]),
+    min_size=1,
+    max_size=CLIP_FRAMES_MAX_COUNT,
+)
+differences = st.one_of(st.just(0), st.integers(-CLIP_FRAMES_MAX_COUNT, CLIP_FRAMES_MAX_COUNT))
+
+
+def found(frames: list[str], counted: int) -> RecordView:
+    metadata = RecordMetadata("depth", 1, 2, counted, 0, bytes(32), (), 64, 48)
+    views = tuple(FrameView(index, status, None) for index, status in enumerate(frames))
+    return RecordView(RecordEntry(bytes(16), VISIT, {"status": "active"}, metadata), views, ("node-1",))
+
+
+@given(frames=statuses, difference=differences, language=st.sampled_from(["en", "pt"]))
+def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
+    frames: list[str], difference: int, language: str
+) -> None:
+    counted = min(CLIP_FRAMES_MAX_COUNT, max(1, len(frames) + difference))
+    view = found(frames, counted)
+    seal = seal_json(Seal(view, BLOCK, 0), language)
+    is_sound = STATUS_CORRUPTED not in frames and counted == len(frames)
+    assert (seal["state"] == "good") == all(check["ok"] for check in seal["checks"]) == is_sound
+    assert (view.verdict == "verified") == is_sound
+    assert bool(view.verdict_places) != is_sound
+    assert all(0 <= place < CLIP_FRAMES_MAX_COUNT for place in view.verdict_places), "the contract takes no other"
+    assert view.verdict_places == sorted(set(view.verdict_places))
+
+
+@given(frames=statuses.filter(lambda each: STATUS_CORRUPTED not in each), data=st.data())
+def test_no_erasure_of_pictures_turns_a_good_seal_red(frames: list[str], data: st.DataObject) -> None:
+    gone = data.draw(st.sets(st.integers(0, len(frames) - 1)))
+    after = [STATUS_ERASED if index in gone else status for index, status in enumerate(frames)]
+    assert [seal_json(Seal(found(each, len(frames)), BLOCK, 0), "en")["state"] for each in (frames, after)] == [
+        "good"
+    ] * 2
