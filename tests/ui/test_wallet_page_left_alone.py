@@ -9,7 +9,6 @@ import asyncio
 import dataclasses
 import re
 from collections.abc import AsyncIterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -19,58 +18,21 @@ from playwright.async_api import Dialog, Page, expect
 
 from clients.wallet.consenting import Consenting, Word
 from clients.wallet.page import clip_routes
-from clients.wallet.page.page import make_page
-from clients.wallet.page.session import PageSession
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.notices import encode_notice
 from network.demo_notice import demo_notice
-from pages.local_page import LocalPage
+from tests.ui.shown_page import COMMAND, SOON_MS, Shown, show_ward
 from tests.ui.watched_page import Watch
-from tests.unit.clients.wallet.page.conftest import dress
 from tests.unit.clients.wallet.shared_ward import SharedWard
-
-SOON_MS = 10_000
-COMMAND = "blockrobot wallet --profile ann --wallet-dir '/srv/my wallets' serve"
-
-
-@dataclass
-class Shown:
-    """A person's page in a browser, and what stands behind it."""
-
-    ward: SharedWard
-    session: PageSession
-    served: LocalPage
-    page: Page
-
-    async def record(self) -> None:
-        """Have the robot meet her once more, and the session read it."""
-        self.ward.record_visit()
-        async with self.session.lock:
-            await self.session.read()
 
 
 @pytest_asyncio.fixture(loop_scope="session")
 async def shown(tmp_path: Path, page: Page) -> AsyncIterator[Shown]:
     ward = SharedWard(tmp_path)
-    dress(ward)
-    session = PageSession(
-        ward.wallet,
-        "ann",
-        tmp_path / ".ann.page",
-        now_ms=lambda: ward.chain.time_ms,
-        read_every_s=3_600.0,
-        command=COMMAND,
-    )
-    async with session:
-        served = make_page(session)
-        where = await served.start()
-        shown = Shown(ward, session, served, page)
-        await shown.record()
-        await page.goto(where.redirect_file.as_uri())
+    ward.record_visit()
+    async with show_ward(ward, page) as shown:
         await expect(page.locator(".lead")).to_contain_text("2 recordings", timeout=SOON_MS)
         yield shown
-        await page.goto("about:blank")
-        await served.stop()
 
 
 async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_come_back(
