@@ -51,13 +51,14 @@ class Cluster:
 
     def __init__(self, folder: Path) -> None:
         """Open a network folder. Raises CLUSTER_NOT_RUNNING if there is no network in it."""
-        self.folder = folder
-        path = folder / "genesis.json"
+        # Whoever named it otherwise before, from another place or by a link, has to find the processes that run.
+        self.folder = folder.resolve()
+        path = self.folder / "genesis.json"
         if not path.exists():
             raise BlockRobotError("CLUSTER_NOT_RUNNING", f"There is no network in {folder}.")
         self.genesis: Genesis = genesis_from_json(path.read_text(encoding="utf-8"))
         self.configs: dict[str, NodeConfig] = {
-            name: load_config(folder / "nodes" / name) for name in self._find_names()
+            name: load_config(self.folder / "nodes" / name) for name in self._find_names()
         }
         self._children: dict[str, subprocess.Popen[bytes]] = {}
 
@@ -303,7 +304,7 @@ def _is_node_process(pid: int, data_dir: Path) -> bool:
         command = Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return True  # no /proc here (macOS): the number is all there is to go by
-    return str(data_dir).encode() in command
+    return str(data_dir).encode() in command.split(b"\0")
 
 
 def _is_stopped_process(pid: int) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import secrets
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,11 @@ _TEXT_COLUMNS = frozenset({"node", "state", "leads"})
 def network_folder(folder: Path | None) -> Path:
     """Return the folder that a command means: the one given, or the user's own network."""
     return folder or home_folder() / "network"
+
+
+def dir_words(place: Path) -> str:
+    """Return what a command that is told as a next step needs to mean the network in `place`, a blank before it."""
+    return "" if place.absolute() == network_folder(None).absolute() else f" --dir {shlex.quote(str(place.absolute()))}"
 
 
 folder_option = click.option(

@@ -10,7 +10,7 @@ from rich.markup import escape
 
 from clients.sdk.terminal import console as terminal
 from clients.sdk.terminal import home_folder, json_option, plain_errors, print_json
-from network.cli.cluster_commands import folder_option, network_folder
+from network.cli.cluster_commands import dir_words, folder_option, network_folder
 from network.cluster import Cluster
 from pages.local_page import Opened
 from pages.opening import open_in_browser
@@ -51,4 +51,5 @@ def show_console(cluster: Cluster, *, no_browser: bool, as_json: bool) -> None:
     folder = home_folder() / "console"
     asyncio.run(serve_console(cluster, redirect_folder=folder, opened=opened, is_interactive=not as_json))
     if not as_json:
-        terminal.print("The console has ended; the network goes on. See blockrobot status.")
+        step = f"blockrobot status{dir_words(cluster.folder)}"
+        terminal.print(escape(f"The console has ended; the network goes on. See {step}."))

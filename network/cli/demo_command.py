@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import shlex
 import shutil
 import signal
 import sys
@@ -103,11 +104,15 @@ async def _whole(story: Demo) -> None:
 
 
 def _say_how_to_go_on(place: Path) -> None:
-    genesis = place / "network" / "genesis.json"
-    console.print(
-        "The network is up. Try:\n"
-        f"  blockrobot status --dir {place / 'network'}\n"
-        f"  BLOCKROBOT_PASSPHRASE_FILE={place}/wallets/patient-b.passphrase blockrobot wallet "
-        f"--wallet-dir {place / 'wallets'} --profile patient-b --genesis {genesis} records\n"
-        f"  blockrobot down --dir {place / 'network'}"
+    network, wallets = place / "network", place / "wallets"
+    told = (
+        f"  blockrobot status --dir {_typed(network)}\n"
+        f"  BLOCKROBOT_PASSPHRASE_FILE={_typed(wallets / 'patient-b.passphrase')} blockrobot wallet "
+        f"--wallet-dir {_typed(wallets)} --profile patient-b --genesis {_typed(network / 'genesis.json')} records\n"
+        f"  blockrobot down --dir {_typed(network)}"
     )
+    console.print(escape("The network is up. Try:\n" + told))
+
+
+def _typed(path: Path) -> str:
+    return shlex.quote(str(path))

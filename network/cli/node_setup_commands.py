@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 
 import click
@@ -130,7 +131,7 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
     `speaker` is the option that says whose admin signs, `network` the local network that the node belongs to, if it
     does; `folder` is what --dir said.
     """
-    where = "" if folder is None else f" --dir {folder}"
+    where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
     start = f"blockrobot node run {place}" if network is None else f"blockrobot node run {name} --detach{where}"
     return [
         f"blockrobot org propose add-node --from {place / ENTRY_FILE} {speaker}{where}",

@@ -90,3 +90,15 @@ def test_no_key_of_the_network_is_readable_by_others(made: Path) -> None:
     secret = [path for path in made.rglob("*") if path.name.endswith((".key", "key.pem"))]
     assert len(secret) >= 4 * 2 + 2 * 3
     assert {path.stat().st_mode & 0o777 for path in secret} == {0o600}
+
+
+def test_a_network_is_the_same_however_its_folder_is_named(
+    cluster: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    link = tmp_path / "link"
+    link.symlink_to(cluster.folder, target_is_directory=True)
+    monkeypatch.chdir(cluster.folder.parent)
+    for named in (Path(cluster.folder.name), Path("nowhere/..") / cluster.folder.name, link):
+        assert {name: each.data_dir for name, each in Cluster(named).configs.items()} == {
+            name: each.data_dir for name, each in cluster.configs.items()
+        }
