@@ -71,6 +71,6 @@ async def show_ward(ward: SharedWard, page: Page) -> AsyncIterator[Shown]:
             await page.goto(where.redirect_file.as_uri())
             await expect(page.locator(".lead")).to_contain_text("recording", timeout=SOON_MS)
             yield shown
-            await page.goto("about:blank")
         finally:
+            await page.goto("about:blank")  # who still listens when the page ends complains
             await served.stop()

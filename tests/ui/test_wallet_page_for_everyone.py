@@ -20,7 +20,6 @@ from tests.ui.watched_page import NARROW, WIDE, ZOOMED
 from tests.ui.weights import PAGE_MAX_BYTES
 
 TABS_MAX_COUNT = 60
-FRAMES_COUNT = 5_000
 FRAMES_HELD_MAX_COUNT = 48
 
 
@@ -139,30 +138,6 @@ async def test_a_day_of_2000_records_is_there_whole_and_the_page_is_light(
     assert figures["plain_bytes"] <= PAGE_MAX_BYTES
     assert figures["all_views_sent_bytes"] <= PAGE_MAX_BYTES
     assert figures["all_views_sent_bytes"] < figures["all_views_plain_bytes"] / 2, "what is sent is packed"
-
-
-async def test_a_clip_of_5000_frames_is_played_by_windows(recorded_network: RecordedNetwork, page: Page) -> None:
-    async def lengthen(route: Route) -> None:
-        answer = await route.fetch()
-        clip = await answer.json()
-        if "frames" in clip:
-            shown = clip["frames"]
-            clip["frames"] = [
-                shown[place % len(shown)] | {"captured_at_ms": shown[0]["captured_at_ms"] + 33 * place}
-                for place in range(FRAMES_COUNT)
-            ]
-        await route.fulfill(response=answer, json=clip)
-
-    async with serve_wallet(recorded_network) as served:
-        await open_page(page, served)
-        await page.route("**/api/clips/*", lengthen)
-        await watch_first_meeting(page)
-        await expect(page.locator(".where")).to_contain_text("of 5,000")
-        for place in range(0, FRAMES_COUNT, FRAMES_COUNT // 8):
-            await page.get_by_role("slider").fill(str(place))
-            await expect(page.locator(".player")).to_have_attribute("data-place", str(place), timeout=SETTLED_MS)
-            assert int(await page.locator(".player").get_attribute("data-held") or 0) <= FRAMES_HELD_MAX_COUNT
-        await page.unroute_all(behavior="wait")
 
 
 async def test_an_empty_history_says_so_and_what_will_happen(recorded_network: RecordedNetwork, page: Page) -> None:
