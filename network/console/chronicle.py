@@ -122,7 +122,7 @@ def _of_node(before: Mapping[str, Any], node: Mapping[str, Any], at_ms: int) -> 
     if before.get("state") != state:
         tone = "good" if state in _WELL else "warn" if state in _WAITING else "bad"
         place = f", final height {node['final']}" if "final" in node else ""
-        events.append(make_event(at_ms, "node", f"{name} {_said(state)}{place}.", tone, [name]))
+        events.append(make_event(at_ms, "node", f"{name} {_said(state).removesuffix('.')}{place}.", tone, [name]))
     gone = [fault for fault in before.get("faults", ()) if fault not in node.get("faults", ())]
     come = [fault for fault in node.get("faults", ()) if fault not in before.get("faults", ())]
     if come:
@@ -166,6 +166,9 @@ def _of_finality(before: Moment, moment: Moment) -> list[Event]:
     if since_ms is None and before["stuck_since_ms"] is not None:
         seconds = (at_ms - before["stuck_since_ms"]) / 1000
         is_final = moment["final"] > before["final"]
+        if not is_final and not any("waiting" in node for node in moment["nodes"]):
+            text = f"After {seconds:.1f} s without anything final no node answers: whether work waits, nobody says."
+            return [make_event(at_ms, "finality", text, "bad")]
         text = f"Final again at height {moment['final']}" if is_final else "No work waits any more"
         return [make_event(at_ms, "finality", f"{text}, after {seconds:.1f} s.", "good")]
     return []

@@ -105,6 +105,8 @@ class LiveConsole:
         rounds = self._rounds.take(sights, wall_ms)
         self.recorder.note_network(wall_ms, self.facts())
         moment = self._maker.take(sights, time.monotonic(), wall_ms)
+        for node in moment["nodes"]:
+            node["state"] = self._without_places(node["state"])
         self.recorder.add(moment, self._chronicle.take(moment, rounds))
         self.moment = moment
         self._tell_waiting()
@@ -189,7 +191,8 @@ class LiveConsole:
         """Return the moment that was the newest at a time of this recording, its nodes, and the last rounds until then."""
         moment = self.recorder.moment_at(at_ms)
         network = moment and self.recorder.network_at(moment["at_ms"])
-        rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each["at_ms"] <= at_ms]
+        until_ms = max(at_ms, moment["at_ms"]) if moment else at_ms
+        rounds = [each for each in self._rounds.last(ROUNDS_KEPT_COUNT) if each["at_ms"] <= until_ms]
         return {"moment": moment, "network": network, "rounds": rounds[-ROUNDS_SHOWN_COUNT:]}
 
     def recording(self) -> dict[str, Any]:
@@ -233,10 +236,14 @@ class LiveConsole:
         return words
 
     def _tell(self, kind: str, text: str, tone: str, nodes: tuple[str, ...] = ()) -> None:
-        """Tell of something. A run is handed on: where its network lies on this machine is no part of it."""
-        told = text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
+        """Tell of something."""
+        told = self._without_places(text)
         self.recorder.tell(make_event(self._now_ms(), kind, told[:TEXT_MAX_CHARS], tone, nodes))
         self._tell_waiting()
+
+    def _without_places(self, text: str) -> str:
+        """Return a text for a run that is handed on: where its network lies on this machine is no part of it."""
+        return text.replace(str(self.cluster.folder), "(the network's folder)").replace(str(Path.home()), "~")
 
     def read_plan(self, text: str) -> FaultPlan:
         """Read a plan, and do nothing. Raises FAULT_PLAN_INVALID."""

@@ -10,6 +10,11 @@ export function formatClock(ms, locale) {
   return new Intl.DateTimeFormat(locale, { timeStyle: "medium" }).format(new Date(ms));
 }
 
+/** The reader's time zone, such as Europe/Berlin. */
+export function zoneName() {
+  return new Intl.DateTimeFormat().resolvedOptions().timeZone;
+}
+
 /** A day, with its weekday. */
 export function formatDay(ms, locale) {
   return new Intl.DateTimeFormat(locale, { weekday: "long", day: "numeric", month: "long", year: "numeric" }).format(new Date(ms));

@@ -141,6 +141,23 @@ async def test_what_a_paused_node_would_not_hear_is_not_offered_and_refused_else
     await expect(page.locator(".break .notice.bad")).to_contain_text("FAULT_TARGET_ABSENT. See `blockrobot fault list`")
 
 
+async def test_a_fault_is_told_in_a_word_and_its_reason_below_without_the_place_on_this_machine(
+    console: ConsoleUnderTest, open_page: Page
+) -> None:
+    page = open_page
+    await page.get_by_label("Node", exact=True).select_option("node-3")
+    await page.get_by_role("button", name="Fill a disk…").click()
+    await page.get_by_role("dialog").get_by_role("button", name="Fill it").click()
+    await _expect_state(page, "node-3", "fault")
+    reason = page.locator(_row(page, "node-3")).locator(".reason")
+    await expect(reason).to_contain_text("(the network's folder)/nodes/node-3/journal")
+    await expect(page.locator("main")).to_contain_text("Times are in your own time zone, Europe/Berlin.")
+    await page.get_by_role("button", name="Free a disk…").click()
+    await page.get_by_role("dialog").get_by_role("button", name="Free it").click()
+    await _expect_state(page, "node-3", "signing")
+    await expect(reason).to_have_count(0)
+
+
 async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -> None:
     page = open_page
     await page.get_by_role("tab", name="Partition").click()

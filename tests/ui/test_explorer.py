@@ -180,30 +180,6 @@ async def test_where_clocks_differ_no_time_below_nothing_is_told(page: Page, rec
     assert "-1,500" not in await page.locator("main").inner_text()
 
 
-async def test_what_this_node_gave_up_and_what_the_network_lost_are_told_apart(
-    page: Page, recorded_network: RecordedNetwork
-) -> None:
-    async def tell_of_three(route: Route) -> None:
-        answer = await route.fetch()
-        said = await answer.json()
-        for header in said.get("headers", ()):
-            header["missed_count"] = 0
-        if "rounds" in said:
-            said["rounds"]["timed_out_count"] = 3
-        await route.fulfill(response=answer, json=said)
-
-    await page.route(re.compile(r"/v1/explorer/(status|headers)\?"), tell_of_three)
-    await enter(page, recorded_network.network)
-    figure = page.locator(".card", has_text="Given up by this node")
-    await expect(figure).to_contain_text("3 rounds")
-    await expect(figure).to_contain_text("lost is a round only if a quorum gave it up")
-    lost = page.locator(".card", has=page.get_by_role("heading", name="Rounds that the network lost"))
-    await expect(lost).to_contain_text("By blocks 0 to")
-    await expect(lost).to_contain_text("no round was lost")
-    await expect(lost).to_contain_text("This node itself gave up 3 rounds since its start. Not each of them is lost")
-    await page.unroute_all(behavior="ignoreErrors")
-
-
 async def test_what_the_page_remembers_is_bounded_by_bytes(page: Page, recorded_network: RecordedNetwork) -> None:
     await enter(page, recorded_network.network)
     block = {"block": "00" * 500_000}

@@ -2,7 +2,7 @@
 
 import { announce, h, replace } from "./shared/dom.js";
 import { fetchBytes, fetchJson, keepOpen, openSession } from "./shared/fetching.js";
-import { formatBytes, formatTime, plural } from "./shared/format.js";
+import { formatBytes, formatTime, plural, zoneName } from "./shared/format.js";
 import { createEvents } from "./events.js";
 import { createFaults, showProblem } from "./faults.js";
 import { createStage } from "./stage.js";
@@ -94,7 +94,7 @@ function show(parts, answer) {
   parts.faults.showPlan(answer.plan);
   for (const event of answer.events) if (event.tone === "bad" || event.kind === "finality") announce(event.text);
   const kept = answer.recording;
-  const words = `The network in ${parts.folder}, recorded since ${formatTime(kept.since_ms)}: ${plural(kept.moments, "moment", "moments")}, ${formatBytes(kept.size_bytes)}. ${kept.dropped.words}`;
+  const words = `The network in ${parts.folder}, recorded since ${formatTime(kept.since_ms)}: ${plural(kept.moments, "moment", "moments")}, ${formatBytes(kept.size_bytes)}. ${kept.dropped.words} Times are in your own time zone, ${zoneName()}.`;
   if (parts.recording.textContent !== words) parts.recording.textContent = words;
 }
 
@@ -118,7 +118,7 @@ async function follow(parts, first) {
       show(parts, answer);
     } catch (problem) {
       if (problem.status === 401 || problem.status === 403) { showEnd(problem); return; }
-      if (!lost.firstChild) replace(lost, h("p", { class: "notice bad" }, `${problem.detail ?? problem} ${problem.nextStep ?? ""} What is shown may be old.`));
+      if (!lost.firstChild) replace(lost, h("p", { class: "notice bad" }, `${problem.detail ?? problem} ${problem.nextStep ?? ""} What is shown may be old. This page asks again every ${RETRY_MS / 1000} seconds.`));
       await new Promise((resolve) => { setTimeout(resolve, RETRY_MS); });
     }
   }

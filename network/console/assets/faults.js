@@ -298,9 +298,9 @@ function createPlanPanel({ said }) {
 }
 
 function stepsTable(plan) {
-  const came = (step) => (step.error ? `${step.error.code}` : step.done_at_ms === undefined ? "" : "done");
+  const came = (step) => (step.error ? `${step.error.code}` : step.done_at_ms !== undefined ? "done" : plan.state === "running" ? "to come" : "not done");
   return h("table", { class: "list steps" }, h("caption", {}, `Seed ${plan.seed}, ${plan.steps.length} steps${plan.state ? `: ${plan.state}` : "; nothing is done"}`),
-    h("thead", {}, h("tr", {}, h("th", { scope: "col", class: "number" }, "at"), h("th", { scope: "col" }, "do"), h("th", { scope: "col" }, "came of it"))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col", class: "number" }, "at"), h("th", { scope: "col" }, "do"), plan.state && h("th", { scope: "col" }, "came of it"))),
     h("tbody", {}, plan.steps.map((step) => h("tr", {}, h("td", { class: "number" }, `${(step.at_ms / 1000).toFixed(1)} s`), h("td", {}, step.do),
-      h("td", { title: step.error?.detail }, came(step))))));
+      plan.state && h("td", { title: step.error?.detail }, came(step))))));
 }

@@ -1,10 +1,10 @@
 // The table of nodes: everything that the drawing says, and more, for eyes, ears and keyboards.
 
 import { h, replace } from "./shared/dom.js";
-import { LINK_WORDS, allLinks, clockWords, disksWords, leaderOf, stateWords, toneOf } from "./words.js";
+import { LINK_WORDS, allLinks, clockWords, disksWords, leaderOf, stateReason, stateWords, toneOf } from "./words.js";
 
-const COLUMNS = [["node"], ["state"], ["final", true], ["lag", true], ["height", true], ["round", true], ["leads"], ["peers", true],
-  ["waiting", true], ["clock"], ["disks"], ["faults"], ["organisation"]];
+const COLUMNS = [["node"], ["state"], ["final height", true], ["blocks behind", true], ["newest height", true], ["round", true], ["leads"], ["peers", true],
+  ["transactions waiting", true], ["clock"], ["disks"], ["faults"], ["organisation"]];
 
 /** {element, update(moment), setSelected(name)}; with onNode, names are buttons. */
 export function createNodes({ network, onNode }) {
@@ -65,9 +65,10 @@ function showFaults(cell, faults) {
 
 function showState(cell, node) {
   const words = stateWords(node);
+  const reason = stateReason(node);
   const badge = cell.firstElementChild;
-  if (badge && badge.textContent === words && badge.classList.contains(toneOf(node))) return;
-  replace(cell, h("span", { class: `badge ${toneOf(node)}` }, words));
+  if (badge && cell.textContent === words + reason && badge.classList.contains(toneOf(node))) return;
+  replace(cell, h("span", { class: `badge ${toneOf(node)}` }, words), reason && h("div", { class: "reason" }, reason));
 }
 
 /** The table of links, one direction a row: {element, update(moment)}. */

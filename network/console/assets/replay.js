@@ -1,7 +1,7 @@
 // Replays an exported run in a file of its own: a slider over its moments, the same pictures as the live page.
 
 import { h, replace } from "./shared/dom.js";
-import { formatDuration, formatTime, plural } from "./shared/format.js";
+import { formatDuration, formatTime, plural, zoneName } from "./shared/format.js";
 import { createEvents } from "./events.js";
 import { createStage } from "./stage.js";
 import { createTimeline } from "./timeline.js";
@@ -38,7 +38,7 @@ function build(facts, moments) {
   const dropped = facts.recording.dropped.words;
   replace(root, h("header", { class: "bar" }, h("span", { class: "brand" }, "BlockRobot"), h("span", { class: "quiet" }, "a recorded run")),
     h("main", { class: "page wide", id: "main", tabindex: -1 }, h("h1", {}, `A run of ${network.name}`),
-      h("p", { class: "quiet" }, `From ${formatTime(from)} for ${formatDuration(to - from)}: ${plural(moments.length, "moment", "moments")}, ${plural(facts.events.length, "event", "events")}, exported ${formatTime(facts.exported_ms)}. ${dropped}`),
+      h("p", { class: "quiet" }, `From ${formatTime(from)} for ${formatDuration(to - from)}: ${plural(moments.length, "moment", "moments")}, ${plural(facts.events.length, "event", "events")}, exported ${formatTime(facts.exported_ms)}. Times are in your own time zone, ${zoneName()}. ${dropped}`),
       timeline.element,
       stage.element,
       h("section", { class: "card", "aria-labelledby": "events-title" }, h("h2", { id: "events-title" }, "What happened"), events.element)));

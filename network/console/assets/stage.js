@@ -23,7 +23,7 @@ export function createStage({ network, onNode, onLink, beside }) {
       h("section", { class: "card", "aria-labelledby": "topology-title" }, h("h2", { id: "topology-title" }, "The network"), topology.element, legend()),
       beside),
     h("section", { class: "card", "aria-labelledby": "rounds-title" }, h("h2", { id: "rounds-title" }, "The last rounds"), rounds.element,
-      h("p", { class: "quiet key" }, "● voted   ✕ gave the round up   ◐ both   · said nothing   framed: led. ", "In the last line: ✓ certified, ✕ lost, ? no quorum seen.")),
+      key()),
     h("section", { class: "card", "aria-labelledby": "nodes-title" }, h("h2", { id: "nodes-title" }, "Nodes"), nodes.element,
       h("details", {}, h("summary", {}, "Links, one direction a row"), links.element)),
   ];
@@ -46,10 +46,15 @@ export function createStage({ network, onNode, onLink, beside }) {
   };
 }
 
+function key() {
+  const list = (entries) => h("ul", { class: "legend key" }, entries.map((words) => h("li", {}, words)));
+  return [list(["● voted", "✕ gave the round up", "◐ both", "· said nothing", "framed: led"]), list(["In the last line:", "✓ certified", "✕ lost", "? no quorum seen"])];
+}
+
 function legend() {
   const sample = (kind, words) => h("li", {}, h("span", { class: `sample ${kind}`, "aria-hidden": "true" }), words);
   return h("ul", { class: "legend" }, sample("circle", "producer"), sample("safe", "custodian"), sample("moving", "what arrives"),
-    sample("cut", "cut"), sample("slow", "delayed, lossy or narrow"), sample("down", "not connected"), h("li", {}, "figure: final height"));
+    sample("cut", "cut"), sample("slow", "delayed, lossy or narrow"), sample("down", "not connected"), h("li", {}, "number: final height"));
 }
 
 function ago(ms) {
@@ -65,9 +70,9 @@ function showVerdict(seal, figures, moment, network) {
   const leader = leaderOf(moment);
   const waiting = Math.max(0, ...moment.nodes.map((node) => node.waiting ?? 0));
   const frames = moment.links.reduce((sum, link) => sum + (link.arrived ?? 0), 0);
-  const shown = [["final height", formatNumber(moment.final)], ["last one", ago(moment.at_ms - moment.final_since_ms)],
+  const shown = [["final height", formatNumber(moment.final)], ["last final", ago(moment.at_ms - moment.final_since_ms)],
     ["leads", leader?.leader ?? "-"], ["round", leader ? formatNumber(leader.round) : "-"], ["epoch", leader?.epoch ?? "-"],
-    ["waiting", formatNumber(waiting)], ["frames/s", formatNumber(Math.round(frames))]];
+    ["transactions waiting", formatNumber(waiting)], ["frames/s", formatNumber(Math.round(frames))]];
   if (figures.children.length !== shown.length) replace(figures, shown.map(([name]) => h("div", {}, h("dt", {}, name), h("dd", {}))));
   shown.forEach(([, value], index) => { figures.children[index].lastElementChild.textContent = value; });
 }

@@ -19,7 +19,7 @@ export function createTimeline({ from, to, events, onShow, live = false }) {
   const slider = h("input", { type: "range", id: "slider", min: 0, step: FRAME_MS, oninput: () => { stop(); go(state.from + Number(slider.value)); } });
   const play = h("button", { type: "button", class: live ? "" : "primary", onclick: () => (state.playing ? stop() : start()) }, "Play");
   const now = live && h("button", { type: "button", onclick: () => { stop(); go(state.to); } }, "Back to now");
-  const speed = h("select", { id: "speed", onchange: () => { state.speed = Number(speed.value); } }, SPEEDS.map((times) => h("option", { value: times }, `${times} times`)));
+  const speed = h("select", { id: "speed", onchange: () => { state.speed = Number(speed.value); } }, SPEEDS.map((times) => h("option", { value: times }, times === 1 ? "as it was" : `${times} times`)));
   const track = h("div", { class: "marks", "aria-hidden": "true" });
   const latest = h("p", { class: "latest" });
   const element = h("section", { class: "card replay", "aria-label": live ? "Line of time" : "Replay" },

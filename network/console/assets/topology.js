@@ -2,7 +2,7 @@
 // and only changed afterwards, so that what moves keeps moving. Never the only way: a table stands beside it.
 
 import { replace, s } from "./shared/dom.js";
-import { allLinks, leaderOf, linkSentence, stateWords, toneOf } from "./words.js";
+import { allLinks, leaderOf, linkSentence, stateReason, stateWords, toneOf } from "./words.js";
 
 const WIDE = { width: 720, height: 440, rx: 250, ry: 185, radius: 29, region: 96 };
 const NARROW = { width: 380, height: 400, rx: 128, ry: 165, radius: 26, region: 78 };
@@ -178,7 +178,7 @@ function showNode(drawn, node, isLeader, state) {
   drawn.below.textContent = words.length > 22 ? `${words.slice(0, 21)}…` : words;
   drawn.group_mark.textContent = group === undefined ? "" : String.fromCharCode(65 + group);
   const roles = [drawn.facts.producer && "producer", drawn.facts.custodian && "custodian"].filter(Boolean).join(" and ") || "neither producer nor custodian";
-  const sentence = `${node.name} of ${drawn.facts.organisation}, ${roles}: ${stateWords(node)}${isLeader ? ", leads" : ""}, final height ${node.final ?? "unknown"}${node.faults ? `; ${node.faults.join("; ")}` : ""}${group === undefined ? "" : `; in group ${String.fromCharCode(65 + group)}`}`;
+  const sentence = `${node.name} of ${drawn.facts.organisation}, ${roles}: ${[stateWords(node), stateReason(node)].filter(Boolean).join(", ")}${isLeader ? ", leads" : ""}, final height ${node.final ?? "unknown"}${node.faults ? `; ${node.faults.join("; ")}` : ""}${group === undefined ? "" : `; in group ${String.fromCharCode(65 + group)}`}`;
   drawn.title.textContent = sentence;
   drawn.group.setAttribute("aria-label", sentence);
 }

@@ -22,7 +22,12 @@ export function toneOf(node) {
 
 /** A node's state in a word or two, lies included. */
 export function stateWords(node) {
-  return node.behaviour && node.state === "signing" ? "lying" : node.state;
+  return node.behaviour && node.state === "signing" ? "lying" : node.state.split(":")[0];
+}
+
+/** Why a node is as it is, in its own words; empty where a word says all. */
+export function stateReason(node) {
+  return node.state.includes(":") ? node.state.slice(node.state.indexOf(":") + 1).trim() : "";
 }
 
 /** How far a clock is off, if that says anything. */

@@ -1,7 +1,7 @@
 // The explorer: gets in, follows the chain, shows the page that the address names. Never keeps a token but in memory.
 
 import { announce, h, replace } from "./shared/dom.js";
-import { formatClock, formatDuration } from "./shared/format.js";
+import { formatClock, formatDuration, zoneName } from "./shared/format.js";
 import { api, entry, enter, followNeighbours } from "./api.js";
 import { RETRY_MAX_MS, feed } from "./feed.js";
 import { go, problemView } from "./pieces.js";
@@ -164,6 +164,7 @@ async function begin(status) {
   document.body.classList.add("in");
   document.getElementById("tools").hidden = false;
   document.getElementById("word").hidden = false;
+  document.getElementById("zone").textContent = `, ${zoneName()}`;
   buildNav();
   feed.follow(showState);
   feed.follow(comeBack);

@@ -15,7 +15,7 @@ export async function custodyPage({ args: [first] }) {
   return sheet("Custody",
     "What robots recorded lies with custodians, as ciphertext. The chain holds a commitment to it, and what custodians did: what they released, what they refused, which keys they destroyed. A key on the chain stands for one visit; whose it was, the chain does not say.",
     cutOff([erasures, accesses, records]),
-    card("In short", summary(from, erasures.events, accesses.events, records.events)),
+    card("In short", h("p", { class: "quiet" }, `Since block ${number(from)}:`), summary(erasures.events, accesses.events, records.events)),
     card("Erasures", h("p", { class: "quiet" }, "An erasure is complete once every custodian has destroyed its keys and said so."), table("Erasures, newest first", ["block", "what happened", "by", "more"], newest(erasures.events).map((event) => erasureRow(event, names)), "No erasure in these blocks.")),
     card("Releases and refusals", table("Access, newest first", ["block", "what happened", "by", "more"], newest(accesses.events).map((event) => accessRow(event, names)), "Nobody asked for records in these blocks.")),
     from > earliest && h("p", {}, go(`custody/${Math.max(earliest, from - 4 * WINDOW_BLOCKS)}`, "Look further back")));
@@ -33,13 +33,13 @@ function newest(events) {
   return events.slice(-SHOWN_COUNT).reverse();
 }
 
-function summary(from, erasures, accesses, records) {
+function summary(erasures, accesses, records) {
   const count = (events, name) => events.filter((event) => event.name === name).length;
   return h("ul", {}, [
     `${plural(count(records, "visit_opened"), "visit was", "visits were")} opened, ${plural(count(records, "recorded"), "record", "records")} made`,
     `${plural(count(accesses, "requested"), "request", "requests")} for records, ${plural(count(accesses, "released"), "release", "releases")}, ${plural(count(accesses, "refused"), "refusal", "refusals")}`,
     `${plural(count(erasures, "requested"), "erasure", "erasures")} asked for, ${plural(count(erasures, "receipted"), "receipt", "receipts")} of custodians, ${plural(count(erasures, "expired"), "report", "reports")} of records that expired`,
-  ].map((text) => h("li", {}, text)), h("li", { class: "quiet" }, `since block ${number(from)}`));
+  ].map((text) => h("li", {}, text)));
 }
 
 /** The names of custodians by key, as the genesis file has them; one that joined later shows its key. */

@@ -34,7 +34,7 @@ export async function producersPage({ args: [wanted] }) {
     `Producers take turns in leading rounds and vote on what the others propose. ${seats ? `Of ${plural(seats.seats.length, "seat", "seats")}, ${seats.quorum} make a quorum: the chain goes on, and stays right, while at most ${seats.faults_tolerated} of them fail, lie or keep silent.` : ""} Organisations vote for producers; evidence of signing two things in one round suspends one.`,
     card("What they did", h("p", { class: "quiet" }, `Counted from ${span}. A certificate holds exactly a quorum of votes, the first that came, so a share below 100 % is no fault by itself. A missed round is one that a producer should have led and that was given up.`),
       table("Producers and candidates", ["name", "organisation", "state", ["blocks led", "number"], ["rounds missed", "number"], ["votes in certificates", "number"], "organisations for it", "key"], rows)),
-    card("Votes in certificates", bars({ items: producers.map((producer) => ({ name: producer.name, value: done.get(producer.key)?.voted ?? 0 })), width: chartWidth(), height: 180, label: "Votes in certificates by producer" })),
+    card("Votes in certificates", h("p", { class: "quiet" }, `By producer, in ${span}.`), bars({ items: producers.map((producer) => ({ name: producer.name, value: done.get(producer.key)?.voted ?? 0 })), width: chartWidth(), height: 180, label: "Votes in certificates by producer", unit: "votes" })),
     card("Suspensions and evidence", suspended.length ? suspended.map(evidenceView) : h("p", {}, `Nobody is suspended at block ${number(height)}, and there is no evidence against anybody who produces or stands for it.`)));
 }
 

@@ -2,7 +2,7 @@
 
 import { h } from "./shared/dom.js";
 import { api, readTransactions } from "./api.js";
-import { badge, card, facts, fullHex, go, moment, number, sheet, valueView } from "./pieces.js";
+import { badge, card, facts, fullHex, go, moment, number, problemView, sheet, valueView } from "./pieces.js";
 
 const WORDS = "A transaction is one signed call of a contract's entry. Every node runs it in the same place of the chain and comes to the same receipt. A refused call changes nothing but this receipt.";
 const NOT_FINAL = {
@@ -12,6 +12,7 @@ const NOT_FINAL = {
 };
 
 export async function transactionPage({ args: [txid = ""] }) {
+  if (!/^[0-9a-f]{64}$/.test(txid)) return sheet("Transaction", WORDS, problemView({ detail: "This is no transaction's id: it has 64 hexadecimal digits, in small letters.", nextStep: "See whether the address was copied whole." }));
   const state = await api.transaction(txid);
   if (state.status !== "finalized") {
     return sheet("Transaction", WORDS, card(null, facts([["id", fullHex(txid)], ["state", badge(state.status), NOT_FINAL[state.status]]])));

@@ -126,6 +126,7 @@ async def test_what_was_recorded_of_a_node_that_has_gone_since_is_shown_with_it_
     past, now = console.past(1_500), console.now(0)
     assert [len(each["network"]["nodes"]) for each in (past, now)] == [4, 3]
     assert [round_["round"] for round_ in past["rounds"]] == [round_["round"] for round_ in now["rounds"]] == [7]
+    assert console.past(0) == past, "before the first look stands what it saw"
     assert now["recording"]["names"] == ["node-1", "node-2", "node-3", "node-4"]
     assert sum("The recording begins" in event["text"] for event in now["events"]) == 1
 
@@ -218,6 +219,17 @@ async def test_a_run_that_is_handed_on_does_not_say_where_its_network_lies(
     text = console.export()
     assert "PermissionError: '(the network's folder)/nodes/node-2/journal'" in text
     assert str(folder) not in text
+
+
+async def test_what_a_node_says_of_its_fault_is_handed_on_without_the_place_where_it_lies(console: LiveConsole) -> None:
+    folder = console.cluster.folder
+    console._take(sights())
+    console._take(sights(node_3={"status": {"fault": f"The disk refuses {folder}/nodes/node-3/journal: it is full."}}))
+    said = "The disk refuses (the network's folder)/nodes/node-3/journal: it is full."
+    assert console.moment is not None
+    assert console.moment["nodes"][2]["state"] == f"fault: {said}"
+    assert f"node-3 has a fault: {said[:-1]}, final height 10." in console.export()
+    assert str(folder) not in console.export()
 
 
 async def _nothing(*_: Any) -> None:

@@ -173,6 +173,16 @@ def test_a_stall_of_finality_is_told_when_it_begins_and_when_it_ends() -> None:
     )
 
 
+def test_where_nobody_answers_any_more_no_work_is_said_to_be_done() -> None:
+    watcher = _Watcher()
+    watcher.look(node_1={"status": {"mempool": 3}})
+    watcher.look(3, node_1={"status": {"mempool": 3}})
+    told = watcher.look(**dict.fromkeys(("node_1", "node_2", "node_3", "node_4"), stopped()))
+    (ended,) = (event for event in told if event["kind"] == "finality")
+    assert ended["text"] == "After 4.0 s without anything final no node answers: whether work waits, nobody says."
+    assert ended["tone"] == "bad"
+
+
 def test_who_leads_is_what_the_node_in_the_highest_round_says() -> None:
     seen = sights(node_2={"status": {"leader": "node-4", "round": 20}}, node_3=stopped())
     assert leader_of(MomentMaker(0.0).take(seen, 1.0, WALL_MS)) == ("node-4", 20)
