@@ -17,6 +17,7 @@ from pathlib import Path
 import click
 import msgspec
 
+from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
 
 WAIT_MAX_S = 5.0
@@ -65,7 +66,7 @@ def claim_place(path: Path) -> Iterator[None]:
     path.parent.mkdir(parents=True, exist_ok=True, mode=_PRIVATE_FOLDER)
     with _hold(path, 0.0, time.sleep):
         if path.exists():
-            raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
+            raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         try:
             yield
         finally:
@@ -80,7 +81,7 @@ def _lock_of(path: Path) -> Path:
 def require_wallet(path: Path) -> None:
     """Raise WALLET_NOT_FOUND where there is none, before anybody is asked for its passphrase."""
     if not path.exists():
-        raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.")
+        raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path))
 
 
 @contextlib.contextmanager
@@ -108,10 +109,11 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
             sleep(_PAUSE_S)
     holder = _read_holder(path)
     if holder is None:
-        raise BlockRobotError("WALLET_BUSY", f"Another program has {path} open.")
+        raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
     since = datetime.datetime.fromtimestamp(holder.since_ms / 1000).astimezone()
-    told = f"{holder.command} (process {holder.process}) has {path} open since {since:%Y-%m-%d %H:%M:%S}."
-    raise BlockRobotError("WALLET_BUSY", told[0].upper() + told[1:])
+    who = holder.command[:1].upper() + holder.command[1:]
+    moment = f"{since:%Y-%m-%d %H:%M:%S}"
+    raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 
 
 def _is_there(descriptor: int, path: Path) -> bool:

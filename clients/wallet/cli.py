@@ -23,7 +23,7 @@ from clients.wallet.export_command import export
 from clients.wallet.guardians_commands import guardians
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
-from clients.wallet.language import DEFAULT_LANGUAGE, code_text, text
+from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, code_text, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
@@ -161,15 +161,15 @@ def erase(
     Example: blockrobot wallet erase 3fa2c19b07de --frames 0,3 --wait
     """
     if not record_ids and not everything:
-        raise click.UsageError("Name the records to erase, or say --all.")
+        raise WrongUsage("erase_what")
     try:
         frame_indexes = sorted({int(part) for part in frames.split(",") if part})
     except ValueError:
-        raise click.UsageError("--frames takes numbers, as 0,3,4.") from None
+        raise WrongUsage("frames") from None
     if frame_indexes and (everything or len(record_ids) != 1):
-        raise click.UsageError("--frames are pictures of one record: name that record, and no other.")
+        raise WrongUsage("frames_of_one")
     if not yes and not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        raise WrongUsage("no_terminal_yes")
     late: list[BlockRobotError] = []
 
     async def action(opened: Wallet) -> tuple[list[ErasureReport], list[Share]]:

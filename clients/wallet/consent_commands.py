@@ -18,12 +18,11 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.calling import verify_command
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
 from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
-from clients.wallet.language import code_text, describe_error, purposes_text, text
+from clients.wallet.language import WrongUsage, code_text, describe_error, purposes_text, refusal, text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
 from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.wallet import Wallet
-from consensus.errors import BlockRobotError
 from consensus.records.consents import GIVEN
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
@@ -43,7 +42,7 @@ def read_time(written: str | None, now_ms: int) -> int:
     try:
         return round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000)
     except (ValueError, OverflowError, OSError):
-        raise click.UsageError(f"{written!r} is no time: write +30d, +12h, 2027-01-31 or 2027-01-31T18:00.") from None
+        raise WrongUsage("no_time_ahead", given=written) from None
 
 
 def _codes(command: Any) -> Any:
@@ -108,12 +107,12 @@ def give(
     Example: blockrobot wallet consent give --purpose care --sensor depth --until +30d
     """
     if not purposes:
-        raise click.UsageError(f"Say what you consent to: --purpose CODE, one of {', '.join(PURPOSES)}.")
+        raise WrongUsage("consent_what", known=", ".join(PURPOSES))
     chosen = sensors or ("depth",)
     now_ms = round(time.time() * 1000)
     from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
     if ends is not None and until_ms <= max(from_ms, now_ms):
-        raise click.UsageError("The time that --until names is over already, or before --from.")
+        raise WrongUsage("until_over")
 
     period = " " + text("consent.from", moment=show_moment(from_ms)) if from_ms else ""
     period += " " + text("consent.until", moment=show_moment(until_ms)) if until_ms else text("consent.open_end")
@@ -182,7 +181,7 @@ def refuse(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[str, ..
     Example: blockrobot wallet consent refuse --purpose research
     """
     if not purposes:
-        raise click.UsageError(f"Say what you refuse: --purpose CODE, one of {', '.join(PURPOSES)}.")
+        raise WrongUsage("refuse_what", known=", ".join(PURPOSES))
     _say_no(ctx, lambda say: say.refuse, "refused", "consent.refused", purposes, sensors, as_json=as_json)
 
 
@@ -254,7 +253,7 @@ def receipts(ctx: click.Context, out: Path | None, search: bool, as_json: bool) 
     Example: blockrobot wallet consent receipts --out receipts.json
     """
     if out is not None and out.exists():
-        raise BlockRobotError("FILE_EXISTS", f"{out} is there already; nothing was written.")
+        raise refusal("FILE_EXISTS", "file_kept", path=str(out))
 
     async def action(opened: Wallet) -> tuple[Receipts, bytes]:
         kept = ConsentReceipts(opened)

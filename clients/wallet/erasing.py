@@ -9,6 +9,7 @@ from typing import Any
 
 from clients.wallet.counting import counted
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import refusal
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 
@@ -41,7 +42,7 @@ class Erasing:
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
         """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
         if frames and len(records) != 1:
-            raise BlockRobotError("REQUEST_INVALID", "Frames can be erased of one record at a time.")
+            raise refusal("REQUEST_INVALID", "erase_frames")
         ids = []
         for start in range(0, len(records), RECORDS_A_REQUEST_MAX_COUNT):
             part = records[start : start + RECORDS_A_REQUEST_MAX_COUNT]
@@ -68,7 +69,7 @@ class Erasing:
         values = await self._wallet.values([state_key], self._wallet.owner_key(visit))
         state = values[state_key]
         if state is None:
-            raise BlockRobotError("NOT_FOUND", "The chain knows no such erasure request.")
+            raise refusal("NOT_FOUND", "erase_unknown")
         return ErasureReport(
             erasure_id=erasure_id,
             visit=visit,

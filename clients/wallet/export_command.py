@@ -18,9 +18,9 @@ from clients.bundle.progress import show_progress
 from clients.bundle.proving import Heard
 from clients.bundle.writing import require_free, write_bundle
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.calling import as_called, verify_command
+from clients.wallet.calling import verify_command
 from clients.wallet.exporting import Exporting, Plan, Wanted
-from clients.wallet.language import describe_error, language_in_use, section, text
+from clients.wallet.language import WrongUsage, describe_error, language_in_use, section, text
 from clients.wallet.opening import run_opened
 from clients.wallet.wallet import Wallet
 from consensus.errors import CATALOGUE, BlockRobotError
@@ -41,7 +41,7 @@ def read_past(written: str | None, now_ms: int) -> int:
             return max(1, now_ms - int(ago[1]) * _AGO_MS[ago[2]])
         return max(1, round(datetime.datetime.fromisoformat(written.strip()).astimezone().timestamp() * 1000))
     except (ValueError, OverflowError, OSError):
-        raise click.UsageError(f"{written!r} is no time: write -7d, -12h, 2027-01-31 or 2027-01-31T18:00.") from None
+        raise WrongUsage("no_time", given=written) from None
 
 
 def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
@@ -52,7 +52,7 @@ def _read_ids(written: tuple[str, ...]) -> tuple[bytes, ...]:
         except ValueError:
             record_id = b""
         if len(record_id) != RECORD_ID_BYTES:
-            raise click.UsageError(f"{digits!r} is no record: " + as_called("`blockrobot wallet records` shows them."))
+            raise WrongUsage("no_record", given=digits)
         ids.append(record_id)
     return tuple(dict.fromkeys(ids))
 
@@ -118,13 +118,13 @@ def export(
     Example: blockrobot wallet export my-data.zip --from -30d
     """
     if not yes and not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        raise WrongUsage("no_terminal_yes")
     require_purpose(purpose)
     require_free(out, replace=force)
     now_ms = round(time.time() * 1000)
     from_ms, until_ms = read_past(begins, now_ms), read_past(ends, now_ms)
     if until_ms and until_ms <= from_ms:
-        raise click.UsageError("The time that --until names is not after --from.")
+        raise WrongUsage("until_order")
     wanted = Wanted(_read_ids(records), from_ms, until_ms, pictures, identity, purpose)
     hear = _say_progress(show_progress(quiet=as_json))
 
@@ -170,9 +170,9 @@ def _say_progress(hear: Heard) -> Heard:
     return lambda what, done, of: hear(str(steps.get(what.replace(" ", "_"), what)), done, of)
 
 
-def say_problem(code: str, sentence: str) -> str:
+def say_problem(code: str, sentence: str, language: str | None = None) -> str:
     """Return what a bundle lacks and why; in another language than English what the code means stands first."""
-    return describe_error(BlockRobotError(code, sentence))[0] if code in CATALOGUE else sentence
+    return describe_error(BlockRobotError(code, sentence), language)[0] if code in CATALOGUE else sentence
 
 
 def _print(out: Path, verdict: Verdict) -> None:

@@ -17,6 +17,7 @@ from clients.bundle.proving import Heard, Proofs, never_heard
 from clients.bundle.visits import CORRECTION_COUNT, QUARANTINE, RECORD, RECORDS_MAX_COUNT, VISIT, correction_keys
 from clients.bundle.writing import Contents
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import refusal
 from clients.wallet.proof_collecting import PersonProofs, collect_person, collect_visit
 from clients.wallet.receipt_collecting import collect_receipts
 from clients.wallet.viewing import STATUS_CORRUPTED, RecordView, Viewing
@@ -103,7 +104,7 @@ class _Held:
         """Count what is held. Raises EXPORT_TOO_LARGE."""
         self.size += len(content)
         if self.size > HELD_MAX_BYTES:
-            raise BlockRobotError("EXPORT_TOO_LARGE", "The pictures are larger than 1 GiB.")
+            raise refusal("EXPORT_TOO_LARGE", "export_too_large")
         return content
 
 
@@ -138,11 +139,11 @@ class Exporting:
         known = {record_id for report in reports for record_id in _all_ids(report)}
         for record_id in wanted.records:
             if record_id not in known:
-                raise BlockRobotError("RECORD_NOT_FOUND", f"You have no record {record_id.hex()}.")
+                raise refusal("RECORD_NOT_FOUND", "no_record_named", name=record_id.hex())
         chosen = [_choose(report, wanted) for report in reports]
         visits = tuple(visit for visit in chosen if visit is not None)
         if not visits and not (wanted.identity and wanted.is_everything):
-            raise BlockRobotError("RECORD_NOT_FOUND", "Nothing of this was recorded of you.")
+            raise refusal("RECORD_NOT_FOUND", "nothing_recorded")
         return Plan(wanted, visits)
 
     async def collect(self, plan: Plan, now_ms: int) -> Contents:

@@ -7,9 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import click
-
-from clients.wallet.language import text
+from clients.wallet.language import WrongUsage
 from clients.wallet.wallet import RecordEntry, VisitReport
 from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.sensors import require_sensor
@@ -65,11 +63,9 @@ def read_days(written: str | None, today: datetime.date) -> tuple[datetime.date,
         first, _, last = written.partition("..")
         days = (day(first), day(last or first))
     except ValueError:
-        raise click.UsageError(
-            f"{written!r} is no day: write today, yesterday, 2027-01-31 or 2027-01-01..2027-01-31."
-        ) from None
+        raise WrongUsage("no_day", given=written) from None
     if days[0] > days[1]:
-        raise click.UsageError("The first day is after the last.")
+        raise WrongUsage("day_order")
     return days
 
 
@@ -86,7 +82,7 @@ def read_minutes(written: str | None) -> tuple[int, int] | None:
         first, end = begin_hour * 60 + begin_minute, end_hour * 60 + end_minute
         if first < _DAY_MINUTES and end <= _DAY_MINUTES and first != end and begin_minute < 60 and end_minute < 60:
             return first, end
-    raise click.UsageError(f"{written!r} is no time of day: write {', '.join(PARTS_OF_DAY)} or 09:00-12:30.")
+    raise WrongUsage("no_time_of_day", given=written, known=", ".join(PARTS_OF_DAY))
 
 
 def read_filter(
@@ -138,7 +134,7 @@ def select(reports: Sequence[VisitReport], wanted: Filter, page: int = 1, per_pa
         rows += [(place, entry) for entry in taken]
     pages_count = max(1, -(-len(rows) // per_page)) if per_page else 1
     if page > pages_count:
-        raise click.UsageError(text("records.no_page", page=page, count=pages_count))
+        raise WrongUsage("no_page", page=page, count=pages_count)
     part = rows[(page - 1) * per_page : page * per_page] if per_page else rows
     visits = tuple(
         Shown(place + 1, reports[place], tuple(entry for at, entry in part if at == place and entry is not None))

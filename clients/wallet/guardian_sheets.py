@@ -19,9 +19,8 @@ from typing import Any
 
 from clients.wallet.calling import WALLET_COMMAND
 from clients.wallet.guardians import GuardianSet
-from clients.wallet.language import language_in_use, text
+from clients.wallet.language import language_in_use, refusal, text
 from clients.wallet.shares import show_identifier
-from consensus.errors import BlockRobotError
 from pages.serving import PAGES_ASSETS
 
 SHEET_MAX_BYTES = 256 * 1024
@@ -72,7 +71,7 @@ def require_no_sheets(folder: Path) -> None:
     """Raise SHEETS_FOLDER_USED if a sheet lies in the folder, whatever its file is called, OSError if none can be read."""
     for path in sorted(folder.iterdir()) if folder.is_dir() else []:
         if path.suffix.lower() in _SUFFIXES and path.is_file() and _has_words(path):
-            raise BlockRobotError("SHEETS_FOLDER_USED", f"{folder} holds a guardian's sheet already: {path.name}.")
+            raise refusal("SHEETS_FOLDER_USED", "guardian_sheet", folder=str(folder), name=path.name)
 
 
 def _has_words(path: Path) -> bool:
@@ -110,7 +109,7 @@ def _create(path: Path) -> int:
     try:
         return os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError:
-        raise BlockRobotError("SHEETS_FOLDER_USED", f"{path} is there already.") from None
+        raise refusal("SHEETS_FOLDER_USED", "file_there", path=str(path)) from None
 
 
 class _Words(HTMLParser):
@@ -139,7 +138,7 @@ def read_written(path: Path) -> str:
     with path.open("rb") as file:
         data = file.read(SHEET_MAX_BYTES + 1)
     if len(data) > SHEET_MAX_BYTES:
-        raise BlockRobotError("SHARE_INVALID", f"{path.name} is too large for a guardian's words.")
+        raise refusal("SHARE_INVALID", "guardian_large", name=path.name)
     return take_written(data.decode("utf-8-sig"))
 
 

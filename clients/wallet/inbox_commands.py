@@ -17,7 +17,7 @@ import click
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import code_text, describe_error, text
+from clients.wallet.language import code_text, describe_error, refusal, text
 from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.pictures import delete_frames, write_frames
 from clients.wallet.received import (
@@ -267,7 +267,7 @@ async def look_at(
     gone = {notice.record_id for notice in receipt.notices if notice.kind in {KIND_ERASED, KIND_FRAMES_ERASED}}
     left = [record_id for record_id in receipt.grant.records if record_id not in gone]
     if not left and not record_ids:
-        raise BlockRobotError("CLIP_ERASED", "All of it was erased since it was shared.")
+        raise refusal("CLIP_ERASED", "look_erased")
     barred = {notice.record_id for notice in receipt.notices if notice.kind == KIND_RESTRICTED}
     chosen = _choose(receipt, record_ids, [each for each in left if each not in barred] or left)
     left_out = [] if record_ids else [each for each in left if each not in chosen]
@@ -358,13 +358,12 @@ def confirm_deleted(
         receiving, receipt = await _find(opened, grant)
         chosen = _choose(receipt, record_ids, receipt.to_confirm)
         if not receipt.looked:
-            raise BlockRobotError("NOTHING_TO_CONFIRM", "You never looked at it, so you have no copy.")
+            raise refusal("NOTHING_TO_CONFIRM", "confirm_never")
         if not chosen:
-            detail = "Nothing of this share is to be deleted now, or you have confirmed it all."
-            raise BlockRobotError("NOTHING_TO_CONFIRM", detail)
+            raise refusal("NOTHING_TO_CONFIRM", "confirm_nothing")
         places = copies_left(receipt, chosen)
         if places and not delete:
-            raise BlockRobotError("COPIES_REMAIN", f"There is still a copy in {places[0]}.")
+            raise refusal("COPIES_REMAIN", "confirm_copy", place=str(places[0]))
         _ask_whether_deleted(places, len(chosen), yes=yes)
         kept = [path for place in places for path in delete_frames(place)]
         await receiving.confirm_deleted(receipt, chosen)

@@ -27,6 +27,7 @@ from nacl.bindings import (
 from nacl.exceptions import CryptoError
 
 from clients.wallet.guardians import GuardianSet
+from clients.wallet.language import refusal
 from clients.wallet.sharing_memory import GivenGrant, ReceivedGrant
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
@@ -159,16 +160,16 @@ def _read_parts(path: Path, data: bytes) -> tuple[bytes, bytes, bytes, Passphras
     try:
         header, nonce, sealed, checksum = msgspec.msgpack.decode(data, type=tuple[bytes, bytes, bytes, bytes])
         if not header.startswith(_MAGIC) or tagged_hash(_CHECKSUM_TAG, header, nonce, sealed) != checksum:
-            raise BlockRobotError("WALLET_DAMAGED", f"{path} is not a wallet file, or was changed.")
+            raise refusal("WALLET_DAMAGED", "wallet_changed", path=str(path))
         salt, operations, memory = msgspec.msgpack.decode(header[len(_MAGIC) :], type=tuple[bytes, int, int])
     except msgspec.MsgspecError:
-        raise BlockRobotError("WALLET_DAMAGED", f"{path} is not a wallet file.") from None
+        raise refusal("WALLET_DAMAGED", "wallet_no_file", path=str(path)) from None
     if (
         len(salt) != _SALT_BYTES
         or not pwhash.argon2id.OPSLIMIT_MIN <= operations <= OPERATIONS_MAX_COUNT
         or not pwhash.argon2id.MEMLIMIT_MIN <= memory <= MEMORY_MAX_BYTES
     ):
-        raise BlockRobotError("WALLET_DAMAGED", f"{path} asks for more work than any wallet does.")
+        raise refusal("WALLET_DAMAGED", "wallet_work", path=str(path))
     return header, nonce, sealed, PassphraseCost(operations, memory), salt
 
 
@@ -194,7 +195,7 @@ class Keystore:
         Raises WALLET_EXISTS rather than overwrite one.
         """
         if path.exists():
-            raise BlockRobotError("WALLET_EXISTS", f"There is already a wallet at {path}.")
+            raise refusal("WALLET_EXISTS", "wallet_exists", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         cost = cost or PassphraseCost()
         salt = secrets.token_bytes(_SALT_BYTES)
@@ -210,15 +211,15 @@ class Keystore:
         try:
             data = path.read_bytes()
         except FileNotFoundError:
-            raise BlockRobotError("WALLET_NOT_FOUND", f"There is no wallet at {path}.") from None
+            raise refusal("WALLET_NOT_FOUND", "wallet_not_found", path=str(path)) from None
         if len(data) > WALLET_FILE_MAX_BYTES:
-            raise BlockRobotError("WALLET_DAMAGED", f"{path} is too large to be a wallet.")
+            raise refusal("WALLET_DAMAGED", "wallet_large", path=str(path))
         parts = _read_parts(path, data)
         plain, key = _unseal(parts, passphrase)
         try:
             content = msgspec.msgpack.decode(plain, type=WalletContent)
         except msgspec.MsgspecError:
-            raise BlockRobotError("WALLET_DAMAGED", f"{path} was written by another version.") from None
+            raise refusal("WALLET_DAMAGED", "wallet_version", path=str(path)) from None
         return cls(path, key, parts[0], content)
 
     def opens_with(self, passphrase: str) -> bool:

@@ -12,6 +12,7 @@ import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
+from typing import IO, Any
 
 import click
 
@@ -24,6 +25,7 @@ DEFAULT_LANGUAGE = "en"
 LANGUAGE_VARIABLE = "BLOCKROBOT_LANGUAGE"
 ONE, OTHER = "one", "other"
 _META_KEY = "blockrobot.language"
+_BECAUSE = "because"
 _FOLDER = Path(__file__).with_name("texts")
 
 Form = str | Mapping[str, str]
@@ -96,6 +98,27 @@ def text(key: str, /, *, language: str | None = None, **values: object) -> str:
     return as_called(form, has_fields=True).format(**values) if values else as_called(form)
 
 
+def refusal(code: str, key: str, /, **values: str | int) -> BlockRobotError:
+    """Return a refusal whose sentence is in the catalogue (`because.KEY`): English for programs, told in each language."""
+    return BlockRobotError(code, _say_because(key, DEFAULT_LANGUAGE, values), **{_BECAUSE: key}, **values)
+
+
+def _say_because(key: str, language: str, values: Mapping[str, Any]) -> str:
+    return text(f"{_BECAUSE}.{key}", language=language, **values)
+
+
+class WrongUsage(click.UsageError):
+    """A command line that asks for what cannot be: `usage.KEY`, in the person's language, English in JSON."""
+
+    def __init__(self, key: str, /, **values: Any) -> None:
+        super().__init__(text(f"usage.{key}", language=DEFAULT_LANGUAGE, **values))
+        self.told = text(f"usage.{key}", **values)
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Tell it to a person, as click tells wrong usage."""
+        click.UsageError(self.told, self.ctx).show(file)
+
+
 def code_text(table: str, code: str, *, language: str | None = None) -> str:
     """Return how a code of the chain is shown (`code.TABLE.CODE`); one that no text is for is shown as it is."""
     key = f"code.{table}.{code}"
@@ -145,17 +168,34 @@ def section(prefix: str, language: str) -> dict[str, str | dict[str, str]]:
 def describe_error(error: BlockRobotError, language: str | None = None) -> tuple[str, str]:
     """Return what happened and the next step in the language, as far as the catalogue has them, else in English.
 
-    A sentence that was made for this one case is kept beside the translated meaning, in English: it has the particulars.
+    A sentence that is in the catalogue (`refusal`) stands for itself. Any other that was made for this one case is kept
+    beside the translated meaning, in English: it has the particulars.
     """
-    texts = load(language or language_in_use())
+    language = language or language_in_use()
+    texts = load(language)
     meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")
     detail = error.detail
-    if isinstance(meaning, str):
+    told = _because(error, language)
+    if told:
+        detail = told
+    elif isinstance(meaning, str):
         detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
     if error.next_step != error.entry.next_step:  # that of a contract's own code says more
         refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
         next_step = texts.get(f"refusals.{refused}")
     return as_called(detail), as_called(next_step if isinstance(next_step, str) else error.next_step)
+
+
+def _because(error: BlockRobotError, language: str) -> str:
+    """Return a refusal's own sentence in the language, behind what was put before it (a file's name); "" if it has none."""
+    values = dict(error.context)
+    key = values.pop(_BECAUSE, None)
+    if key is None:
+        return ""
+    english = _say_because(str(key), DEFAULT_LANGUAGE, values)
+    if not error.detail.endswith(english):
+        return ""
+    return error.detail.removesuffix(english) + _say_because(str(key), language, values)
 
 
 def say_error(error: BlockRobotError) -> str:

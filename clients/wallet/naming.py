@@ -8,24 +8,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from consensus.errors import BlockRobotError
+from clients.wallet.language import refusal
 
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """What is named: in words (one, several), the code where there is none, and how many characters it takes at least."""
+    """What is named: its word in the catalogue, the code where there is none, and how many characters it takes at least."""
 
     one: str
-    many: str
     missing_code: str
     min_chars: int = 8
 
 
-RECORD = Thing("record", "records", "RECORD_NOT_FOUND", 1)
-VISIT = Thing("visit", "visits", "VISIT_NOT_FOUND")
-GRANT = Thing("share", "shares", "GRANT_NOT_FOUND")
-BREACH = Thing("breach", "breaches", "BREACH_NOT_FOUND")
-PROPOSAL = Thing("proposal", "proposals", "PROPOSAL_NOT_FOUND")
+RECORD = Thing("record", "RECORD_NOT_FOUND", 1)
+VISIT = Thing("visit", "VISIT_NOT_FOUND")
+GRANT = Thing("share", "GRANT_NOT_FOUND")
+BREACH = Thing("breach", "BREACH_NOT_FOUND")
+PROPOSAL = Thing("proposal", "PROPOSAL_NOT_FOUND")
 
 
 def find_named(thing: Thing, ids: Sequence[str], start: str) -> int:
@@ -34,12 +33,10 @@ def find_named(thing: Thing, ids: Sequence[str], start: str) -> int:
     Raises NAME_TOO_SHORT, NAME_AMBIGUOUS, or the thing's own code if there is none.
     """
     if len(start) < thing.min_chars:
-        text = f"Name a {thing.one} by at least {thing.min_chars} characters: {start!r} has {len(start)}."
-        raise BlockRobotError("NAME_TOO_SHORT", text)
+        raise refusal("NAME_TOO_SHORT", f"short.{thing.one}", count=thing.min_chars, start=start, given=len(start))
     found = [place for place, known in enumerate(ids) if known.startswith(start.lower())]
     if not found:
-        raise BlockRobotError(thing.missing_code, f"You have no {thing.one} whose name begins with {start}.")
+        raise refusal(thing.missing_code, f"missing.{thing.one}", start=start)
     if len(found) > 1:
-        text = f"{len(found)} {thing.many} have names that begin with {start}."
-        raise BlockRobotError("NAME_AMBIGUOUS", text)
+        raise refusal("NAME_AMBIGUOUS", f"several.{thing.one}", count=len(found), start=start)
     return found[0]

@@ -12,7 +12,7 @@ from rich.markup import escape
 from clients.bundle.consent_receipts import CheckedReceipt
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.language import describe_error, text
+from clients.wallet.language import WrongUsage, describe_error, refusal, text
 from clients.wallet.notices import Notices, Told
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.wallet import Wallet
@@ -37,7 +37,7 @@ def is_at_terminal() -> bool:
 def require_said(*, yes: bool) -> None:
     """Raise UsageError where nobody can be asked, unless `yes` was said: no program consents for a person by itself."""
     if not yes and not is_at_terminal():
-        raise click.UsageError("There is no terminal to ask at: give --yes if who consents has read the notice.")
+        raise WrongUsage("no_terminal_read")
 
 
 def tell_first(notices: Notices, told: Told, question: str, *, yes: bool, as_json: bool) -> None:
@@ -87,7 +87,7 @@ async def take_receipt(opened: Wallet, txid: bytes) -> Receipted:
         return Receipted(None, error)
     except OSError as error:
         why = error.strerror or type(error).__name__
-        return Receipted(None, BlockRobotError("FILE_UNUSABLE", f"The wallet cannot be written: {why}."))
+        return Receipted(None, refusal("FILE_UNUSABLE", "wallet_unwritten", why=why))
 
 
 @click.command()

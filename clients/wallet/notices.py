@@ -11,7 +11,7 @@ from typing import Any
 
 from clients.sdk.notices import organisation_of_card, public_values
 from clients.sdk.trust import ProvedState
-from clients.wallet.language import text
+from clients.wallet.language import refusal, text
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.notices import (
@@ -174,7 +174,7 @@ class Notices:
         key = version_key(organisation, version)
         found = read_published(organisation, (await self._values([key], registered=registered)).values[key])
         if found is None:
-            raise BlockRobotError("NOTICE_NOT_FOUND", f"{organisation} published no version {version}.")
+            raise refusal("NOTICE_NOT_FOUND", "notice_version", organisation=organisation, version=version)
         return found
 
     async def _values(self, keys: Sequence[bytes], *, registered: bool) -> ProvedState:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
 
 SERVICE = "blockrobot-wallet"
@@ -63,7 +64,7 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
         backend.set_password(SERVICE, name, passphrase)
         kept = backend.get_password(SERVICE, name)
     if kept != passphrase:
-        raise BlockRobotError("KEYRING_UNUSABLE", "The keyring kept nothing: it is switched off.")
+        raise refusal("KEYRING_UNUSABLE", "keyring_off")
     return little
 
 

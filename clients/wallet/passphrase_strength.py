@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import unicodedata
 
-from consensus.errors import BlockRobotError
+from clients.wallet.language import refusal
 
 PASSPHRASE_MIN_LETTERS = 15
 PARTS_MIN_COUNT = 8
@@ -60,12 +60,10 @@ def judge_passphrase(passphrase: str) -> Strength:
     """Return what is known of a new passphrase. Raises PASSPHRASE_WEAK for a short or a common one."""
     letters = count_letters(passphrase)
     if letters < PASSPHRASE_MIN_LETTERS:
-        raise BlockRobotError(
-            "PASSPHRASE_WEAK", f"The passphrase has {letters} letters; {PASSPHRASE_MIN_LETTERS} is the least."
-        )
+        raise refusal("PASSPHRASE_WEAK", "passphrase_short", count=letters, least=PASSPHRASE_MIN_LETTERS)
     count = count_parts(passphrase)
     if count < PARTS_MIN_COUNT:
-        raise BlockRobotError("PASSPHRASE_WEAK", "The passphrase is made of little but what is tried first.")
+        raise refusal("PASSPHRASE_WEAK", "passphrase_common")
     return Strength.FAIR if count < LONG_PARTS_COUNT else Strength.LONG
 
 

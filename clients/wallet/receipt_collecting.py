@@ -18,6 +18,7 @@ from clients.bundle.layout import SIGNED_RECEIPTS_MAX_BYTES
 from clients.bundle.proving import Heard
 from clients.bundle.signed_receipts import require_hers
 from clients.wallet.consent_receipts import ConsentReceipts
+from clients.wallet.language import refusal
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 
@@ -122,7 +123,7 @@ class _Collecting:
             return error
         except OSError as error:
             why = error.strerror or type(error).__name__
-            return BlockRobotError("FILE_UNUSABLE", f"The wallet cannot be written: {why}.")
+            return refusal("FILE_UNUSABLE", "wallet_unwritten", why=why)
         return None
 
     def held(self) -> HeldReceipts:

@@ -15,6 +15,7 @@ from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import refusal
 from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
 from clients.wallet.viewing import STATUS_CORRUPTED, STATUS_ERASED, FrameView, judge_frame
 from clients.wallet.wallet import Wallet
@@ -225,7 +226,7 @@ class Receiving:
             raise BlockRobotError("CLIP_ERASED")
         sealing = self._wallet.eras[receipt.received.era].sealing
         gathered = _Gathered(state, record_id, receipt.grant.grantee, sealing)
-        refusal: BlockRobotError | None = None
+        refused_with: BlockRobotError | None = None
         proven = await self._custodians(key)
         for node in self._wallet.network.custody.custodians:
             if node not in proven:
@@ -241,12 +242,12 @@ class Receiving:
                 answer = await self._download(node, receipt.grant.grant_id, ask, key)
                 gathered.add(node.name, proven[node], answer)
             except BlockRobotError as error:
-                if refusal is None or refusal.code == "NODE_UNREACHABLE":
-                    refusal = error
+                if refused_with is None or refused_with.code == "NODE_UNREACHABLE":
+                    refused_with = error
                 continue
             if gathered.is_done:
                 break
-        return gathered.view(refusal)
+        return gathered.view(refused_with)
 
     async def _custodians(self, key: PrivateKey) -> dict[NodeAddress | None, bytes]:
         """Return the custodians as the key of a grant reads them: only while it stands. Raises GRANT_ENDED."""
@@ -291,8 +292,7 @@ class Receiving:
         """
         received = receipt.received
         if not set(records) <= set(receipt.to_confirm):
-            text = "Only of what the inbox asks you to delete you can say that it is deleted, and once."
-            raise BlockRobotError("NOTHING_TO_CONFIRM", text)
+            raise refusal("NOTHING_TO_CONFIRM", "confirm_once")
         arguments = [receipt.grant.grant_id, list(records)]
         key = grantee_key(received, self._wallet)
         txid = (await self._wallet.network.call(key, "access", "noticed", arguments)).txid
@@ -385,13 +385,13 @@ class _Gathered:
         """A custodian's word is not enough: it would be an easy way to keep a picture back."""
         return index in self._state["erased_frames"]
 
-    def view(self, refusal: BlockRobotError | None) -> SharedView:
+    def view(self, refused_with: BlockRobotError | None) -> SharedView:
         """Return what there is to see. Raises why there is nothing."""
         if not self._answers:
-            raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
+            raise refused_with or refusal("NOT_FOUND", "no_custodian")
         if not self._key_sets:
-            if self._failure.code == "GRANT_PARTS_MISSING" and refusal is not None:
-                text = f"One custodian gave its part of the key, and another has to: {refusal.detail}"
+            if self._failure.code == "GRANT_PARTS_MISSING" and refused_with is not None:
+                text = f"One custodian gave its part of the key, and another has to: {refused_with.detail}"
                 raise BlockRobotError("GRANT_PARTS_MISSING", text)
             raise self._failure
         if not self._frames:

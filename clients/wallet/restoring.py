@@ -12,6 +12,7 @@ from pathlib import Path
 
 from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore, PassphraseCost
+from clients.wallet.language import refusal
 from clients.wallet.opening import run_made
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
@@ -28,9 +29,9 @@ def read_words(text: str) -> str:
 def require_distinct(words: str, former: Sequence[str]) -> None:
     """Raise WORDS_REPEATED if any words are named twice: each replaces others, and nobody's replace themselves."""
     if words in former:
-        raise BlockRobotError("WORDS_REPEATED", "The words in force and the former ones are the same.")
+        raise refusal("WORDS_REPEATED", "words_same")
     if len(set(former)) != len(former):
-        raise BlockRobotError("WORDS_REPEATED", "The same former words are named twice.")
+        raise refusal("WORDS_REPEATED", "words_twice")
 
 
 def restore_wallet(

@@ -15,7 +15,7 @@ from typing import Any
 import msgspec
 
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, purposes_text, text
+from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, purposes_text, refusal, text
 from clients.wallet.naming import VISIT, find_named
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
@@ -99,7 +99,7 @@ class Rights:
     async def restrict(self, chosen: Chosen, ground: str) -> Said:
         """Let nobody but her see records any more. Raises VALUE_INVALID, CALL_REFUSED with the contract's code."""
         if ground not in GROUNDS:
-            raise BlockRobotError("VALUE_INVALID", f"{ground!r} is no ground: {', '.join(GROUNDS)}.")
+            raise refusal("VALUE_INVALID", "right_ground", given=ground, known=", ".join(GROUNDS))
         return await self._say(chosen, "restrict", [chosen.record_ids, ground], "restricted")
 
     async def lift(self, chosen: Chosen) -> Said:
@@ -116,9 +116,9 @@ class Rights:
         It is kept before it is said: if the chain took it and the answer was lost, text and salt are still there.
         """
         if kind not in CORRECTIONS:
-            raise BlockRobotError("VALUE_INVALID", f"{kind!r} is nothing to correct: {', '.join(CORRECTIONS)}.")
+            raise refusal("VALUE_INVALID", "right_correction", given=kind, known=", ".join(CORRECTIONS))
         if not 0 < len(text.encode()) <= CORRECTION_MAX_BYTES:
-            raise BlockRobotError("VALUE_INVALID", f"A correction has 1 to {CORRECTION_MAX_BYTES} bytes of text.")
+            raise refusal("VALUE_INVALID", "right_bytes", most=CORRECTION_MAX_BYTES)
         correction = Correction(
             kind=kind,
             text=text,
@@ -195,7 +195,7 @@ class Rights:
         require_published(purposes, self._wallet.genesis.purposes)
         for code in purposes:
             if code in OWN_PURPOSES:
-                raise BlockRobotError("VALUE_INVALID", f"{code!r} is your own: it would keep you from your records.")
+                raise refusal("VALUE_INVALID", "right_own", given=code)
 
 
 def write_correction(correction: Correction) -> bytes:
@@ -210,7 +210,7 @@ def read_correction(data: bytes) -> Correction:
         commit_correction(correction)
         return correction
     except (msgspec.MsgspecError, ValueError):
-        raise BlockRobotError("FILE_UNUSABLE", "This is no correction.") from None
+        raise refusal("FILE_UNUSABLE", "right_file") from None
 
 
 def describe_event(kind: str, data: dict[str, Any], language: str | None = None) -> str:

@@ -12,8 +12,7 @@ from typing import Any, BinaryIO
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.calling import as_called
-from clients.wallet.language import purposes_text, text
+from clients.wallet.language import WrongUsage, purposes_text, text
 from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.rights import Chosen, Rights, Said, choose, write_correction
 from clients.wallet.wallet import Wallet
@@ -39,8 +38,7 @@ def _now(command: Any) -> Any:
 
 def _require_named(record_ids: tuple[str, ...], visits: tuple[str, ...]) -> None:
     if not record_ids and not visits:
-        wanted = "Name records, or a whole visit by --visit. To see them: blockrobot wallet records."
-        raise click.UsageError(as_called(wanted))
+        raise WrongUsage("name_records")
 
 
 async def _choose(opened: Wallet, record_ids: tuple[str, ...], visits: tuple[str, ...]) -> list[Chosen]:
@@ -153,7 +151,7 @@ def object_to(ctx: click.Context, purposes: tuple[str, ...], now: bool, recordin
     Example: blockrobot wallet object --purpose research
     """
     if not purposes:
-        raise click.UsageError(f"Say what you object to: --purpose CODE, one of {', '.join(PURPOSES)}.")
+        raise WrongUsage("object_what", known=", ".join(PURPOSES))
     if now and not as_json:
         click.echo(text("rights.linked"), err=True)
 
@@ -177,7 +175,7 @@ def _read_text(text_file: Path | None) -> str:
     if text_file is not None:
         return text_file.read_text(encoding="utf-8").strip()
     if not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask what is right: give --text-file.")
+        raise WrongUsage("no_terminal_text")
     return str(click.prompt(text("rights.ask_correction"))).strip()
 
 
@@ -233,7 +231,7 @@ def correct(
     async def action(opened: Wallet) -> tuple[Said, Correction]:
         chosen = await _choose(opened, record_ids, visits)
         if len(chosen) != 1:
-            raise click.UsageError("A correction is of one visit, or of records of one.")
+            raise WrongUsage("correct_one_visit")
         return await Rights(opened).correct(chosen[0], kind, right)
 
     with _new_file(out) as file:
@@ -264,7 +262,7 @@ def wrong_person(ctx: click.Context, visit: str, yes: bool, as_json: bool) -> No
     """
     if not yes:
         if not sys.stdin.isatty():
-            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+            raise WrongUsage("no_terminal_yes")
         ask(text("rights.ask_wrong_person", no_officer=text("rights.no_officer")))
 
     async def action(opened: Wallet) -> Said:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from clients.wallet.keys import WalletKeys, derive_keys, draw_words
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import refusal
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.owner_keys import VisitKeys, derive_owner_key, open_visit_keys, sign_transfer
@@ -75,7 +76,7 @@ class Rotating:
         if not content.next_words:
             return False
         if self.must_show:
-            raise BlockRobotError("VALUE_INVALID", "The new words were not shown yet.")
+            raise refusal("VALUE_INVALID", "words_hidden")
         new = derive_keys(content.next_words)
         if await wallet.find_registration(new) is None:
             member = await wallet.find_registration(wallet.keys)

@@ -16,6 +16,7 @@ from shamir_mnemonic import MnemonicError, Share, generate_mnemonics
 from shamir_mnemonic.recovery import RecoveryState
 from shamir_mnemonic.wordlist import WORD_INDEX_MAP, WORDLIST
 
+from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
 
 SHARE_WORDS_COUNT = 33
@@ -89,12 +90,13 @@ def read_share(written: str) -> Share:
     words = take_words(written)
     unknown = find_unknown(words)
     if unknown is not None:
-        raise BlockRobotError("SHARE_WORD_UNKNOWN", f"Word {unknown + 1} is not on the list.", number=unknown + 1)
+        raise refusal("SHARE_WORD_UNKNOWN", "guardian_word", number=unknown + 1)
     try:
         return Share.from_mnemonic(" ".join(words))
     except MnemonicError:
-        detail = "" if len(words) == SHARE_WORDS_COUNT else f"These are {len(words)} words, not {SHARE_WORDS_COUNT}."
-        raise BlockRobotError("SHARE_INVALID", detail) from None
+        if len(words) == SHARE_WORDS_COUNT:
+            raise BlockRobotError("SHARE_INVALID") from None
+        raise refusal("SHARE_INVALID", "guardian_words", count=len(words), wanted=SHARE_WORDS_COUNT) from None
 
 
 def require_of_wallet(share: Share) -> None:
@@ -103,11 +105,9 @@ def require_of_wallet(share: Share) -> None:
     Also for one that is enough by itself: nobody was ever handed one, and its words would be the guardian's own.
     """
     if len(share.value) != _ENTROPY_BYTES or share.iteration_exponent > ITERATION_EXPONENT_MAX_COUNT:
-        raise BlockRobotError("SHARE_INVALID", "These words are whole, but a share of something else than a wallet.")
+        raise refusal("SHARE_INVALID", "guardian_other")
     if share.group_threshold < THRESHOLD_MIN_COUNT and share.member_threshold < THRESHOLD_MIN_COUNT:
-        raise BlockRobotError(
-            "SHARE_INVALID", "These words lead to a wallet alone, which no guardian's do: it would not be yours."
-        )
+        raise refusal("SHARE_INVALID", "guardian_alone")
 
 
 class Gathering:
@@ -138,14 +138,12 @@ class Gathering:
             return None
         alike = [known for known in self._shares if _is_like(known, share)]
         if any((known.group_index, known.index) == (share.group_index, share.index) for known in alike):
-            return BlockRobotError("SHARES_CONTRADICT", "Two of these shares have the same number, and differ.")
+            return refusal("SHARES_CONTRADICT", "guardian_differ")
         if alike:
             return None
         first = self._shares[0]
-        detail = f"It is not of set {show_identifier(first.identifier)}."
-        if first.identifier == share.identifier:
-            detail = f"It bears the number of set {show_identifier(first.identifier)}, and says something else of it."
-        return BlockRobotError("SHARE_OF_ANOTHER_SPLIT", detail)
+        key = "guardian_set_differs" if first.identifier == share.identifier else "guardian_set"
+        return refusal("SHARE_OF_ANOTHER_SPLIT", key, set=show_identifier(first.identifier))
 
     @property
     def last(self) -> Share | None:
@@ -205,7 +203,7 @@ class Gathering:
                 continue
             self._choices_count += 1
             if self._choices_count > CHOICES_MAX_COUNT:
-                raise BlockRobotError("SHARES_CONTRADICT", "Too many of these shares differ: begin again with fewer.")
+                raise refusal("SHARES_CONTRADICT", "guardian_many")
             secret = _recover(chosen, passphrase)
             if secret is not None:
                 self.joined = list(chosen)

@@ -17,7 +17,7 @@ from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.grants import Grant, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
-from clients.wallet.language import text
+from clients.wallet.language import refusal, text
 from clients.wallet.rights import Chosen
 from clients.wallet.sharing_memory import GivenGrant
 from clients.wallet.viewing import Viewing
@@ -135,14 +135,14 @@ def require_purpose_to_share(purpose: str, known: Sequence[str]) -> None:
     """Raise SHARE_NOT_POSSIBLE unless records can be shared for this purpose."""
     if purpose not in known or purpose == OWN_ACCESS:
         free = ", ".join(code for code in known if code != OWN_ACCESS)
-        raise BlockRobotError("SHARE_NOT_POSSIBLE", f"{purpose!r} is nothing to share for: {free}.")
+        raise refusal("SHARE_NOT_POSSIBLE", "share_purpose", purpose=purpose, free=free)
 
 
 def place_end(until_ms: int, now_ms: int) -> int:
     """Return the full five minutes at or after a moment. Raises SHARE_NOT_POSSIBLE for the past, or beyond 366 days."""
     end_ms = -(-until_ms // GRANT_STEP_MS) * GRANT_STEP_MS
     if not now_ms < end_ms <= now_ms + GRANT_MAX_MS:
-        raise BlockRobotError("SHARE_NOT_POSSIBLE", "Something is shared until a moment to come, within 366 days.")
+        raise refusal("SHARE_NOT_POSSIBLE", "share_until")
     return end_ms
 
 
@@ -153,11 +153,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
     person's), NOTHING_TO_SHARE if none is left, CALL_REFUSED with the code by which the chain would refuse.
     """
     if len(chosen) != 1:
-        raise BlockRobotError(
-            "SHARE_NOT_POSSIBLE",
-            "Share records of one visit at a time, and others hours later: side by side on the ledger, two grants tell"
-            " that they are one person's.",
-        )
+        raise refusal("SHARE_NOT_POSSIBLE", "share_one_visit")
     (report,) = [each for each in reports if each.visit.owner == chosen[0].visit.owner]
     standing = report.standing
     entries = [entry for entry in chosen[0].records or report.records if entry.state["status"] == "active"]
@@ -170,7 +166,7 @@ def select_shareable(reports: Sequence[VisitReport], chosen: Sequence[Chosen], p
             "CALL_REFUSED", "RECORD_RESTRICTED: You restricted it: only you see it, until you lift that."
         )
     if not entries:
-        raise BlockRobotError("NOTHING_TO_SHARE", "Nothing is left of these records to share.")
+        raise refusal("NOTHING_TO_SHARE", "share_nothing")
     return entries
 
 
@@ -201,24 +197,21 @@ class Sharing:
         handle, known = self._read_handle(wanted)
         label = label.strip()
         for other in self._called(label) - {handle}:
-            detail = (
-                f"You already call somebody else {label!r} (handle {other.hex()[:12]}). Give another name with --as."
-            )
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", detail)
+            raise refusal("SHARE_NOT_POSSIBLE", "share_named", name=label, handle=other.hex()[:12])
         wallet, session = self._wallet, self._wallet.keys.identity
         await wallet.require_registered()
         if handle == wallet.store.content.handle:
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", "That is you: you see your records yourself.")
+            raise refusal("SHARE_NOT_POSSIBLE", "share_self")
         member = (await wallet.values([_HANDLE + handle], session))[_HANDLE + handle]
         entry = None if member is None else (await wallet.values([_MEMBER + member], session))[_MEMBER + member]
         if entry is None or entry["status"] != "active" or entry["handle"] != handle:
-            raise BlockRobotError("SHARE_WITH_NON_MEMBER", "Nobody is registered under this handle, or not any more.")
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_nobody")
         if entry["role"] not in GRANTEE_ROLES:
-            raise BlockRobotError("SHARE_WITH_NON_MEMBER", f"This member's role is {entry['role']}.")
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_role", role=entry["role"])
         gone = _REMOVED + entry["org"].encode()
         removed_ms = (await wallet.values([gone], session))[gone]
         if removed_ms is not None and entry["since"] <= removed_ms:
-            raise BlockRobotError("SHARE_WITH_NON_MEMBER", f"{entry['org']} has left this network, and its staff too.")
+            raise refusal("SHARE_WITH_NON_MEMBER", "share_left", organisation=entry["org"])
         return Grantee(
             handle, label or known, entry["role"], entry["org"], entry["spend"], entry["view"], entry["sealing"]
         )
@@ -226,9 +219,8 @@ class Sharing:
     def _read_handle(self, wanted: str) -> tuple[bytes, str]:
         called = self._called(wanted)
         if len(called) > 1:
-            starts = " and ".join(sorted(handle.hex()[:12] for handle in called))
-            detail = f"You call several {wanted!r} (handles {starts}). Name the one you mean by the whole handle."
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", detail)
+            starts = ", ".join(sorted(handle.hex()[:12] for handle in called))
+            raise refusal("SHARE_NOT_POSSIBLE", "share_several", name=wanted, handles=starts)
         for given in reversed(self._wallet.store.content.given_grants):
             if given.handle in called and _same_name(given.label, wanted):
                 return given.handle, given.label
@@ -237,10 +229,7 @@ class Sharing:
         except ValueError:
             handle = b""
         if len(handle) != HANDLE_BYTES:
-            raise BlockRobotError(
-                "SHARE_NOT_POSSIBLE",
-                f"{wanted!r} is neither a handle (64 digits, by `wallet handle`) nor a name that you gave.",
-            )
+            raise refusal("SHARE_NOT_POSSIBLE", "share_handle", given=wanted)
         known = [given.label for given in self._wallet.store.content.given_grants if given.handle == handle]
         return handle, known[-1] if known else ""
 
@@ -257,13 +246,13 @@ class Sharing:
         custodians take their parts, NOTHING_TO_SHARE if nothing can be shared, CALL_REFUSED with the contract's code.
         """
         if not 1 <= len(entries) <= GRANT_RECORDS_MAX_COUNT:
-            raise BlockRobotError("SHARE_NOT_POSSIBLE", f"One grant is of 1 to {GRANT_RECORDS_MAX_COUNT} records.")
+            raise refusal("SHARE_NOT_POSSIBLE", "share_records", most=GRANT_RECORDS_MAX_COUNT)
         visit = entries[0].visit
         tell(STEP_KEYS)
         data_keys = await self._open_keys(entries)
         records = [entry.record_id for entry in entries if data_keys[entry.record_id]]
         if not records:
-            raise BlockRobotError("NOTHING_TO_SHARE", "No picture of these records can be opened.")
+            raise refusal("NOTHING_TO_SHARE", "share_unopened")
         custodians = await self._find_custodians()
         chain_id = self._wallet.genesis.chain_id
         ephemeral = PrivateKey(self._draw(32))

@@ -16,9 +16,8 @@ from typing import Any
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, status_line
-from clients.wallet.calling import as_called
 from clients.wallet.grants import find_by_prefix
-from clients.wallet.language import DEFAULT_LANGUAGE, code_text, language_in_use, text
+from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, code_text, language_in_use, text
 from clients.wallet.opening import reads_only, run_opened, show_moment
 from clients.wallet.rights import choose
 from clients.wallet.sharing import (
@@ -50,12 +49,12 @@ _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
     """Return the end that was said, in ms: after a span (7d, 12h), or at a moment of the local clock."""
     if (span is None) == (until is None):
-        raise click.UsageError("Say for how long: --for 7d, or --until 2026-12-01.")
+        raise WrongUsage("how_long")
     if until is not None:
         return place_end(int(until.astimezone().timestamp() * 1000), now_ms)
     found = _SPAN.fullmatch((span or "").strip())
     if found is None:
-        raise click.UsageError("--for takes a number and m, h, d or w: 90m, 12h, 7d, 2w.")
+        raise WrongUsage("span")
     return place_end(now_ms + int(found[1]) * _SPANS_MS[found[2]], now_ms)
 
 
@@ -100,7 +99,7 @@ def confirm(told: str, question: str, *, yes: bool) -> None:
     if yes:
         return
     if not sys.stdin.isatty():
-        raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+        raise WrongUsage("no_terminal_yes")
     click.echo(told, err=True)
     ask(question, err=True)
 
@@ -211,8 +210,7 @@ def share(
     Example: blockrobot wallet share --visit 02ab34cd --with HANDLE --as "Dr Weber" --purpose care --for 7d
     """
     if not record_ids and not visits:
-        wanted = "Name records, or a whole visit by --visit. To see them: blockrobot wallet records."
-        raise click.UsageError(as_called(wanted))
+        raise WrongUsage("name_records")
     until_ms = read_end(span, until, time.time_ns() // 1_000_000)
 
     async def action(opened: Wallet) -> tuple[Grantee, list[Shared]]:

@@ -11,6 +11,7 @@ from collections.abc import AsyncGenerator, Sequence
 from dataclasses import dataclass, field
 
 from clients.sdk.connections import NodeAddress
+from clients.wallet.language import refusal
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -141,12 +142,12 @@ class Viewing:
         used: list[str] = []
         leaves: list[bytes] = []
         refused: list[tuple[str, str]] = []
-        refusal: BlockRobotError | None = None
+        failure: BlockRobotError | None = None
         for custodian in self._wallet.network.custody.custodians:
             try:
                 found, leaves = await self._view_at(custodian, entry, access_id)
             except BlockRobotError as error:
-                refusal = error
+                failure = error
                 refused.append((custodian.name, error.code))
                 continue
             used.append(custodian.name)
@@ -156,7 +157,7 @@ class Viewing:
             if all(frame.status != STATUS_CORRUPTED for frame in frames.values()):
                 break
         if not frames:
-            raise refusal or BlockRobotError("NOT_FOUND", "The network has no custodian.")
+            raise failure or refusal("NOT_FOUND", "no_custodian")
         ordered = tuple(frames[index] for index in sorted(frames))
         return RecordView(entry, ordered, tuple(used), tuple(leaves), tuple(refused))
 

@@ -48,6 +48,13 @@ export function onAnswer(act) {
   whenAnswered = act;
 }
 
+let unreachable = { detail: "The program behind this page does not answer.", nextStep: "See whether it still runs, and open the page by a new link." };
+
+/** Say in the reader's language what is told when nobody answers: {detail, nextStep}. Until then it is said in English. */
+export function tellUnreachable(words) {
+  unreachable = words;
+}
+
 let underWayCount = 0;
 
 function warn(event) {
@@ -81,7 +88,7 @@ async function ask(path, { method = "GET", body, headers = {}, signal } = {}) {
     });
   } catch (error) {
     if (error.name === "AbortError") throw error;
-    throw new Problem({ code: "UNREACHABLE", detail: "The program behind this page does not answer.", nextStep: "See whether it still runs, and open the page by a new link.", status: 0 });
+    throw new Problem({ code: "UNREACHABLE", ...unreachable, status: 0 });
   }
   if (response.ok) {
     whenAnswered(response.headers);

@@ -10,6 +10,7 @@ from aiohttp import web
 
 from clients.sdk.picture import Depth
 from clients.wallet.auditing import audit_visit
+from clients.wallet.language import refusal
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, query_of, route
 from clients.wallet.page.clips import CLIP_MAX_BYTES, RECORDS_MAX_COUNT, OpenClip, little_endian, size_of
 from clients.wallet.page.jobs import Job
@@ -17,7 +18,6 @@ from clients.wallet.page.seals import Seal, seal_json, verified_block
 from clients.wallet.page.session import PageSession
 from clients.wallet.viewing import RecordView, Viewing
 from clients.wallet.wallet import RecordEntry
-from consensus.errors import BlockRobotError
 from consensus.records.renditions import ENCODING_PNG16
 from pages.local_page import LocalRoute
 
@@ -47,9 +47,9 @@ async def _open(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     if not 1 <= len(entries) <= RECORDS_MAX_COUNT:
-        raise BlockRobotError("REQUEST_INVALID", f"Open 1 to {RECORDS_MAX_COUNT} records at a time.")
+        raise refusal("REQUEST_INVALID", "clip_records", most=RECORDS_MAX_COUNT)
     if len({entry.visit.owner for entry in entries}) > 1:
-        raise BlockRobotError("REQUEST_INVALID", "Open records of one visit at a time: together they would be joined.")
+        raise refusal("REQUEST_INVALID", "clip_one_visit")
 
     language = language_of(request)
 
@@ -106,7 +106,7 @@ async def _as_of_now(session: PageSession, entries: list[RecordEntry]) -> list[R
         return entries
     known = {entry.record_id: entry for entry in (await session.wallet.visit_report(visit)).records}
     if any(entry.record_id not in known for entry in entries):
-        raise BlockRobotError("CLIP_ERASED", "It was erased a moment ago.")
+        raise refusal("CLIP_ERASED", "erased_now")
     return [known[entry.record_id] for entry in entries]
 
 
@@ -122,7 +122,7 @@ async def _find_written(session: PageSession, entries: list[RecordEntry]) -> dic
 def _number(request: web.Request) -> int:
     text = request.match_info["number"]
     if not (text.isascii() and text.isdigit() and len(text) < 9):
-        raise BlockRobotError("NOT_FOUND", "There is no such frame.")
+        raise refusal("NOT_FOUND", "clip_no_frame")
     return int(text)
 
 

@@ -8,6 +8,7 @@ from aiohttp import web
 
 from clients.wallet.consent_receipts import ConsentReceipts
 from clients.wallet.consenting import Consenting, Word, choice_json, round_period
+from clients.wallet.language import refusal
 from clients.wallet.notice_commands import take_receipt
 from clients.wallet.notices import Notices, Told
 from clients.wallet.page.answering import accepted, answer_json, body_of, route
@@ -88,9 +89,9 @@ async def _give(session: PageSession, request: web.Request) -> web.Response:
     version = asked.number("notice_version")
     asked.end()
     if not purposes or not sensors:
-        raise BlockRobotError("REQUEST_INVALID", "Say which purposes and which sensors you consent to.")
+        raise refusal("REQUEST_INVALID", "consent_choose")
     if until_ms and period[1] <= max(period[0], session.now_ms()):
-        raise BlockRobotError("REQUEST_INVALID", "The time until which you consent is over already.")
+        raise refusal("REQUEST_INVALID", "consent_over")
 
     async def work(job: Job) -> dict[str, Any]:
         wallet = session.wallet
@@ -117,7 +118,7 @@ async def _refuse(session: PageSession, request: web.Request) -> web.Response:
     purposes, sensors = asked.texts("purposes"), asked.texts("sensors")
     asked.end()
     if not purposes:
-        raise BlockRobotError("REQUEST_INVALID", "Say what you refuse.")
+        raise refusal("REQUEST_INVALID", "consent_refuse")
 
     async def work(job: Job) -> dict[str, Any]:
         job.tell("writing it into the ledger")

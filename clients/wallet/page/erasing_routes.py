@@ -13,6 +13,7 @@ from aiohttp import web
 from clients.wallet.erasing import Erasing
 from clients.wallet.erasure_status import AskedErasure, find_erasures_of
 from clients.wallet.keystore import KnownVisit
+from clients.wallet.language import refusal
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.days import Wanted, kind_of, kinds_json, read_zone, select
@@ -21,7 +22,6 @@ from clients.wallet.page.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
 from clients.wallet.sharing import Sharing
 from clients.wallet.wallet import RecordEntry
-from consensus.errors import BlockRobotError
 from pages.local_page import LocalRoute
 
 WAIT_MAX_S = 60.0
@@ -41,9 +41,9 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> list[Re
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     if frames:
         if len(entries) != 1:
-            raise BlockRobotError("REQUEST_INVALID", "Frames can be erased of one record at a time.")
+            raise refusal("REQUEST_INVALID", "erase_frames")
         if frames[-1] >= entries[0].metadata.frame_count:
-            raise BlockRobotError("REQUEST_INVALID", f"The record has {entries[0].metadata.frame_count} pictures.")
+            raise refusal("REQUEST_INVALID", "erase_pictures", count=entries[0].metadata.frame_count)
     return [entry for entry in entries if entry.state["status"] == "active"]
 
 
@@ -63,7 +63,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     entries = _named(session, ids, frames)
     if not entries:
-        raise BlockRobotError("NOT_FOUND", "There is nothing left to erase.")
+        raise refusal("NOT_FOUND", "erase_nothing")
     known = {entry.record_id for entry in entries}
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
     kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
@@ -85,7 +85,7 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     asked.end()
     entries = _named(session, ids, frames)
     if not entries:
-        raise BlockRobotError("NOT_FOUND", "There is nothing left to erase.")
+        raise refusal("NOT_FOUND", "erase_nothing")
     await session.gate.require(passphrase)
 
     async def work(job: Job) -> dict[str, Any]:

@@ -15,13 +15,13 @@ from clients.bundle.checking import Verdict
 from clients.bundle.proving import Heard
 from clients.bundle.writing import Contents, write_bundle
 from clients.wallet.calling import verify_command
-from clients.wallet.export_command import bundle_json, bundle_warning
+from clients.wallet.export_command import bundle_json, bundle_warning, say_problem
 from clients.wallet.exporting import Exporting, Wanted
-from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.language import refusal
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import PageSession
-from consensus.errors import BlockRobotError
 from pages.local_page import LocalRoute
 
 
@@ -44,7 +44,7 @@ def _read_wanted(asked: Asked) -> tuple[Wanted, bool]:
         identity=asked.flag("identity", default=True),
     )
     if wanted.until_ms and wanted.until_ms <= wanted.from_ms:
-        raise BlockRobotError("REQUEST_INVALID", "The end of the time is not after its beginning.")
+        raise refusal("REQUEST_INVALID", "time_order")
     return wanted, asked.flag("now", default=False)
 
 
@@ -64,9 +64,10 @@ async def _export(session: PageSession, request: web.Request) -> web.Response:
     wanted, now = _read_wanted(asked)
     asked.end()
     await session.gate.require(passphrase)
+    language = language_of(request)
 
     async def work(job: Job) -> dict[str, Any]:
-        return await _write(session, job, wanted, at_once=now)
+        return await _write(session, job, wanted, language, at_once=now)
 
     return accepted(session.jobs.start("export", work, stoppable=True))
 
@@ -75,7 +76,7 @@ class _StoppedError(Exception):
     """Nobody waits for what is being written any more."""
 
 
-async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: bool) -> dict[str, Any]:
+async def _write(session: PageSession, job: Job, wanted: Wanted, language: str, *, at_once: bool) -> dict[str, Any]:
     """Collect a bundle and write it into the wallet's own folder, for the page to fetch."""
     loop = asyncio.get_running_loop()
 
@@ -98,6 +99,9 @@ async def _write(session: PageSession, job: Job, wanted: Wanted, *, at_once: boo
         "name": saved,
         "check": verify_command(saved),
         **{key: told[key] for key in kept},
+        "problems": [
+            each | {"sentence": say_problem(each["code"], each["sentence"], language)} for each in told["problems"]
+        ],
         "lines": [f"Missing: {problem['sentence']}" for problem in told["problems"]],
     }
 
@@ -130,7 +134,7 @@ def _leave_out(path: Path, writing: asyncio.Future[Verdict]) -> None:
 async def _file(session: PageSession, request: web.Request) -> web.StreamResponse:
     kept = session.exports.get(request.match_info["export"])
     if kept is None:
-        raise BlockRobotError("NOT_FOUND", "There is no such file, or not any more.")
+        raise refusal("NOT_FOUND", "page_no_file")
     return web.FileResponse(kept.path, headers={"Content-Type": "application/zip"})
 
 

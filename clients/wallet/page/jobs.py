@@ -13,6 +13,7 @@ from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
 
 WAIT_MAX_MS = 25_000
@@ -89,7 +90,7 @@ class Jobs:
         for name in [name for name, job in self._jobs.items() if job.is_over and now - job.ended_ms > KEPT_MS]:
             del self._jobs[name]
         if sum(not job.is_over for job in self._jobs.values()) >= OPEN_MAX_COUNT:
-            raise BlockRobotError("RATE_LIMITED", "The page has asked for too much at once.")
+            raise refusal("RATE_LIMITED", "page_too_much")
         job = Job(secrets.token_hex(8), kind, stoppable)
         self._jobs[job.name] = job
         job.task = asyncio.create_task(self._run(job, work))
@@ -115,7 +116,7 @@ class Jobs:
             job.state, job.error = "failed", BlockRobotError("FILE_UNUSABLE", f"{reason}.")
         except Exception as error:  # noqa: BLE001 - whatever fails, the page gets words and the log gets the rest
             _log.error("unexpected fault in a job of kind %s: %s", job.kind, type(error).__name__)
-            job.state, job.error = "failed", BlockRobotError("INTERNAL", "The wallet met a fault of its own.")
+            job.state, job.error = "failed", refusal("INTERNAL", "page_fault")
         job.ended_ms = self._now_ms()
         job.note()
 
@@ -123,7 +124,7 @@ class Jobs:
         """Return a job. Raises NOT_FOUND for one that is forgotten."""
         job = self._jobs.get(name)
         if job is None:
-            raise BlockRobotError("NOT_FOUND", "There is no such task, or not any more.")
+            raise refusal("NOT_FOUND", "page_no_task")
         return job
 
     async def wait(self, name: str, after: int, wait_ms: int) -> Job:

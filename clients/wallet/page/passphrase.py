@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Callable
 
 from clients.wallet.keystore import Keystore
-from consensus.errors import BlockRobotError
+from clients.wallet.language import refusal
 
 FREE_ATTEMPTS_COUNT = 5
 ATTEMPTS_MAX_COUNT = 10
@@ -32,7 +32,7 @@ class PassphraseGate:
         async with self._lock:
             left_ms = self._locked_until_ms - self._now_ms()
             if left_ms > 0:
-                raise BlockRobotError("PASSPHRASE_LOCKED", f"Wait {-(-left_ms // 1000)} seconds before you try again.")
+                raise refusal("PASSPHRASE_LOCKED", "passphrase_wait", count=-(-left_ms // 1000))
             if await asyncio.to_thread(self._store.opens_with, passphrase):
                 self._wrong_count = 0
                 return
@@ -40,11 +40,9 @@ class PassphraseGate:
             left = FREE_ATTEMPTS_COUNT - self._wrong_count
             if self._wrong_count >= ATTEMPTS_MAX_COUNT:
                 self._give_up()
-                raise BlockRobotError("PASSPHRASE_LOCKED", "The passphrase was wrong ten times. This page is closed.")
+                raise refusal("PASSPHRASE_LOCKED", "passphrase_closed")
             if left > 0:
-                raise BlockRobotError("WALLET_PASSPHRASE_WRONG", f"That is not the passphrase. {left} tries are left.")
+                raise refusal("WALLET_PASSPHRASE_WRONG", "passphrase_left", count=left)
             lock_ms = LOCK_FIRST_MS << -left
             self._locked_until_ms = self._now_ms() + lock_ms
-            raise BlockRobotError(
-                "PASSPHRASE_LOCKED", f"That is not the passphrase. Wait {lock_ms // 1000} seconds before you try again."
-            )
+            raise refusal("PASSPHRASE_LOCKED", "passphrase_wrong_wait", count=lock_ms // 1000)

@@ -15,6 +15,7 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
+from clients.wallet.language import refusal
 from clients.wallet.page.clips import Clips
 from clients.wallet.page.jobs import Jobs
 from clients.wallet.page.passphrase import PassphraseGate
@@ -166,7 +167,7 @@ class PageSession:
             async with asyncio.timeout(HOLD_MAX_S):
                 await self.lock.acquire()
         except TimeoutError:
-            raise BlockRobotError("WALLET_BUSY", "The wallet is still busy with what you asked for before.") from None
+            raise refusal("WALLET_BUSY", "page_busy") from None
         try:
             yield self.wallet
         finally:
@@ -216,7 +217,7 @@ class PageSession:
             self.state, self.problem = unread.get(error.code, "failed"), error
         except Exception as error:  # noqa: BLE001 - the page stays, and says that something is wrong
             _log.error("unexpected fault while the chain was read: %s", type(error).__name__)
-            self.state, self.problem = "failed", BlockRobotError("INTERNAL", "The wallet met a fault of its own.")
+            self.state, self.problem = "failed", refusal("INTERNAL", "page_fault")
         else:
             self.snapshot, self.state, self.problem = snapshot, "ready", None
             self._note_new(before, snapshot)

@@ -7,6 +7,7 @@ from typing import Any
 
 from aiohttp import web
 
+from clients.wallet.language import refusal
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
@@ -16,7 +17,6 @@ from clients.wallet.rights import choose
 from clients.wallet.sharing import Grantee, Sharing, place_end, require_purpose_to_share, select_shareable
 from clients.wallet.sharing_commands import explain, share_each, shared_json
 from clients.wallet.wallet import RecordEntry, Wallet
-from consensus.errors import BlockRobotError
 from consensus.records.metadata import NOTICE_SENSOR
 from pages.local_page import LocalRoute
 
@@ -107,7 +107,7 @@ async def _revoke(session: PageSession, request: web.Request) -> web.Response:
     grant_id = request.match_info["grant"].lower()
     found = [share for share in session.snapshot.shares() if share.grant.grant_id.hex() == grant_id]
     if not found:
-        raise BlockRobotError("NOT_FOUND", "You share nothing by that name.")
+        raise refusal("NOT_FOUND", "share_none")
 
     async def work(job: Job) -> dict[str, Any]:
         job.tell("writing it into the ledger")

@@ -12,10 +12,10 @@ from typing import Any
 from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.erasing import ErasureReport
 from clients.wallet.erasure_status import AskedErasure, custodian_names, describe_erasure, read_erasures
+from clients.wallet.language import refusal
 from clients.wallet.notices import Notices, Told
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.wallet import RecordEntry, VisitReport, Wallet
-from consensus.errors import BlockRobotError
 
 NOTICE_EVERY_MS = 30_000
 VERDICT_KIND = "verdict"
@@ -67,13 +67,13 @@ class Snapshot:
         for part in self.visits:
             if part.report.visit.owner == owner:
                 return part
-        raise BlockRobotError("NOT_FOUND", "You have no such visit.")
+        raise refusal("NOT_FOUND", "no_visit")
 
     def entry(self, record_id: bytes) -> RecordEntry:
         """Return a record. Raises NOT_FOUND."""
         entry = self.entries.get(record_id)
         if entry is None:
-            raise BlockRobotError("NOT_FOUND", "You have no such record, or it is erased.")
+            raise refusal("NOT_FOUND", "no_record")
         return entry
 
     def same_as(self, other: Snapshot) -> bool:

@@ -1,6 +1,6 @@
 // The page's words, in the reader's language. They come from the wallet's one catalogue; nothing is worded in the code.
 
-import { fetchJson } from "./shared/fetching.js";
+import { fetchJson, tellUnreachable } from "./shared/fetching.js";
 
 const LOCALES = { en: "en-GB", pt: "pt-PT" };
 let texts = {};
@@ -14,6 +14,7 @@ export async function loadTexts(wanted) {
   current = answer.language;
   known = answer.languages;
   document.documentElement.lang = current;
+  tellUnreachable({ detail: t("problem.unreachable"), nextStep: t("problem.unreachableNext") });
 }
 
 /** The language in use, and all there are. */

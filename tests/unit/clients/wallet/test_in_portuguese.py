@@ -27,6 +27,7 @@ from consensus.errors import BlockRobotError
 from consensus.records import rights as codes
 from consensus.records.lost_keys import LOST_KEY_REASONS
 from consensus.records.purposes import PURPOSES
+from network.cli.main import main
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 from tests.unit.clients.wallet.test_rights import Saying
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
@@ -198,19 +199,21 @@ def test_words_are_changed_and_visits_moved_in_portuguese(desk: Desk) -> None:
 def test_new_words_are_asked_back_in_portuguese(desk: Desk, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     assert desk.folder
     asked: list[str] = []
-    answers = iter(["zero", "one"])
+    words = ["um", "dois", "três"]
 
     def prompt(question: str, **_: Any) -> str:
         asked.append(question)
-        return next(answers)
+        if len(asked) == 2:
+            return "zero"
+        return words[int(question.rsplit(maxsplit=1)[-1]) - 1] if question.startswith("Palavra") else ""
 
-    monkeypatch.setattr("clients.wallet.rotating_commands.secrets.randbelow", lambda _: 1)
     monkeypatch.setattr(click, "prompt", prompt)
-    rotating_commands._show_words("zero one two", None)
-    assert asked == ["\nDo que escreveu: palavra número 2"] * 2
+    rotating_commands._hand_over(" ".join(words), None)
+    assert (asked[0], asked[1]) == ("Quando estiver tudo escrito, prima Enter", asked[2])
     said = capsys.readouterr().out
     assert "As suas 24 palavras novas." in said
-    assert "Não é essa palavra." in said
+    assert "Para ver se ficaram bem escritas, uma delas" in said
+    assert "Essa não é a palavra" in said
 
 
 def test_leaving_is_told_in_portuguese(desk: Desk) -> None:
@@ -300,6 +303,28 @@ def test_every_step_of_a_job_has_words_on_the_page() -> None:
     }
     for key, said in section("page.step", "pt").items():
         assert said != load("en")[f"page.step.{key}"]
+
+
+def test_wrong_usage_is_told_in_portuguese_and_to_a_program_in_english(run: Any, world: World) -> None:
+    world.record(world.open_visit())
+    for arguments, said in (
+        (("records", "--day", "amanhã"), "'amanhã' não é um dia: escreva today, yesterday, 2027-01-31"),
+        (("erase",), "Indique as gravações a apagar, ou diga --all."),
+        (("restrict", "--ground", "legal-claim"), "Indique gravações, ou um encontro inteiro com --visit."),
+        (("--profile", "a b", "records"), "O nome de um perfil só tem letras, algarismos, - e _."),
+    ):
+        spoken = run(*arguments)
+        assert (spoken.exit_code, said in spoken.output) == (2, True), spoken.output
+    program = CliRunner().invoke(main, ["wallet", "--language", "pt", "records", "--day", "amanhã", "--json"])
+    assert program.exit_code == 2
+    assert json.loads(program.stdout)["error"]["detail"].startswith("'amanhã' is no day: write today")
+
+
+def test_a_name_that_fits_nothing_is_refused_in_portuguese(run: Any, world: World) -> None:
+    world.record(world.open_visit())
+    refused = run("erase", "0" * 12, "--yes")
+    assert f"Não tem nenhuma gravação cujo nome comece por {'0' * 12}." in refused.output
+    assert "(" not in refused.output.splitlines()[0], "no English in brackets"
 
 
 def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,19 @@ from pathlib import Path
 import click
 import pytest
 
-from clients.wallet import language
-from clients.wallet.language import ONE, OTHER, Form, describe_error, find_language, load, section, text
+from clients.wallet import language, naming
+from clients.wallet.language import (
+    ONE,
+    OTHER,
+    Form,
+    WrongUsage,
+    describe_error,
+    find_language,
+    load,
+    refusal,
+    section,
+    text,
+)
 from consensus.contract_refusals import NEXT_STEPS
 from consensus.errors import CATALOGUE, BlockRobotError
 from consensus.records.purposes import PURPOSES
@@ -48,22 +59,82 @@ def test_no_text_is_empty_or_begins_or_ends_with_a_blank_line() -> None:
 
 
 def asked_for() -> dict[str, str]:
-    """Every key that is written in the wallet's code as `text("...")`, and where."""
+    """Every key that is written in the wallet's code as `text("...")`, or by what a refusal is made, and where."""
     found = {}
+    makers = {"text": (0, ""), "refusal": (1, "because."), "WrongUsage": (0, "usage.")}
     for path in WALLET.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "text" and node.args:
-                for part in ast.walk(node.args[0]):
+            if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+                continue
+            place, start = makers.get(node.func.id, (len(node.args), ""))
+            if place < len(node.args):
+                for part in ast.walk(node.args[place]):
                     if isinstance(part, ast.JoinedStr):
                         break
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
-                        found[part.value] = f"{path.name}:{node.lineno}"
+                        found[start + part.value] = f"{path.name}:{node.lineno}"
     return found
 
 
 def test_every_text_that_the_code_asks_for_is_there() -> None:
     missing = {key: place for key, place in asked_for().items() if key not in load("en")}
     assert not missing
+
+
+def test_no_sentence_of_a_refusal_is_kept_that_nobody_says() -> None:
+    asked = asked_for() | dict.fromkeys(
+        f"because.{sentence}.{thing.one}"
+        for sentence in ("short", "missing", "several")
+        for thing in (naming.RECORD, naming.VISIT, naming.GRANT, naming.BREACH, naming.PROPOSAL)
+    )
+    asked |= dict.fromkeys(("because.guardian_set", "because.guardian_set_differs"), "shares.py")
+    assert {key for key in load("en") if key.startswith(("because.", "usage."))} == {
+        key for key in asked if key.startswith(("because.", "usage."))
+    }
+
+
+OFFICERS_COMMANDS = {"breach_commands.py", "lost_keys_commands.py"}
+
+
+def test_what_a_patient_uses_wrongly_is_never_worded_in_the_code() -> None:
+    worded = [
+        f"{path.name}:{node.lineno}"
+        for path in WALLET.rglob("*.py")
+        if path.name not in OFFICERS_COMMANDS | {"language.py"}
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Attribute)
+        and node.func.attr in {"UsageError", "BadParameter", "ClickException"}
+    ]
+    assert worded == []
+
+
+def test_a_refusal_with_a_sentence_of_the_catalogue_says_it_in_the_language_with_its_values() -> None:
+    error = refusal("WALLET_PASSPHRASE_WRONG", "passphrase_left", count=4)
+    assert error.detail == "That is not the passphrase. 4 tries are left.", "what a program is told"
+    assert describe_error(error, "en")[0] == error.detail
+    assert describe_error(error, "pt")[0] == "Essa não é a frase-passe. Restam 4 tentativas."
+    one = refusal("WALLET_PASSPHRASE_WRONG", "passphrase_left", count=1)
+    assert describe_error(one, "pt")[0] == "Essa não é a frase-passe. Resta 1 tentativa."
+
+
+def test_what_was_put_before_a_refusals_sentence_stays_before_it_in_every_language() -> None:
+    error = refusal("SHARE_WORD_UNKNOWN", "guardian_word", number=7)
+    named = BlockRobotError(error.code, f"sheet.txt: {error.detail}", **error.context)
+    assert describe_error(named, "pt")[0] == "sheet.txt: A palavra 7 não está na lista."
+    other = BlockRobotError(error.code, "Something else altogether.", **error.context)
+    assert describe_error(other, "pt")[0].endswith("(Something else altogether.)")
+
+
+def test_wrong_usage_is_told_to_people_in_their_language_and_to_programs_in_english(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    wrong = WrongUsage("no_time", given="soon")
+    assert wrong.format_message() == "'soon' is no time: write -7d, -12h, 2027-01-31 or 2027-01-31T18:00."
+    wrong.show()
+    assert "'soon' não é um momento: escreva -7d" in capsys.readouterr().err
+    assert wrong.exit_code == click.UsageError("").exit_code
 
 
 def test_a_code_that_has_a_translation_is_in_the_catalogue_of_errors() -> None:

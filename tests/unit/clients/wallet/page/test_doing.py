@@ -116,6 +116,16 @@ async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk:
     assert told["pt"]["checks"][2]["sentence"] == "O que foi enviado não é o que o registo nomeia"
 
 
+async def test_how_many_tries_are_left_is_told_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
+    ids = await recorded(desk)
+    desk.page.headers["Accept-Language"] = "pt"
+    wanted = {"records": ids, "passphrase": "coffee"}
+    told = [(await desk.page.ask("POST", "/api/erasures", wanted))[1]["detail"] for _ in range(5)]
+    assert told[0] == "Essa não é a frase-passe. Restam 4 tentativas."
+    assert told[3] == "Essa não é a frase-passe. Resta 1 tentativa."
+    assert told[4] == "Essa não é a frase-passe. Espere 60 segundos antes de tentar outra vez."
+
+
 async def test_records_of_two_visits_are_not_opened_together(desk: Desk) -> None:
     ids = [*(await recorded(desk)), *(await recorded(desk))]
     assert await desk.page.refused("POST", "/api/clips", {"records": ids}) == "REQUEST_INVALID"
