@@ -14,6 +14,7 @@ import numpy as np
 
 from clients.sdk.picture import Depth, colourise, compose_on, decode_depth_png
 from clients.sdk.rendition_files import own_depth, own_pixels, sense_file
+from clients.wallet.page.days import kind_of
 from clients.wallet.page.seals import Seal, seal_json
 from clients.wallet.viewing import FrameView, RecordView
 from consensus.errors import BlockRobotError
@@ -104,6 +105,7 @@ def _frame_json(number: int, view: RecordView, frame: FrameView) -> dict[str, An
         "captured_at_ms": None if rendition is None else rendition.captured_at_ms,
         "status": frame.status,
         "kind": _kind(rendition) if rendition is not None and is_shown else None,
+        "holds": kind_of(view.entry),
         "width": meta.width if rendition is None else rendition.width,
         "height": meta.height if rendition is None else rendition.height,
         "own": [rendition.x, rendition.y, rendition.box_width, rendition.box_height]

@@ -16,7 +16,7 @@ const SHOWN_KINDS = ["depth", "picture"];
 /** Return {node, show(number), stop()} for a clip (GET clips/ID); `onErase(frame)` is asked for one picture's erasure. */
 export function makePlayer(clip, shownMm, { signal, onErase }) {
   const frames = inTime(clip.frames);
-  const stages = SHOWN_KINDS.filter((kind) => frames.some((frame) => kindOf(frame, clip) === kind)).map((kind) => makeStage(kind, shownMm));
+  const stages = SHOWN_KINDS.filter((kind) => frames.some((frame) => kindOf(frame) === kind)).map((kind) => makeStage(kind, shownMm));
   const source = new FrameWindow(clip, frames, signal);
   let place = 0;
   let timer = null;
@@ -28,6 +28,7 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
   const play = h("button", { type: "button", class: "primary", onclick: () => (timer === null ? start() : pause()) }, t("player.play"));
   const label = h("p", { class: "label-stream", hidden: true });
   const sound = h("audio", { controls: true, hidden: true, "aria-label": t("player.sound") });
+  const instead = h("p", { class: "notice", hidden: true });
   const strip = h("canvas", { class: "strip", width: Math.min(1200, Math.max(1, frames.length)), height: 6, "aria-hidden": "true" });
   const rate = h("select", { onchange: () => { speed = Number(rate.value); } }, SPEEDS.map((value) => h("option", { value }, t("player.times", { speed: new Intl.NumberFormat(locale()).format(value) }))));
   rate.value = "1";
@@ -37,7 +38,7 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
   const step = (by) => { pause(); show(Math.min(frames.length - 1, Math.max(0, place + by))); };
   const node = h("section", { class: "card player", "aria-label": t("player.label"), onkeydown: keys },
     frames.length === 0 ? h("p", {}, t("player.nothing")) : [
-      h("div", { class: "stages" }, stages.map((stage) => stage.node)), stages.length === 0 && h("p", { class: "quiet" }, t("player.noPictures")), label, sound,
+      h("div", { class: "stages" }, stages.map((stage) => stage.node)), stages.length === 0 && h("p", { class: "quiet" }, t("player.noPictures")), instead, label, sound,
       h("div", { class: "scrub" }, range, strip), where,
       h("div", { class: "row controls" }, play, h("button", { type: "button", "aria-label": t("player.back"), onclick: () => step(-1) }, "‹"), h("button", { type: "button", "aria-label": t("player.on"), onclick: () => step(1) }, "›"),
         h("label", { class: "inline" }, t("player.speed"), " ", rate), frames.some((frame) => frame.kind === "depth" && frame.status === "ok") && h("label", { class: "switch" }, alone, t("player.alone")),
@@ -97,8 +98,11 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
       return;
     }
     if (mine !== turn || signal.aborted) return;
-    const stage = stages.find((one) => one.kind === kindOf(frame, clip));
-    if (content.nothing) (stage ?? stages[0])?.say(t(`frame.${content.nothing}`), content.nothing);
+    const kind = kindOf(frame);
+    const stage = stages.find((one) => one.kind === kind) ?? (kind === "notice" ? stages[0] : undefined);
+    if (instead.dataset.kind === kind) instead.hidden = true;
+    if (content.nothing && stage) stage.say(t(`frame.${content.nothing}`), content.nothing);
+    else if (content.nothing) sayInstead(kind, content.nothing);
     else if (content.label) {
       label.hidden = false;
       replace(label, h("strong", {}, content.label.label), content.label.confidence !== undefined && ` · ${t("player.confidence", { share: new Intl.NumberFormat(locale(), { style: "percent" }).format(content.label.confidence) })}`);
@@ -106,6 +110,19 @@ export function makePlayer(clip, shownMm, { signal, onErase }) {
     else stage?.draw(content, frame);
     node.dataset.place = to;
     node.dataset.held = source.size;
+  }
+
+  /** Say what stands in the place of something without a stage. What was shown or heard of its kind before goes. */
+  function sayInstead(kind, status) {
+    if (kind === "label") label.hidden = true;
+    if (kind === "sound") {
+      sound.pause();
+      sound.hidden = true;
+    }
+    instead.dataset.kind = kind;
+    instead.hidden = false;
+    instead.classList.toggle("bad", status === "corrupted");
+    replace(instead, t(`frame.${status}${status === "notice" ? "" : "Other"}`));
   }
 
   function playSound(blob) {
@@ -133,9 +150,9 @@ function inTime(frames) {
   return placed.sort((one, other) => one.at_ms - other.at_ms || one.number - other.number);
 }
 
-/** Which stage a frame belongs to; one that cannot be shown goes where its recording's others do. */
-function kindOf(frame, clip) {
-  return frame.kind ?? clip.frames.find((other) => other.record_id === frame.record_id && other.kind)?.kind ?? "depth";
+/** Which stage a frame belongs to; one that cannot be shown goes where the others of its recording do. */
+function kindOf(frame) {
+  return frame.kind ?? frame.holds;
 }
 
 function makeStage(kind, shownMm) {

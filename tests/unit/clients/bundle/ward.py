@@ -309,11 +309,16 @@ class Ward:
         return Rendition(1, at, self.taken, WIDTH, HEIGHT, *place, sha256(self.room), "png16", box)
 
     def record(
-        self, visit: VisitChain, frames: int = 2, renditions: Sequence[Rendition] = (), sensor: str = "depth"
+        self,
+        visit: VisitChain,
+        frames: int = 2,
+        renditions: Sequence[Rendition] = (),
+        sensor: str = "depth",
+        withheld: tuple[tuple[str, int], ...] = (),
     ) -> bytes:
         """Record a clip: on the chain, and at the custodians. Returns the record's id."""
         content = tuple(renditions) or tuple(self.rendition() for _ in range(frames))
-        clip = seal_clip(ClipContent(content, (), sensor, 0), visit, now_ms=self.chain.time_ms)
+        clip = seal_clip(ClipContent(content, withheld, sensor, 0), visit, now_ms=self.chain.time_ms)
         upload = clip.upload
         arguments = [upload.record_id, clip.owner, clip.commitment_root, clip.ciphertext_root, clip.sealed_metadata]
         arguments += [clip.bucket_ms, clip.expires_at_ms]
@@ -336,6 +341,13 @@ class Ward:
         clip = self.network.custody.clips[record_id]
         frames = list(clip.frames)
         frames[index] = msgspec.structs.replace(frames[index], ciphertext=b"x" * 200)
+        self.network.custody.clips[record_id] = msgspec.structs.replace(clip, frames=frames)
+
+    def drop(self, record_id: bytes, index: int) -> None:
+        """Have every custodian destroy one frame, as an erasure asks for."""
+        clip = self.network.custody.clips[record_id]
+        frames = list(clip.frames)
+        frames[index] = FrameDownload(index, True, b"", b"")
         self.network.custody.clips[record_id] = msgspec.structs.replace(clip, frames=frames)
 
     async def owner_key(self, owner: bytes) -> PrivateKey:
