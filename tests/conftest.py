@@ -1,10 +1,14 @@
-"""Says at the end which tests were left out because the user said so: never a silence about them."""
+"""Says at the end which tests were left out because the user said so, and holds every answer against its reference."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import Any
 
+import click
 import pytest
+
+from clients.sdk import terminal
 
 LEFT_OUT_BY = {
     "system_packages": (
@@ -39,3 +43,22 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"{len(names)} tests were NOT run: {needed}")
         terminalreporter.line(f"They are in: {', '.join(files)}")
         terminalreporter.line(way_in)
+
+
+@pytest.fixture(autouse=True)
+def answers_are_as_documented(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Hold every answer that a command prints with --json in this process against the reference page of them."""
+    wrong: list[str] = []
+    write = terminal.write_json
+
+    def noting(value: Any) -> str:
+        context = click.get_current_context(silent=True)
+        if context is not None:
+            from tests.json_answers import differences, words_of
+
+            wrong.extend(differences(words_of().get(id(context.command), ""), value))
+        return write(value)
+
+    monkeypatch.setattr(terminal, "write_json", noting)
+    yield
+    assert wrong == [], "docs/reference/json-output.md says otherwise"

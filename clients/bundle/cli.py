@@ -192,7 +192,8 @@ def _tell_receipts(path: Path, found: CheckedFile, *, as_json: bool) -> None:
     genesis, rows = found.genesis, [_receipt_json(receipt) for receipt in found.receipts]
     if as_json:
         told = {"network": genesis.network, "chain_id": genesis.chain_id.hex(), "genesis_id": genesis.block_id.hex()}
-        print_json({"ok": True, "file": str(path), **told, "is_anchored": found.is_anchored, "consent_receipts": rows})
+        receipts = {"consent_receipts": len(rows), "signed_consent_receipts": rows}
+        print_json({"ok": True, "file": str(path), **told, "is_anchored": found.is_anchored, **receipts})
         return
     anchor = "the network that you named" if found.is_anchored else "[yellow]the file's own word[/yellow]"
     console.print(

@@ -82,9 +82,14 @@ def json_option(command: F) -> F:
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")(command)
 
 
+def write_json(value: Any) -> str:
+    """Return a command's answer as it is printed: indented, and in ASCII alone where the output takes no more."""
+    return json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout))
+
+
 def print_json(value: Any) -> None:
     """Print one JSON object on standard output."""
-    click.echo(json.dumps(value, indent=2, ensure_ascii=not is_utf8(sys.stdout)))
+    click.echo(write_json(value))
 
 
 @contextmanager
@@ -121,12 +126,20 @@ def _stopped_by_interrupt() -> Iterator[None]:
 
 @dataclass(frozen=True, slots=True)
 class Answers:
-    """The words for yes and no of the person's language, what stands behind a question, and what is said to neither."""
+    """The words for yes and no of the person's language, what stands behind a question, and what is said to neither.
+
+    `declined` is said of a no: what was asked about is not done.
+    """
 
     yes: frozenset[str]
     no: frozenset[str]
     hint: str
     again: str
+    declined: str
+
+
+class Declined(click.Abort):
+    """Somebody said no to a question; `str` of it is what she is told then."""
 
 
 def let_answer(context: click.Context, answers: Answers) -> None:
@@ -142,7 +155,7 @@ def ask(question: str, *, err: bool = False) -> None:
         if answers is None:
             click.confirm(question, abort=True, err=err)
         elif not _is_yes(question, answers, err=err):
-            raise click.Abort
+            raise Declined(answers.declined)
 
 
 def _is_yes(question: str, answers: Answers, *, err: bool) -> bool:
@@ -217,6 +230,9 @@ def plain_errors(command: F) -> F:
             return command(*args, **kwargs)
         except BlockRobotError as error:
             refusal = error
+        except Declined as declined:
+            click.echo(str(declined), err=True)
+            sys.exit(EXIT_FAILED)
         except BrokenPipeError:
             # Whoever read the output has seen enough; what is left of it must not fail once more at exit.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -22,16 +22,18 @@ from clients.sdk.terminal import EXIT_FAILED, console, json_option, plain_errors
 @json_option
 @plain_errors
 def reference(out: Path, check: bool, as_json: bool) -> None:
-    """Write http-api.md, errors.md and authorisation.md, made from the tables in the code.
+    """Write http-api.md, errors.md, authorisation.md and json-output.md, made from the tables in the code.
 
     Example: blockrobot reference --check
     """
+    from network.cli.json_page import PAGE, write_json_page  # noqa: PLC0415 - every client's, only when it is needed
     from node.api.reference import pages  # noqa: PLC0415 - a node's code, only when it is needed
 
-    stale = [name for name, text in pages().items() if _read(out / name) != text]
+    texts = {**pages(), PAGE: write_json_page()}
+    stale = [name for name, text in texts.items() if _read(out / name) != text]
     if not check:
         out.mkdir(parents=True, exist_ok=True)
-        for name, text in pages().items():
+        for name, text in texts.items():
             (out / name).write_text(text, encoding="utf-8")
     if as_json:
         print_json({"ok": not (check and stale), "folder": str(out), "changed": stale, "written": not check})

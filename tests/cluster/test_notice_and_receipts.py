@@ -96,10 +96,10 @@ async def test_she_is_told_consents_has_receipts_and_is_told_again_when_it_chang
     states = [row["events"][0]["event_state"] for row in listed["receipts"]]
     assert states == ["given", "given", "given", "withdrawn"]
     assert listed["missing"] == []
-    assert (checked["ok"], checked["is_anchored"], len(checked["consent_receipts"])) == (True, True, 4)
+    assert (checked["ok"], checked["is_anchored"], checked["consent_receipts"]) == (True, True, 4)
     owners = {node["organisation"] for node in (await must(network, "org", "list"))["nodes"]}
     assert owners == {"hospital", "university"}
-    assert {row["organisation"] for row in checked["consent_receipts"]} == {"hospital"}
+    assert {row["organisation"] for row in checked["signed_consent_receipts"]} == {"hospital"}
     assert register["notice"]["version"] == 2
     assert register["other_keepers"] == ["university"]
 

@@ -285,7 +285,8 @@ def test_records_and_audit_say_what_stands(world: World, run: Any) -> None:
 def test_an_officer_sees_the_clock_and_the_next_step(world: World, clock: list[int], run: Any) -> None:
     assert "There is no open breach." in run("officer", "breaches").output
     put_breach(world, FIRST, 0, b"o" * 33)
-    put_breach(world, SECOND, 1, b"p" * 33, status="closed", risk="none", assessed=ASSESSED, closed=ASSESSED)
+    closed = {**ASSESSED, "outcome": "erased"}
+    put_breach(world, SECOND, 1, b"p" * 33, status="closed", risk="none", assessed=ASSESSED, closed=closed)
     clock[0] += BREACH_NOTIFY_MS // 2
     spoken = run("officer", "breaches").output
     assert "36.0 hours left to tell the authority" in spoken

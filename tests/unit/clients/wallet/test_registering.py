@@ -280,7 +280,7 @@ def test_receipts_are_listed_written_and_checked_by_anybody(desk: Desk, tmp_path
     checked = CliRunner().invoke(verify, [str(path), "--genesis", desk.ward.genesis.block_id.hex(), "--json"])
     told = json.loads(checked.output)
     assert (told["ok"], told["is_anchored"]) == (True, True)
-    assert [row["status"] for row in told["consent_receipts"]] == ["given", "withdrawn"]
+    assert [row["status"] for row in told["signed_consent_receipts"]] == ["given", "withdrawn"]
     plain = CliRunner().invoke(verify, [str(path)])
     assert (plain.exit_code, "signed by both sides" in plain.output) == (0, True)
     path.write_text(path.read_text().replace('\\"given\\"', '\\"taken\\"', 1))

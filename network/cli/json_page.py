@@ -1,0 +1,83 @@
+"""The reference page of what commands answer with `--json`, made from the catalogues beside them.
+
+Must never be the place where a field is described: that is done where the command is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from clients.bundle.json_fields import ANSWERS as BUNDLE
+from clients.registrar.json_fields import ANSWERS as REGISTRAR
+from clients.robot.json_fields import ANSWERS as ROBOT
+from clients.sdk.json_fields import CommandAnswer, write_section
+from clients.wallet.json_fields import ANSWERS as WALLET
+from clients.wallet.officer_json_fields import ANSWERS as OFFICER
+from clients.wallet.sharing_json_fields import ANSWERS as SHARING
+from network.cli.json_fields import ANSWERS as NETWORK
+from network.cli.json_fields import WATCHED
+
+PAGE = "json-output.md"
+
+SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
+    "A network on this machine": (*NETWORK, WATCHED),
+    "The wallet": (*WALLET, *SHARING),
+    "Data protection officers": OFFICER,
+    "Checking a bundle": BUNDLE,
+    "The registrar": REGISTRAR,
+    "The robot": ROBOT,
+}
+"""What is listed, under the headings of the page."""
+
+NOT_LISTED: Mapping[str, str] = {
+    "node": "[commands](cli.md), [add a node](../how-to/add-a-node.md)",
+    "certificate": "[commands](cli.md#certificates)",
+    "org": "[commands](cli.md#org)",
+    "producer": "[commands](cli.md#producer)",
+    "settings": "[commands](cli.md#settings)",
+    "contract": "[commands](cli.md#contracts)",
+    "custody": "[commands](../how-to/custody.md)",
+    "notice": "[commands](cli.md#telling-people)",
+    "doctor": "[when something is wrong](../how-to/when-something-is-wrong.md)",
+    "demo": "[commands](cli.md#demo)",
+    "experiment": "[commands](../how-to/run-the-experiments.md)",
+    "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",
+    "privacy attack": "[commands](cli.md#privacy-attack): likewise",
+    "sim run": "[commands](cli.md#sim-run): likewise",
+    "completion": "[commands](cli.md#completing-in-a-shell)",
+    "reference": "[commands](cli.md#the-reference-pages)",
+}
+"""Commands, or groups of them, whose fields the page does not list, and where something is said of them."""
+
+_INTRODUCTION = """\
+<!-- Made from the code by `blockrobot reference`. Do not edit. -->
+
+# What commands answer with `--json`
+
+One JSON object on standard output, and nothing else there; what is noted on the way goes to standard error. Where a
+command prints an object on each line instead, its section says so.
+
+- **`ok`** is in every answer, and true unless the section says when it is not; it stands in no table.
+- **A refusal** is `{"ok": false, "error": {"code", "detail", "next_step"}}`, with an [exit code](cli.md) other than 0.
+  The codes are in the [catalogue of errors](errors.md). Branch on `code`: the texts may change.
+- **Every field of a table is always there**, unless the last column says when it is absent, and never null unless it
+  says when. Lists may be empty. `a[].b` is field `b` of each object in list `a`, `a.b` that of the object `a`,
+  `a.*.b` that of each object in `a`, whose names vary.
+- **Hexadecimal** is in lower case, two digits a byte. **Times in ms** are milliseconds since 1970 (UTC), by the
+  clock of the chain unless another is named. A **block height** counts from 0, which is genesis.
+- **Texts** for people are in English, whatever `--language` says. Codes and states stand in `code marks`.
+- Later versions may add fields: take what you know, and leave the rest. In 0.x a field may also go; the
+  [changelog](../../CHANGELOG.md) then says so."""
+
+
+def write_json_page() -> str:
+    """Return the text of `docs/reference/json-output.md`."""
+    lines = [_INTRODUCTION, ""]
+    for heading, answers in SECTIONS.items():
+        lines += [f"## {heading}", ""]
+        for answer in answers:
+            lines += write_section(answer)
+    lines += ["## Not listed here", "", "These answer with `--json` too. Their fields are not listed on this page:", ""]
+    lines += ["| commands | what is said of them |", "|---|---|"]
+    lines += [f"| `{commands}` | {where} |" for commands, where in NOT_LISTED.items()]
+    return "\n".join(lines).rstrip() + "\n"

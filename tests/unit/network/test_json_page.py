@@ -1,0 +1,101 @@
+"""The page of what commands answer with --json: no command is missing on it, and it says what the commands say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clients.sdk.json_fields import CommandAnswer, Field, Kind, write_section
+from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
+from tests.json_answers import CHECKS, differences, documented, leaves
+
+FOLDER = Path(__file__).parents[3] / "docs" / "reference"
+REFUSED_RECEIPT = {"txid": "ab", "height": 3, "from_height": 4, "count": 1, "status": "withdrawn", "purposes": []}
+WITHDRAWN = {"ok": True, **REFUSED_RECEIPT, "sensors": [], "receipt": None, "receipt_error": "NODE_UNREACHABLE"}
+
+
+def test_the_page_is_current() -> None:
+    assert (FOLDER / PAGE).read_text(encoding="utf-8") == write_json_page(), "run: blockrobot reference"
+
+
+def test_every_command_that_speaks_json_is_on_the_page() -> None:
+    speaking = {words for words, command in leaves() if any("--json" in each.opts for each in command.params)}
+    elsewhere = {words for words in speaking if any(f"{words} ".startswith(f"{group} ") for group in NOT_LISTED)}
+    listed = {words for words in documented() if " --" not in words}
+    assert speaking - elsewhere == listed
+    assert not listed & elsewhere
+    assert all(any(f"{words} ".startswith(f"{group} ") for words in elsewhere) for group in NOT_LISTED)
+
+
+def test_every_command_of_a_wallet_and_of_officers_is_listed_field_by_field() -> None:
+    people = {words for words, _ in leaves() if words.split()[0] in {"wallet", "officer", "verify", "robot", "fault"}}
+    assert len(people) > 60
+    assert people <= set(documented())
+
+
+def test_no_command_is_listed_twice() -> None:
+    named = [words for answers in SECTIONS.values() for answer in answers for words in answer.commands]
+    assert sorted(named) == sorted(set(named))
+
+
+def test_no_field_is_listed_twice() -> None:
+    def check(fields: tuple[Field, ...], place: str) -> None:
+        names = [field.name for field in fields]
+        assert len(names) == len(set(names)), place
+        assert "ok" not in names, place
+        for field in fields:
+            assert field.meaning, place
+            check(field.fields, f"{place}.{field.name}")
+
+    for words, answer in documented().items():
+        check(answer.fields, words)
+
+
+def test_every_kind_of_value_can_be_told_from_others() -> None:
+    assert set(CHECKS) == set(Kind)
+    assert not any(holds(None) for holds in CHECKS.values())
+    assert not CHECKS[Kind.COUNT](True)
+    assert not CHECKS[Kind.HEX]("AB")
+
+
+def test_an_answer_as_documented_is_one() -> None:
+    assert differences("wallet consent withdraw", WITHDRAWN) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"more": 1}, "more is answered, and not documented"),
+        ({"count": None}, "count is null, which is not documented"),
+        ({"count": "1"}, "count is no whole number: '1'"),
+        ({"txid": "xy"}, "txid is no hexadecimal: 'xy'"),
+        ({"ok": False}, "ok is False, which is not documented"),
+        ({"receipt": {"signed_by": "node-1"}}, "receipt.notice_version is documented, and not answered"),
+    ],
+)
+def test_an_answer_that_is_otherwise_is_found_out(change: dict[str, object], said: str) -> None:
+    assert differences("wallet consent withdraw", WITHDRAWN | change) == [f"wallet consent withdraw: {said}"]
+
+
+def test_a_field_that_is_gone_is_found_out() -> None:
+    told = {name: value for name, value in WITHDRAWN.items() if name != "height"}
+    assert differences("wallet consent withdraw", told) == [
+        "wallet consent withdraw: height is documented, and not answered"
+    ]
+
+
+def test_a_section_tells_of_objects_in_objects_by_their_path() -> None:
+    answer = CommandAnswer(
+        ("do this",),
+        (
+            Field("rows", Kind.ROWS, "the rows", fields=(Field("at_ms", Kind.TIME_MS, "when", null="if never"),)),
+            Field("by", Kind.ROWS_BY_NAME, "by name", fields=(Field("count", Kind.COUNT, "how many"),)),
+        ),
+        not_ok="if it rains",
+    )
+    text = "\n".join(write_section(answer))
+    assert "### `do this`" in text
+    assert "`ok` is false if it rains." in text
+    assert "| `rows[].at_ms` | time in ms | when | null if never |" in text
+    assert "| `by.*.count` | whole number | how many |  |" in text
