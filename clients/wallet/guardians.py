@@ -9,6 +9,8 @@ from typing import Any
 
 import msgspec
 
+from clients.wallet.language import WrongUsage
+
 NAME_MAX_CHARS = 40
 
 
@@ -44,11 +46,12 @@ def set_json(one: GuardianSet, present_era: int) -> dict[str, Any]:
     }
 
 
-def wrong_names(names: tuple[str, ...]) -> str:
-    """Say what is wrong with guardians' names, in a sentence; nothing if they are good."""
+def require_names(names: tuple[str, ...]) -> None:
+    """Raise WrongUsage for guardians' names that cannot be printed, or tell two of them apart by nothing."""
     for name in names:
         if not name.strip() or len(name) > NAME_MAX_CHARS or not name.isprintable():
-            return f"A guardian's name has 1 to {NAME_MAX_CHARS} characters that can be printed."
+            raise WrongUsage("guardian_name", count=NAME_MAX_CHARS)
     folded = [" ".join(name.split()).casefold() for name in names]
     double = next((name for place, name in enumerate(names) if folded[place] in folded[:place]), None)
-    return "" if double is None else f"Two guardians are called {double}: tell them apart."
+    if double is not None:
+        raise WrongUsage("guardian_double", name=double)

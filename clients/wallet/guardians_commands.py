@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import time
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import click
@@ -22,16 +21,15 @@ from clients.sdk.terminal import (
     json_option,
     plain_errors,
     print_json,
-    wipe_screen,
 )
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.guardian_lines import guardian_lines
 from clients.wallet.guardian_sheets import require_no_sheets, write_sheets
-from clients.wallet.guardians import GuardianSet, set_json, wrong_names
+from clients.wallet.guardians import GuardianSet, require_names, set_json
 from clients.wallet.guardians_recovering import check, recover
+from clients.wallet.handing_over import show_alone, show_and_check
 from clients.wallet.keystore import Keystore, WalletContent
-from clients.wallet.language import text
-from clients.wallet.making_commands import check_back, word_lines
+from clients.wallet.language import WrongUsage, text
 from clients.wallet.opening import read_passphrase
 from clients.wallet.rotating_commands import ask_or_say
 from clients.wallet.shares import (
@@ -76,7 +74,7 @@ def guardians(ctx: click.Context, as_json: bool) -> None:
     if ctx.invoked_subcommand is None:
         ctx.invoke(list_, as_json=as_json)
     elif as_json:
-        raise click.UsageError("Give --json behind the command.")
+        raise WrongUsage("json_behind")
 
 
 @guardians.command("list")
@@ -100,18 +98,13 @@ def list_(ctx: click.Context, as_json: bool) -> None:
 def _require_sensible(names: tuple[str, ...], threshold: int | None) -> int:
     """Return how many guardians are to be needed: more than half unless said. Raises UsageError."""
     if not GUARDIANS_MIN_COUNT <= len(names) <= GUARDIANS_MAX_COUNT:
-        wanted = f"Name {GUARDIANS_MIN_COUNT} to {GUARDIANS_MAX_COUNT} guardians, three for a start: --guardian NAME."
-        raise click.UsageError(wanted)
-    wrong = wrong_names(names)
-    if wrong:
-        raise click.UsageError(wrong)
+        raise WrongUsage("guardians_count", least=GUARDIANS_MIN_COUNT, most=GUARDIANS_MAX_COUNT)
+    require_names(names)
     needed = len(names) // 2 + 1 if threshold is None else threshold
     if needed < THRESHOLD_MIN_COUNT:
-        raise click.UsageError(
-            "If one guardian were enough, each of them would have your wallet: --threshold 2 or more."
-        )
+        raise WrongUsage("guardians_one")
     if needed > len(names):
-        raise click.UsageError(f"{needed} of {len(names)} guardians cannot be needed: name more, or lower --threshold.")
+        raise WrongUsage("guardians_needed", needed=needed, count=len(names))
     return needed
 
 
@@ -119,7 +112,7 @@ def _choose_words(content: WalletContent, former: int | None) -> tuple[str, int]
     """Return the words to split and their place among the wallet's, from 0. Raises UsageError, WALLET_ROTATION_OPEN."""
     if former is not None:
         if former > len(content.former):
-            raise click.UsageError(f"This wallet has {len(content.former)} former words, not {former}.")
+            raise WrongUsage("former_words", count=len(content.former), given=former)
         return content.former[former - 1], former - 1
     if content.next_words:
         raise BlockRobotError("WALLET_ROTATION_OPEN")
@@ -169,7 +162,7 @@ def split(
     """
     needed = _require_sensible(names, threshold)
     if out is None and (as_json or not is_at_terminal()):
-        raise click.UsageError("There is no terminal to show the words on: give --out FOLDER.")
+        raise WrongUsage("no_terminal_show_folder")
     if out is not None:
         require_no_sheets(out)
     with _opened(ctx) as store:
@@ -208,18 +201,8 @@ def _write(store: Keystore, one: GuardianSet, shares: list[str], out: Path) -> l
     return sheets
 
 
-def _show_alone(told: str, share: str) -> None:
-    """Show one guardian's words on an empty screen until they are written down, and wipe them."""
-    wipe_screen()
-    console.print(escape(told) + "\n")
-    for line in word_lines(share, console.width):
-        console.print(line, style="bold")
-    ask_for_enter(text("guardians.written"))
-    wipe_screen()
-
-
 def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool) -> list[Path]:
-    """Show the words one guardian at a time, and wipe the screen, however it ends. Noted before anybody sees any."""
+    """Show the words one guardian at a time. Noted before anybody sees any."""
     count, identifier = len(shares), show_identifier(one.identifier)
     was_shown = False
     try:
@@ -228,16 +211,14 @@ def _show(store: Keystore, one: GuardianSet, shares: list[str], *, checked: bool
             store.save()
             was_shown = True
             told = text("guardians.words", name=name, words=SHARE_WORDS_COUNT, identifier=identifier, number=number)
-            show = partial(_show_alone, told, share)
-            show()
             if checked:
-                check_back(share, said="guardians", show_again=show)
+                show_and_check(told, share, said="guardians")
+            else:
+                show_alone(told, share)
             one.handed_count = number
             store.save()
-            wipe_screen()
     except BaseException:
         if was_shown:
-            wipe_screen()
             click.echo(text("guardians.stopped", handed=one.handed_count, count=count), err=True)
         raise
     return []

@@ -33,13 +33,13 @@ from clients.sdk.terminal import (
 from clients.wallet.claiming import claim_place
 from clients.wallet.guardian_sheets import SHEET_MAX_BYTES, read_written, take_written
 from clients.wallet.guardians import GuardianSet
+from clients.wallet.handing_over import print_words, word_lines, write_words
 from clients.wallet.keys import derive_keys
 from clients.wallet.keystore import Keystore
-from clients.wallet.language import say_error, text
-from clients.wallet.making_commands import guess_cost, hand_over, word_lines
+from clients.wallet.language import WrongUsage, say_error, text
+from clients.wallet.making_commands import guess_cost
 from clients.wallet.opening import read_new_passphrase, run_made
 from clients.wallet.restoring import CHECK_MAX_S, read_words, require_distinct, restore_wallet
-from clients.wallet.rotating_commands import write_words
 from clients.wallet.shares import (
     SHARE_WORDS_COUNT,
     Gathering,
@@ -137,7 +137,7 @@ def check(file: Path, as_json: bool) -> None:
     """
     if file == _STDIN and sys.stdin.isatty() and not as_json:
         if not is_at_terminal():
-            raise click.UsageError("There is no terminal to show typed words on: name a file.")
+            raise WrongUsage("no_terminal_typed")
         console.print(text("guardians.type", words=SHARE_WORDS_COUNT))
         try:
             share = type_share()
@@ -270,15 +270,15 @@ def _require_possible(
     """Raise UsageError for what cannot be done: asking, or showing words, where nobody sits."""
     at_terminal = is_at_terminal()
     if not files and (as_json or not at_terminal):
-        raise click.UsageError("There is no terminal to type words at: give --share FILE, once for each guardian.")
+        raise WrongUsage("no_terminal_shares")
     if show and (as_json or not at_terminal):
-        raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+        raise WrongUsage("no_terminal_show")
     if words_file is not None and words_file.exists():
-        raise click.UsageError(f"{words_file} exists already: name a new file.")
+        raise WrongUsage("file_there", path=words_file)
     if words_file is not None and not os.access(words_file.parent, os.W_OK | os.X_OK):
-        raise click.UsageError(f"There is no folder {words_file.parent} in which the words can be written.")
+        raise WrongUsage("no_folder", folder=words_file.parent)
     if only and words_file is None and not show:
-        raise click.UsageError("With --words-only say where the words go: --words-file or --show-words.")
+        raise WrongUsage("words_where")
 
 
 @contextlib.contextmanager
@@ -370,7 +370,7 @@ def recover(
     if words_file is not None:
         console.print(text("guardians.words_file", path=escape(str(words_file))))
     if show:
-        hand_over(words, None, check=False)
+        print_words(text("new.words"), words)
     if not only:
         _tell_recovered(path, done["standing"], has_former=bool(former))
 

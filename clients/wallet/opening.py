@@ -6,21 +6,22 @@ The passphrase is asked for at a terminal, or read from the file that BLOCKROBOT
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import datetime
 import os
 import sys
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
-from clients.sdk.terminal import Answers, home_folder, let_answer, load_genesis, say_errors
+from clients.sdk.terminal import EXIT_FAILED, Answers, home_folder, let_answer, load_genesis, say_errors
 from clients.wallet.calling import DEFAULT_PROFILE, genesis_place
 from clients.wallet.claiming import claim_or_read, claim_wallet, require_wallet
 from clients.wallet.completing import complete_profiles
 from clients.wallet.keystore import Keystore
-from clients.wallet.language import LANGUAGES, choose_language, say_error, text
+from clients.wallet.language import LANGUAGES, WrongUsage, choose_language, say_error, text
 from clients.wallet.passphrase_sources import read_from_keyring
 from clients.wallet.passphrase_strength import PASSPHRASE_MIN_LETTERS, count_letters, judge_passphrase
 from clients.wallet.wallet import Wallet
@@ -41,8 +42,8 @@ _PASSPHRASE_FILE = "BLOCKROBOT_PASSPHRASE_FILE"  # noqa: S105 - the name of a va
 def _speak(ctx: click.Context, _: click.Parameter, language: str | None) -> None:
     choose_language(ctx, language)
     say_errors(ctx, say_error)
-    words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again")]
-    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), words[2], words[3]))
+    words = [text(f"ask.{key}", language=language) for key in ("yes", "no", "hint", "again", "declined")]
+    let_answer(ctx, Answers(frozenset(words[0].split()), frozenset(words[1].split()), *words[2:]))
 
 
 def _use_keyring(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -96,11 +97,21 @@ def wallet_options(command: F) -> F:
 def place_wallet(profile: str, wallet_dir: Path | None, genesis: Path | None) -> tuple[Path, Path]:
     """Return the files of a wallet and of its network's genesis, as a group's context holds them."""
     if not profile.replace("-", "").replace("_", "").isalnum():
-        raise click.UsageError("A profile's name has letters, digits, - and _ only.")
+        raise WrongUsage("profile")
     return (
         (wallet_dir or home_folder() / "wallets") / f"{profile}.wallet",
         genesis_place(genesis),
     )
+
+
+@contextlib.contextmanager
+def tell_if_stopped(ctx: click.Context, say: Callable[[], str]) -> Iterator[None]:
+    """Let a Ctrl-C, or a no, end the command with a word on what was done and what not."""
+    try:
+        yield
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("\n" + say(), err=True)
+        ctx.exit(EXIT_FAILED)
 
 
 def read_passphrase(*, from_keyring: bool = True) -> str:
@@ -151,7 +162,7 @@ def _passphrase_from_file() -> str | None:
     if path:
         return Path(path).read_text(encoding="utf-8").rstrip("\n")
     if not sys.stdin.isatty():
-        raise click.UsageError(f"There is no terminal to ask for the passphrase: set {_PASSPHRASE_FILE}.")
+        raise WrongUsage("no_terminal_passphrase", variable=_PASSPHRASE_FILE)
     return None
 
 

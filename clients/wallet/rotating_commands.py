@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import os
-import secrets
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from clients.sdk.terminal import ask, ask_for, console, is_at_terminal, json_option, plain_errors, print_json
+from clients.sdk.terminal import ask, console, is_at_terminal, json_option, plain_errors, print_json
 from clients.wallet.consent_receipts import ConsentReceipts
-from clients.wallet.keys import WORDS_COUNT
+from clients.wallet.handing_over import show_and_check, write_words
 from clients.wallet.keystore import WalletContent
-from clients.wallet.language import text
+from clients.wallet.language import WrongUsage, text
 from clients.wallet.linking import tell_linked_moves
-from clients.wallet.opening import STOLEN_PAGE, run_opened
+from clients.wallet.opening import STOLEN_PAGE, run_opened, tell_if_stopped
 from clients.wallet.rotating import Rotating, Transferred
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
 
-CHECK_TRIES_MAX_COUNT = 5
+CHECKED_COUNT = 1
 SPREAD_DEFAULT_MINUTES = 10
 SPREAD_MAX_MINUTES = 7 * 24 * 60
 RECEIPTS_WAIT_S = 5.0
@@ -45,43 +43,19 @@ def _spread(command: Any) -> Any:
     return over(now(command))
 
 
-def write_words(path: Path, words: str) -> None:
-    """Write words to a new file that only its owner reads; one that holds them already will do. Raises UsageError."""
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError:
-        if path.read_text(encoding="utf-8").strip() == words:
-            return
-        raise click.UsageError(f"{path} exists already: name a new file.") from None
-    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
-        file.write(words + "\n")
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _show_words(words: str, words_file: Path | None) -> None:
+def _hand_over(words: str, words_file: Path | None) -> None:
     """Hand the words over, and go on only once they are in a file or were written down."""
     if words_file is not None:
         write_words(words_file, words)
-        return
-    console.print(text("rotate.words") + "\n")
-    console.print(words, style="bold")
-    wanted = secrets.randbelow(WORDS_COUNT)
-    question = "\n" + text("rotate.ask_word", number=wanted + 1)
-    left = CHECK_TRIES_MAX_COUNT
-    while ask_for(question).strip().lower() != words.split()[wanted]:
-        left -= 1
-        if not left:
-            console.print(text("rotate.words_wait"))
-            raise BlockRobotError("WORDS_NOT_CHECKED")
-        console.print(text("rotate.wrong_word", count=left))
+    else:
+        show_and_check(text("rotate.words"), words, CHECKED_COUNT, said="rotate")
 
 
 def ask_or_say(question: str, *, yes: bool) -> None:
     """Ask yes or no unless `--yes` said so. Raises Abort for no, and UsageError where there is nobody to ask."""
     if not yes:
         if not sys.stdin.isatty():
-            raise click.UsageError("There is no terminal to ask for confirmation: give --yes.")
+            raise WrongUsage("no_terminal_yes")
         ask(question)
 
 
@@ -169,6 +143,31 @@ def words_lines(content: WalletContent, language: str | None = None) -> list[str
     return told + _stuck_lines(sum(visit.stuck and not visit.taken for visit in content.visits), language)
 
 
+class _Before:
+    """What the wallet held when a change of words began, or went on: by that is told how far it came."""
+
+    def __init__(self) -> None:
+        self._content: WalletContent | None = None
+        self._former_count = 0
+        self._was_moving = False
+
+    def note(self, content: WalletContent) -> None:
+        """Remember a wallet as it is now."""
+        self._content = content
+        self._former_count, self._was_moving = len(content.former), content.transfers_due
+
+    def say_how_far(self) -> str:
+        """Return what was done since and what not, and the next step, in sentences."""
+        content = self._content
+        if content is not None and content.next_words:
+            return text("rotate.stopped_sending" if content.next_words_shown else "rotate.stopped_words")
+        if content is None or (len(content.former) == self._former_count and not self._was_moving):
+            return text("rotate.stopped")
+        if content.transfers_due:
+            return text("rotate.stopped_moving", count=len(exposed(content)))
+        return text("rotate.stopped_done")
+
+
 async def _fetch_receipts(opened: Wallet) -> int:
     """Fetch the receipts of consent that are still due, for some seconds; return how many are not to be had.
 
@@ -200,11 +199,14 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
     Example: blockrobot wallet rotate
     """
 
+    found = _Before()
+
     async def action(opened: Wallet) -> Transferred:
         rotating, content = Rotating(opened), opened.store.content
+        found.note(content)
         if not content.next_words and not content.transfers_due:
             if words_file is None and not is_at_terminal():
-                raise click.UsageError("There is no terminal to show the words on: give --words-file.")
+                raise WrongUsage("no_terminal_show")
             await opened.scan()
             if opened.member_gone:
                 raise BlockRobotError("MEMBER_NO_MORE")
@@ -212,15 +214,16 @@ def rotate(ctx: click.Context, words_file: Path | None, yes: bool, over_minutes:
             rotating.prepare()
         if rotating.must_show:
             if words_file is None and not is_at_terminal():
-                raise click.UsageError("There is no terminal to show the words on: give --words-file.")
-            _show_words(rotating.prepare(), words_file)
+                raise WrongUsage("no_terminal_show")
+            _hand_over(rotating.prepare(), words_file)
             rotating.confirm_shown()
         due_count = await _fetch_receipts(opened) if content.next_words else 0
         if await rotating.rotate() and due_count:
             click.echo(text("rotate.receipts_lost", count=due_count), err=True)
         return await _transfer(rotating, over_minutes, now=now, with_member=True, as_json=as_json)
 
-    done = run_opened(ctx, action)
+    with tell_if_stopped(ctx, found.say_how_far):
+        done = run_opened(ctx, action)
     if as_json:
         if done.refusal is not None:
             raise done.refusal

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from clients.wallet.keystore import Keystore
-from tests.ui.typed import CONTROL, Typed, at_terminal
+from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal
 
 ABANDON = " ".join(["abandon"] * 23 + ["art"])
 
@@ -29,16 +29,31 @@ def make(home: Path, *arguments: str, language: str = "en", **terminal: object) 
 
 
 def words_shown(typed: Typed) -> dict[int, str]:
-    shown = CONTROL.sub("", str(typed.before))
-    return {int(number): word for number, word in re.findall(r"(\d+) ([a-z]+)", shown)}
+    shown = CONTROL.sub("", str(typed.before)).rpartition("wallet:")[2].rpartition("carteira:")[2]
+    found = {int(number): word for number, word in re.findall(r"(\d+) ([a-z]+)", shown)}
+    assert sorted(found) == list(range(1, 25))
+    return found
+
+
+def write_down(typed: Typed) -> dict[int, str]:
+    """Wait for the words, press Enter once they are written down, and return them by their numbers."""
+    typed.expect("(?:press|prima) Enter: ")
+    words = words_shown(typed)
+    typed.sendline("")
+    return words
+
+
+def answer_check(typed: Typed, words: dict[int, str]) -> None:
+    for _ in range(3):
+        typed.expect(r"Word number (\d+): ")
+        typed.sendline(words[int(typed.match[1])])
 
 
 @pytest.mark.parametrize("columns", [24, 40, 100])
 def test_new_asks_three_words_back_until_they_are_right(tmp_path: Path, columns: int) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase", columns=columns)
+    words = write_down(typed)
     typed.expect("(?s)To see that")
-    words = words_shown(typed)
-    assert sorted(words) == list(range(1, 25))
     typed.expect(r"Word number (\d+): ")
     typed.sendline("wrong")
     typed.expect("Look again")
@@ -64,8 +79,56 @@ def test_before_a_new_wallet_is_made_it_says_how_a_lost_one_comes_back(
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
+def test_the_words_are_off_the_screen_before_they_are_asked_back_and_what_was_typed_after(tmp_path: Path) -> None:
+    typed = make(tmp_path, "new", "--fast-passphrase")
+    words = write_down(typed)
+    typed.expect_exact(WIPED)
+    answer_check(typed, words)
+    typed.expect_exact(WIPED)
+    typed.expect("Your wallet is")
+    assert typed.ended() == 0
+    left = CONTROL.sub("", typed.rest())
+    assert not any(f"{words[number]} {words[number + 1]}" in left for number in range(1, 24))
+
+
+def test_whoever_wishes_sees_the_words_again_as_long_as_there_is_no_wallet(tmp_path: Path) -> None:
+    typed = make(tmp_path, "new", "--fast-passphrase")
+    words = write_down(typed)
+    typed.expect(r"Word number (\d+): ")
+    number = typed.match[1]
+    for _ in range(6):
+        typed.sendline("?")
+        assert write_down(typed) == words, "to look again is no wrong answer"
+        typed.expect_exact(WIPED)
+        typed.expect(f"Word number {number}: ")
+    typed.sendintr()
+    assert typed.ended() == 1
+    assert list(tmp_path.rglob("*.wallet")) == []
+
+
+def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_it(tmp_path: Path) -> None:
+    typed = make(tmp_path, "new", "--fast-passphrase", term="dumb")
+    words = write_down(typed)
+    typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
+    answer_check(typed, words)
+    typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
+    assert typed.ended() == 0
+    assert "\x1b" not in typed.rest()
+
+
+def test_ctrl_c_while_the_words_stand_there_wipes_them_and_leaves_no_wallet(tmp_path: Path) -> None:
+    typed = make(tmp_path, "new", "--fast-passphrase")
+    typed.expect("press Enter: ")
+    typed.sendintr()
+    typed.expect_exact(WIPED)
+    typed.expect("Stopped. No wallet was made, and no file is left.")
+    assert typed.ended() == 1
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
+
+
 def test_ctrl_c_in_the_check_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
+    write_down(typed)
     typed.expect(r"Word number (\d+): ")
     typed.sendintr()
     typed.expect("Stopped. No wallet was made, and no file is left.")
@@ -94,12 +157,14 @@ def test_ctrl_c_while_it_is_restored_says_that_there_is_no_wallet(tmp_path: Path
 
 def test_wrong_words_end_after_a_while_with_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
+    write_down(typed)
     for left in ("4 tries are", "3 tries are", "2 tries are", "1 try is"):
         typed.expect(r"Word number (\d+): ")
         typed.sendline("wrong")
         typed.expect(f"{left} left")
     typed.expect(r"Word number (\d+): ")
     typed.sendline("wrong")
+    typed.expect_exact(WIPED)
     typed.expect("No wallet was made. The words that were shown are nobody's")
     typed.expect("WORDS_NOT_CHECKED. Next step: ")
     assert typed.ended() == 1
@@ -138,16 +203,13 @@ def test_of_two_that_make_a_wallet_at_one_place_the_second_is_refused_and_nothin
     tmp_path: Path,
 ) -> None:
     first = make(tmp_path, "new", "--fast-passphrase")
-    first.expect("(?s)To see that")
-    words = words_shown(first)
+    words = write_down(first)
     (tmp_path / "words.txt").write_text(ABANDON)
     for arguments in (("new", "--no-check"), ("restore", "--words-file", str(tmp_path / "words.txt"))):
         second = at_terminal(tmp_path, *arguments, "--fast-passphrase")
         second.expect("WALLET_BUSY. Next step: ")
         assert second.ended() == 1
-    for _ in range(3):
-        first.expect(r"Word number (\d+): ")
-        first.sendline(words[int(first.match[1])])
+    answer_check(first, words)
     assert first.ended() == 0
     store = Keystore.open(tmp_path / "wallets" / "default.wallet", "tea and lemon cake")
     assert store.content.words == " ".join(words[number] for number in range(1, 25))
@@ -174,6 +236,30 @@ def test_wrong_words_are_refused_and_make_nothing(tmp_path: Path, words: str) ->
     typed.expect("WORDS_INVALID. Next step: Check spelling")
     assert typed.ended() == 1
     assert list(tmp_path.rglob("*.wallet")) == []
+
+
+def test_new_words_of_a_change_are_wiped_too_and_ctrl_c_says_that_they_wait(home: Path) -> None:
+    file = home / "wallets" / "default.wallet"
+    store = Keystore.open(file, "tea and lemon cake")
+    store.content.next_words = " ".join(["zoo"] * 23 + ["vote"])
+    store.save()
+    typed = at_terminal(home, "rotate")
+    typed.expect("Passphrase: ")
+    typed.sendline("tea and lemon cake")
+    typed.expect("press Enter: ")
+    assert WIPED in typed.before
+    assert CONTROL.sub("", str(typed.before)).count("zoo") == 23
+    typed.sendline("")
+    typed.expect_exact(WIPED)
+    typed.expect(r"Word number (\d+): ")
+    typed.sendintr()
+    typed.expect_exact(WIPED)
+    typed.expect(
+        "Stopped. Nothing is changed yet: your present words are in force. The next `blockrobot wallet rotate`"
+    )
+    assert typed.ended() == 1
+    assert "Aborted" not in typed.rest()
+    assert not Keystore.open(file, "tea and lemon cake").content.next_words_shown
 
 
 @pytest.fixture

@@ -107,13 +107,79 @@ def test_a_file_that_is_there_already_is_not_written_over(desk: Desk) -> None:
     assert desk.story.open().store.content.former == [OLD_WORDS]
 
 
-def test_at_a_terminal_the_words_are_asked_back(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    words = ["zero", "one", "two"]
-    monkeypatch.setattr(rotating_commands.secrets, "randbelow", lambda _: 1)
-    answers = iter(["zero", " One "])
-    monkeypatch.setattr(click, "prompt", lambda *_, **__: next(answers))
-    rotating_commands._show_words(" ".join(words), None)
-    assert list(answers) == []
+def interrupt(*_: object, **__: object) -> None:
+    raise KeyboardInterrupt
+
+
+def stopped(desk: Desk, *arguments: str) -> str:
+    done = desk.rotate(*arguments)
+    assert done.exit_code == 1, done.output
+    assert "Aborted" not in done.output
+    (told,) = [line for line in done.stderr.split("\n") if line.startswith("Stopped")]
+    return told
+
+
+def test_who_says_no_or_ctrl_c_at_the_question_is_told_that_nothing_changed(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rotating_commands, "ask_or_say", interrupt)
+    told = stopped(desk)
+    assert told.startswith("Stopped. Nothing is changed: your present words are in force.")
+    assert told.endswith(f"To begin again: {desk.command} rotate")
+    assert desk.story.chain.calls == []
+    assert desk.story.open().store.content.next_words == ""
+
+
+def test_ctrl_c_while_the_new_words_are_handed_over_says_that_they_wait(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(rotating_commands, "write_words", interrupt)
+    told = stopped(desk)
+    assert f"The next `{desk.command} rotate` shows the same new words again" in told
+    waiting = desk.story.open().store.content.next_words
+    monkeypatch.undo()
+    assert (desk.story.chain.calls, len(waiting.split())) == ([], 24)
+
+
+def test_ctrl_c_while_the_change_is_sent_says_that_nobody_knows_and_that_both_are_to_be_kept(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as cut:
+        cut.setattr(Rotating, "_say_rotation", interrupt)
+        told = stopped(desk)
+    assert "Whether your new words are in force already is not known: keep both" in told
+    assert told.endswith(f"{desk.command} rotate")
+    assert desk.rotate().exit_code == 0
+    assert desk.story.open().store.content.former == [OLD_WORDS]
+
+
+def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old_words(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    desk.story.visit(2)
+    transfer, moved = Rotating.transfer, list[object]()
+
+    async def only_once(self: Rotating, visit: Any) -> None:
+        if moved:
+            raise KeyboardInterrupt
+        moved.append(visit)
+        await transfer(self, visit)
+
+    with monkeypatch.context() as cut:
+        cut.setattr(Rotating, "transfer", only_once)
+        told = stopped(desk)
+        assert told.startswith("Stopped. Your new words are in force; keep the old ones too. 1 visit still obeys")
+        assert told.endswith(f"To go on: {desk.command} rotate")
+        assert stopped(desk) == told, "also when it had gone on"
+    done = desk.rotate()
+    assert (done.exit_code, "1 visit has a key" in done.output) == (0, True), done.output
+
+
+def test_ctrl_c_when_all_was_done_says_so(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(opening, "tell_liars", interrupt)
+    told = stopped(desk)
+    assert told.startswith("Stopped, when all was done: your new words are in force")
+    assert told.endswith(f"Next: {desk.command} records")
 
 
 def test_restoring_takes_former_words_too(desk: Desk) -> None:
