@@ -18,8 +18,8 @@ from network.experiments.comparison import MAP_FILE, write_reading
 from network.experiments.page import build_index, build_page
 from network.experiments.run_one import Outcome
 from tests.ui.accessible import find_accessibility_faults
-from tests.ui.screenshots import FOLDER, shoot_all_ways
-from tests.ui.watched_page import NARROW, WIDE, ZOOMED
+from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4
+from tests.ui.watched_page import NARROW
 from tests.unit.network.experiments.test_experiment_runs import outcome
 from tests.unit.network.test_demo_report import checks, state
 
@@ -59,19 +59,6 @@ def experiment_report(folder: Path, *, drawn_by_graphviz: bool) -> Path:
     refusal = None if drawn_by_graphviz else BlockRobotError("DRAWING_UNAVAILABLE")
     (folder / "report.html").write_text(build_page(made, refusal, drawn), encoding="utf-8")
     return folder / "report.html"
-
-
-async def look_all_ways(page: Page, report: Path, name: str) -> None:
-    """Open a report light and dark, wide and narrow, and let the judge walk through it each time."""
-    await page.goto(report.as_uri())
-    for scheme in ("light", "dark"):
-        await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
-        assert await find_accessibility_faults(page) == []
-        for width, height in (ZOOMED, NARROW):
-            await page.set_viewport_size({"width": width, "height": height})
-            assert await find_accessibility_faults(page, by_keyboard=scheme == "light") == []
-        await page.set_viewport_size({"width": WIDE[0], "height": WIDE[1]})
-    await shoot_all_ways(page, name)
 
 
 async def test_the_demonstrations_report_opens_from_disk_and_is_readable_by_everybody(
@@ -141,19 +128,13 @@ async def test_the_page_over_all_experiments_leads_to_each(page: Page, tmp_path:
 
 async def test_reports_print_on_a4_with_nothing_cut_off(page: Page, tmp_path: Path) -> None:
     report = experiment_report(tmp_path, drawn_by_graphviz=True)
-    await page.emulate_media(color_scheme="dark")
-    await page.goto(report.as_uri())
-    FOLDER.mkdir(parents=True, exist_ok=True)
-    printed = await page.pdf(path=FOLDER / "report-experiment.pdf", format="A4", prefer_css_page_size=True)
-    assert printed.startswith(b"%PDF")
-    pages_count = len(re.findall(rb"/Type\s*/Page\b", printed))
-    assert 3 <= pages_count <= 8
-    await page.emulate_media(media="print", color_scheme="light")
-    await page.set_viewport_size({"width": 690, "height": 1000})  # A4 without its margins, in CSS pixels
-    wide = await page.evaluate(
-        "() => [...document.querySelectorAll('table, svg, img, figure')].filter((e) => "
-        "e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 80))"
-    )
-    assert wide == []
-    assert await page.locator("nav").is_hidden(), "contents are no use on paper"
-    assert await page.evaluate("getComputedStyle(document.documentElement).backgroundColor") == "rgb(255, 255, 255)"
+    assert len(pictures_in(report)) == 3
+    assert 3 <= await print_on_a4(page, report, "report-experiment") <= 8
+
+
+async def test_pictures_that_are_not_printed_would_be_missed(page: Page, tmp_path: Path) -> None:
+    report = demo_report(tmp_path)
+    assert len(pictures_in(report)) == 4
+    report.write_text(report.read_text(encoding="utf-8").replace("<img ", "<img hidden "), encoding="utf-8")
+    with pytest.raises(AssertionError, match="every picture is on paper"):
+        await print_on_a4(page, report, "report-unprinted")
