@@ -125,10 +125,12 @@ function load(signal) {
 }
 
 function summary(overview, data) {
-  if (data.days.length === 0 && overview.state !== "reading") return h("div", { class: "card" }, h("p", {}, h("strong", {}, t("calendar.empty"))), h("p", { class: "quiet" }, t("calendar.emptyNext")));
+  const isChosen = Boolean(chosen.robot || chosen.sensor);
+  if (data.days.length === 0 && !isChosen && overview.state !== "reading") return h("div", { class: "card" }, h("p", {}, h("strong", {}, t("calendar.empty"))), h("p", { class: "quiet" }, t("calendar.emptyNext")));
   const { counts } = overview;
   return h("div", { class: "lead" },
     h("p", {}, t("calendar.summary", { count: counts.records }), " ", Object.keys(counts.kinds).length > 0 && t("calendar.pictures", { count: counts.records, things: thingsOf(counts.kinds) }), " ", counts.withheld > 0 && t("calendar.withheld", { count: counts.withheld })),
+    data.days.length === 0 && isChosen && h("div", { class: "notice", role: "status" }, h("p", {}, t("calendar.none"), " ", t("calendar.noneNext"))),
     overview.notice?.changed && h("div", { class: "notice warn" }, h("p", {}, t("notice.changed", { organisation: overview.notice.organisation }), " ", h("a", { href: "#/consent" }, t("notice.read")))));
 }
 
