@@ -12,6 +12,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check
+from network.demo.words import name_person
 from network.experiments.picture import draw_svg
 from network.experiments.published_figures import SOURCE
 from network.experiments.run_figures import RunFigures
@@ -187,7 +188,7 @@ def _pictures(outcome: Outcome) -> str:
 
 
 def _figure(alias: str, path: Path) -> str:
-    label = f"{alias.replace('-', ' ')}, frame {int(path.stem)}"
+    label = f"{name_person(alias)}, frame {int(path.stem)}"
     alternative = f"{label}: one silhouette alone on the recorded empty corridor, distance in colours"
     return picture(path.read_bytes(), alternative=alternative, caption=label)
 

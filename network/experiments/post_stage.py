@@ -16,6 +16,7 @@ from clients.robot.scenario import Scenario
 from network.demo.checks import CheckList
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
+from network.demo.words import name_person
 from network.staging import Stage
 
 REFUSALS = frozenset({"NOT_PERMITTED", "ACCESS_NOT_GRANTED"})
@@ -62,12 +63,12 @@ class PostStage:
         return found
 
     async def _open(self, alias: str) -> Belongings:
-        self._tell(f"post-stage: {alias} looks at her records")
+        self._tell(f"post-stage: {name_person(alias)} looks at her records")
         listed = await self._stage.wallet(alias, "records")
         records = [row for visit in listed["visits"] for row in visit["records"]]
         if not self._is_in_scene(alias):
             self._checks.add(
-                f"{alias}, whom the robot never met, has nothing",
+                f"{name_person(alias)}, whom the robot never met, has nothing",
                 ok=not listed["visits"],
                 detail=f"{len(records)} records",
             )
@@ -75,7 +76,7 @@ class PostStage:
         missing = sum(visit["missing_records"] for visit in listed["visits"])
         closed = all(visit["closed"] for visit in listed["visits"])
         self._checks.add(
-            f"{alias} finds all her records",
+            f"{name_person(alias)} finds all her records",
             ok=bool(records) and missing == 0 and closed,
             detail=f"{len(records)} records, {missing} missing",
         )
@@ -83,7 +84,7 @@ class PostStage:
         seen = await self._stage.wallet(alias, "view", "--out", str(out))
         statuses = [frame["status"] for record in seen["records"] for frame in record["frames"]]
         self._checks.add(
-            f"{alias} opens and verifies them",
+            f"{name_person(alias)} opens and verifies them",
             ok="ok" in statuses and set(statuses) <= {"ok", "notice"},
             detail=f"{statuses.count('ok')} pictures, against a header proven final from the genesis file",
         )
@@ -101,14 +102,14 @@ class PostStage:
         sequences = {int(path.name.split(".")[0]) for path in found.depths}
         absent = [number for number in sequences if person.place(number / self._scenario.frame_rate) is None]
         self._checks.add(
-            f"{alias} has her own data only",
+            f"{name_person(alias)} has her own data only",
             ok=sequences <= covered and not absent,
             detail=f"{len(sequences - covered)} of {len(sequences)} pictures outside her tag's time, "
             f"{len(absent)} of moments when she was not there",
         )
         worst, judged = await asyncio.to_thread(worst_foreign_share, self._scenario, found.depths, alias)
         self._checks.add(
-            f"{alias}'s pictures show nobody else",
+            f"{name_person(alias)}'s pictures show nobody else",
             ok=worst <= FOREIGN_PIXELS_MAX_SHARE and (judged > 0 or not self._met_others(alias, sequences)),
             detail=f"{judged} judged with others in view; at most {100 * worst:.3f} % of their pixels in any",
         )
@@ -127,7 +128,7 @@ class PostStage:
         codes = set(probe["refusals"].values())
         shared = set(found[owner].record_ids) & set(found[stranger].record_ids)
         self._checks.add(
-            f"{stranger} gets no frame of {owner}",
+            f"{name_person(stranger)} gets no frame of {name_person(owner)}",
             ok=not shared and refused == "RECORD_NOT_FOUND" and bool(codes) and codes <= REFUSALS,
             detail=f"her wallet says {refused or 'nothing'}; custodians say {', '.join(sorted(codes))}",
         )
@@ -175,7 +176,7 @@ class PostStage:
 
     async def _verify(self, alias: str, *record_ids: str) -> dict[tuple[str, int], str]:
         """Let the wallet verify records (all if none is named); return the status of each (record, frame)."""
-        self._tell(f"post-stage: {alias} verifies her records")
+        self._tell(f"post-stage: {name_person(alias)} verifies her records")
         answer = await self._stage.wallet(alias, "verify", *record_ids)
         return {
             (str(record["record_id"]), int(frame["index"])): str(frame["status"])

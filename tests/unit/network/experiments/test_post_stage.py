@@ -89,17 +89,17 @@ def test_a_frame_in_which_she_was_not_there_is_not_her_own_though_her_tags_time_
     house: House, tmp_path: Path
 ) -> None:
     house.pictures["patient-b"].append(A_ALONE_IN_B_WINDOW)
-    assert look(house, tmp_path, kept=3) == ["patient-b has her own data only"]
+    assert look(house, tmp_path, kept=3) == ["patient B has her own data only"]
 
 
 def test_a_frame_outside_her_tags_time_is_not_her_own(house: House, tmp_path: Path) -> None:
     house.pictures["patient-a"].append(IN_B_TIME)
-    assert look(house, tmp_path, kept=3) == ["patient-a has her own data only"]
+    assert look(house, tmp_path, kept=3) == ["patient A has her own data only"]
 
 
 def test_a_picture_that_shows_another_is_told(house: House, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda scenario, depths, alias: (0.01, 1))
-    assert look(house, tmp_path) == ["patient-a's pictures show nobody else", "patient-b's pictures show nobody else"]
+    assert look(house, tmp_path) == ["patient A's pictures show nobody else", "patient B's pictures show nobody else"]
 
 
 def test_where_others_were_there_some_pictures_must_have_been_judged(
@@ -109,7 +109,7 @@ def test_where_others_were_there_some_pictures_must_have_been_judged(
     monkeypatch.setattr(post_stage, "worst_foreign_share", lambda *_: (0.0, 0))
     assert look(house, tmp_path / "three") == []
     house.pictures["patient-a"] = [IN_B_TIME]  # in the fourth experiment both are there then
-    together = {"patient-a's pictures show nobody else", "patient-b's pictures show nobody else"}
+    together = {"patient A's pictures show nobody else", "patient B's pictures show nobody else"}
     assert together <= set(look(house, tmp_path / "four", number=4))
 
 
@@ -119,7 +119,7 @@ def test_a_picture_that_nobody_can_open_is_told(house: House, tmp_path: Path) ->
 
 def test_a_stranger_who_is_served_is_told(house: House, tmp_path: Path) -> None:
     house.refusals = {"custodian-1": "NOT_PERMITTED", "custodian-2": "OK"}
-    assert look(house, tmp_path) == ["patient-b gets no frame of patient-a", "patient-a gets no frame of patient-b"]
+    assert look(house, tmp_path) == ["patient B gets no frame of patient A", "patient A gets no frame of patient B"]
     house.refusals, house.view_refusal = {"custodian-1": "NOT_PERMITTED"}, ""
     assert len(look(house, tmp_path / "again")) == 2
 
@@ -133,7 +133,7 @@ def test_whoever_was_not_in_the_scene_must_have_nothing(house: House, tmp_path: 
     house.pictures["patient-z"] = [1]
     asyncio.run(stage.look(("patient-z",), 0))
     assert [check.name for check in checks.checks if not check.ok] == [
-        "patient-z, whom the robot never met, has nothing"
+        "patient Z, whom the robot never met, has nothing"
     ]
 
 
@@ -143,9 +143,9 @@ def test_a_change_in_every_custodians_store_must_be_found_and_named(house: House
     house.status["patient-a/0"] = "corrupted"
     house.pictures["patient-a"] = [IN_A_TIME]
     failed = look(house, tmp_path / "again", corrupt=True)
-    assert failed == ["patient-a opens and verifies them"]  # here it was corrupt from the beginning
+    assert failed == ["patient A opens and verifies them"]  # here it was corrupt from the beginning
 
 
 def test_an_alarm_about_what_nobody_touched_is_told(house: House, tmp_path: Path) -> None:
     house.status["patient-b/0"] = "corrupted"
-    assert look(house, tmp_path) == ["patient-b opens and verifies them", "nothing untouched is called corrupted"]
+    assert look(house, tmp_path) == ["patient B opens and verifies them", "nothing untouched is called corrupted"]
