@@ -224,21 +224,6 @@ async def test_she_erases_a_meeting_and_sees_every_keepers_receipt(
         assert await find_accessibility_faults(page, by_keyboard=False) == []
 
 
-async def test_she_takes_everything_along_in_one_file(recorded_network: RecordedNetwork, page: Page) -> None:
-    async with serve_wallet(recorded_network) as served:
-        await open_page(page, served)
-        await go(page, "export")
-        await page.get_by_role("button", name="See what goes along").click()
-        await page.get_by_role("button", name="Make the file").click()
-        await confirm_with(page, recorded_network.passphrase)
-        await expect(page.get_by_role("heading", name="The file is ready")).to_be_visible(timeout=4 * SETTLED_MS)
-        assert await find_accessibility_faults(page, by_keyboard=False) == []
-        async with page.expect_download() as download:
-            await page.get_by_role("button", name="Save blockrobot-").click()
-        path = await (await download.value).path()
-        assert path.read_bytes().startswith(b"PK")
-
-
 async def test_when_the_command_ends_nothing_of_hers_is_left_on_the_screen(
     recorded_network: RecordedNetwork, page: Page, watch: Watch
 ) -> None:
