@@ -1,8 +1,9 @@
 // Plain charts as SVG: lines, bars, a time line. Each has a title and a sentence for who does not see it.
 
 import { s } from "./dom.js";
+import { formatNumber } from "./format.js";
 
-const MARGIN = { top: 12, right: 12, bottom: 26, left: 46 };
+const MARGIN = { top: 12, right: 12, bottom: 26, left: 62 };
 let count = 0;
 
 function frame({ width, height, label, description }) {
@@ -18,7 +19,7 @@ function niceTop(value) {
 }
 
 function tick(value) {
-  return Math.abs(value) >= 1000 ? `${+(value / 1000).toFixed(1)}k` : `${+value.toFixed(2)}`;
+  return Math.abs(value) >= 100_000 ? `${+(value / 1000).toFixed(1)}k` : formatNumber(+value.toFixed(2));
 }
 
 function scale(from, to, start, end) {

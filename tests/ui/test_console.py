@@ -172,6 +172,7 @@ async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -
     await expect(page.locator(".link.cut").first).to_be_visible(timeout=LONG_MS)
     await expect(page.get_by_text("Nothing becomes final", exact=True)).to_be_visible(timeout=LONG_MS)
     await _expect_told(page, "Nothing became final for")
+    await page.evaluate("() => scrollTo(0, 0)")
     await shoot_all_ways(page, "console")
     await page.get_by_role("button", name="Heal everything").click()
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)

@@ -12,7 +12,7 @@ from playwright.async_api import Page, Route, expect
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.explorer_page import enter
-from tests.ui.watched_page import ZOOMED
+from tests.ui.watched_page import NARROW, ZOOMED
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
@@ -40,6 +40,13 @@ async def test_settings_are_told_in_plain_words_with_their_units(page: Page, net
     await page.set_viewport_size({"width": ZOOMED[0], "height": ZOOMED[1]})
     assert await page.evaluate("document.documentElement.scrollWidth") <= ZOOMED[0]
     assert await find_accessibility_faults(page, by_keyboard=False) == []
+
+
+async def test_a_chart_is_drawn_anew_for_a_window_of_another_width(page: Page, network: NetworkUnderTest) -> None:
+    await enter(page, network, "producers")
+    await expect(page.locator(".chart text", has_text="votes")).to_be_visible()
+    await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    await page.wait_for_function("() => document.querySelector('svg.chart').viewBox.baseVal.width < innerWidth")
 
 
 async def test_times_say_in_which_zone_they_are(page: Page, network: NetworkUnderTest) -> None:

@@ -72,7 +72,7 @@ function buildPage(first, choices) {
   const faults = createFaults({ network, choices, onSelect: select, onGroups: (groups) => parts?.stage.topology.setGroups(groups) });
   const stage = createStage({ network, onNode, onLink: (from, to) => faults.selectLink(from, to), beside: faults.element });
   const events = createEvents({ names: first.recording.names, onPick: (event) => parts.timeline.goTo(event.at_ms) });
-  const recording = h("p", { class: "quiet" });
+  const recording = h("p", { class: "quiet recording" });
   parts = { stage, faults, events, recording, said, folder: choices.folder, newest: null };
   const from = first.recording.since_ms;
   parts.timeline = createTimeline({ from, to: Math.max(first.moment?.at_ms ?? 0, from + 1), events: [], live: true, onShow: createPast(parts) });

@@ -25,7 +25,7 @@ function exactTime(ms) {
 function settingFact([name, value]) {
   const [words, meaning] = MEANINGS[name] ?? [name, ""];
   const shown = name.endsWith("_ms") ? exactTime(Number(value)) : typeof value === "number" ? number(value) : String(value);
-  return [words, shown, [meaning, " ", h("span", { class: "mono" }, `${name} = ${value}`)]];
+  return [words, shown, [meaning, h("div", { class: "mono" }, `${name} = ${value}`)]];
 }
 
 export async function governancePage() {

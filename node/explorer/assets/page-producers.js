@@ -1,6 +1,6 @@
 // Producers: what each did in the newest blocks, who votes for it, and why one is suspended.
 
-import { h } from "./shared/dom.js";
+import { h, replace } from "./shared/dom.js";
 import { bars } from "./shared/chart.js";
 import { plural } from "./shared/format.js";
 import { api } from "./api.js";
@@ -9,7 +9,7 @@ import { badge, card, chartWidth, facts, fullHex, go, hex, number, sheet, table 
 
 const TONES = { producing: "good", candidate: "", suspended: "bad", removed: "bad" };
 
-export async function producersPage({ args: [wanted] }) {
+export async function producersPage({ args: [wanted], signal }) {
   await feed.fill().catch(() => {});
   const { producers, epoch, height } = await api.producers();
   const done = await countWork();
@@ -34,8 +34,17 @@ export async function producersPage({ args: [wanted] }) {
     `Producers take turns in leading rounds and vote on what the others propose. ${seats ? `Of ${plural(seats.seats.length, "seat", "seats")}, ${seats.quorum} make a quorum: the chain goes on, and stays right, while at most ${seats.faults_tolerated} of them fail, lie or keep silent.` : ""} Organisations vote for producers; evidence of signing two things in one round suspends one.`,
     card("What they did", h("p", { class: "quiet" }, `Counted from ${span}. A certificate holds exactly a quorum of votes, the first that came, so a share below 100 % is no fault by itself. A missed round is one that a producer should have led and that was given up.`),
       table("Producers and candidates", ["name", "organisation", "state", ["blocks led", "number"], ["rounds missed", "number"], ["votes in certificates", "number"], "organisations for it", "key"], rows)),
-    card("Votes in certificates", h("p", { class: "quiet" }, `By producer, in ${span}.`), bars({ items: producers.map((producer) => ({ name: producer.name, value: done.get(producer.key)?.voted ?? 0 })), width: chartWidth(), height: 180, label: "Votes in certificates by producer", unit: "votes" })),
+    card("Votes in certificates", h("p", { class: "quiet" }, `By producer, in ${span}.`), votesChart(producers.map((producer) => ({ name: producer.name, value: done.get(producer.key)?.voted ?? 0 })), signal)),
     card("Suspensions and evidence", suspended.length ? suspended.map(evidenceView) : h("p", {}, `Nobody is suspended at block ${number(height)}, and there is no evidence against anybody who produces or stands for it.`)));
+}
+
+/** Bars that are drawn anew for each width: their words stay legible. */
+function votesChart(items, signal) {
+  const place = h("div", {});
+  const draw = () => replace(place, bars({ items, width: chartWidth(), height: 180, label: "Votes in certificates by producer", unit: "votes" }));
+  addEventListener("resize", draw, { signal });
+  draw();
+  return place;
 }
 
 /** Count by key, over the headers that are here: seats change their holders with the epoch. */

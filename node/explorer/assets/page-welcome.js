@@ -13,7 +13,7 @@ export function awayPage(name, everyMs) {
     h("div", { class: "notice warn", role: "alert" },
       h("p", {}, `Nothing comes from ${name}: it is stopped, or cannot be reached from here.`),
       h("p", {}, `This page asks again every ${everyMs / 1000} seconds, and shows itself as soon as the node is back.`)),
-    h("p", {}, "Whether it runs, says ", h("code", {}, "blockrobot status"), " on its machine."),
+    h("p", {}, h("code", {}, "blockrobot status"), " on its machine says whether it runs."),
   ];
 }
 
