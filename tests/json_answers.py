@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import click
+import pytest
 
 from clients.sdk.json_fields import CommandAnswer, Field, Kind
 from network.cli.json_page import SECTIONS
 from network.cli.main import main
 
+NOTING_FOLDER = Path(__file__).parent / "noted_answers"
+FILE_VARIABLE = "BLOCKROBOT_TEST_ANSWERS_FILE"
 HEXADECIMAL = re.compile(r"(?:[0-9a-f]{2})*")
 
 
@@ -125,3 +131,24 @@ def _objects(kind: Kind, value: Any) -> list[tuple[str, dict[str, Any]]]:
     if kind is Kind.ROWS:
         return [("[]", item) for item in value]
     return [(".*", item) for item in value.values()] if kind is Kind.ROWS_BY_NAME else [("", value)]
+
+
+@contextmanager
+def answers_of_processes(file: Path) -> Iterator[None]:
+    """While inside, every process that is started, and every one that those start, notes its answers in this file."""
+    places = [str(NOTING_FOLDER), *filter(None, [os.environ.get("PYTHONPATH")])]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", os.pathsep.join(places))
+        patch.setenv(FILE_VARIABLE, str(file))
+        yield
+
+
+def read_noted(file: Path) -> list[tuple[str, Any]]:
+    """Return what was noted: the words of each command, and its answer."""
+    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
+    return [(line["words"], line["told"]) for line in map(json.loads, lines)]
+
+
+def noted_differences(file: Path) -> list[str]:
+    """Return how the answers that were noted differ from what is documented, each way once."""
+    return sorted({line for words, told in read_noted(file) for line in differences(words, told)})

@@ -14,6 +14,7 @@ from clients.sdk.json_fields import CommandAnswer, write_section
 from clients.wallet.json_fields import ANSWERS as WALLET
 from clients.wallet.officer_json_fields import ANSWERS as OFFICER
 from clients.wallet.sharing_json_fields import ANSWERS as SHARING
+from network.cli.governing_json_fields import ANSWERS as GOVERNING
 from network.cli.json_fields import ANSWERS as NETWORK
 from network.cli.json_fields import WATCHED
 
@@ -26,26 +27,24 @@ SECTIONS: Mapping[str, tuple[CommandAnswer, ...]] = {
     "Checking a bundle": BUNDLE,
     "The registrar": REGISTRAR,
     "The robot": ROBOT,
+    "Governing and keeping a network": GOVERNING,
 }
 """What is listed, under the headings of the page."""
 
 NOT_LISTED: Mapping[str, str] = {
-    "node": "[commands](cli.md), [add a node](../how-to/add-a-node.md)",
-    "certificate": "[commands](cli.md#certificates)",
-    "org": "[commands](cli.md#org)",
-    "producer": "[commands](cli.md#producer)",
-    "settings": "[commands](cli.md#settings)",
     "contract": "[commands](cli.md#contracts)",
-    "custody": "[commands](../how-to/custody.md)",
-    "notice": "[commands](cli.md#telling-people)",
-    "doctor": "[when something is wrong](../how-to/when-something-is-wrong.md)",
+    "custody": "[look after custodians](../how-to/custody.md)",
+    "node directory": "[formats](formats.md)",
+    "node snapshot": "[commands](cli.md)",
+    "node prune": "[commands](cli.md)",
+    "node diff": "[commands](cli.md)",
+    "node run": "[commands](cli.md)",
+    "notice activities": "[tell people](../how-to/tell-people.md)",
     "demo": "[commands](cli.md#demo)",
     "experiment": "[commands](../how-to/run-the-experiments.md)",
     "bench": "[commands](cli.md#measuring): `name`, `figures` and `conditions`, which differ from one to the other",
     "privacy attack": "[commands](cli.md#privacy-attack): likewise",
     "sim run": "[commands](cli.md#sim-run): likewise",
-    "completion": "[commands](cli.md#completing-in-a-shell)",
-    "reference": "[commands](cli.md#the-reference-pages)",
 }
 """Commands, or groups of them, whose fields the page does not list, and where something is said of them."""
 

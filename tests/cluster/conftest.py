@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.cluster.story import Story
+from tests.json_answers import answers_of_processes, noted_differences
 
 
 @pytest.fixture
@@ -41,3 +42,12 @@ async def story(
     finally:
         await story.close()
         await network.close()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def commands_answer_as_documented(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Hold what every command answers here with --json, on real nodes, against the reference page of that."""
+    file = tmp_path_factory.mktemp("answers") / "answers.jsonl"
+    with answers_of_processes(file):
+        yield
+    assert noted_differences(file) == [], "docs/reference/json-output.md says otherwise"

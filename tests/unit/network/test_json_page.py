@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from clients.sdk.json_fields import CommandAnswer, Field, Kind, write_section
 from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
-from tests.json_answers import CHECKS, differences, documented, leaves
+from tests.json_answers import (
+    CHECKS,
+    answers_of_processes,
+    differences,
+    documented,
+    leaves,
+    noted_differences,
+    read_noted,
+)
 
 FOLDER = Path(__file__).parents[3] / "docs" / "reference"
 REFUSED_RECEIPT = {"txid": "ab", "height": 3, "from_height": 4, "count": 1, "status": "withdrawn", "purposes": []}
@@ -99,3 +110,14 @@ def test_a_section_tells_of_objects_in_objects_by_their_path() -> None:
     assert "`ok` is false if it rains." in text
     assert "| `rows[].at_ms` | time in ms | when | null if never |" in text
     assert "| `by.*.count` | whole number | how many |  |" in text
+
+
+def test_what_a_process_of_its_own_answers_is_noted_and_held_against_the_page(tmp_path: Path) -> None:
+    file = tmp_path / "answers.jsonl"
+    command = [sys.executable, "-m", "network.cli.main", "robot", "--robot-dir", str(tmp_path), "new", "--json"]
+    with answers_of_processes(file):
+        printed = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert read_noted(file) == [("robot new", printed)]
+    assert noted_differences(file) == []
+    file.write_text(json.dumps({"words": "robot new", "told": {"ok": True, "folder": "robots"}}) + "\n")
+    assert noted_differences(file) == ["robot new: member is documented, and not answered"]

@@ -12,8 +12,26 @@ from click.testing import CliRunner, Result
 from clients.robot import cli
 from clients.robot.consents import ConsentFigures
 from clients.robot.sources.rosbag import BagSource
+from clients.robot.statistics import RunStatistics
 
 FRAMES = {"published": 6, "covered": 6, "kept": 6, "withheld": 0, "withheld_reasons": {}, "lost": 0}
+PAIRED = {
+    "clocks": {},
+    "turned_away": {},
+    "sightings_late": 0,
+    "sightings_shortened": 0,
+    "sightings_only_paired": 0,
+    "timelines": 1,
+}
+FIGURES = {
+    "roster_rows": 1,
+    "latency_ms": RunStatistics(window_ms=500).latency_json(),
+    "camera": {"focal_px": 525.0, "focal_from": "assumed", "frames_before": 0},
+    "records": 3,
+    "stored_bytes": 1000,
+    "spool_peak_bytes": 1000,
+    "final_gap_max_s": 0.5,
+}
 BROKEN = {"code": "BAG_DAMAGED", "detail": "The recording breaks off."}
 
 
@@ -33,10 +51,10 @@ def replay(monkeypatch: pytest.MonkeyPatch, small_bag: Path, tmp_path: Path) -> 
             sources.append(source)
             tags = {"readings": unknown[0], "tags": unknown[1], "more_tags": False}
             refused = {"frame": {"size": 2, "step": 1}}
-            intake = {"messages_refused": refused, "unknown_tags": tags, "fault": fault, **live}
-            senses = {"rgb": {**FRAMES, "lost": lost}}
+            intake = {**PAIRED, "messages_refused": refused, "unknown_tags": tags, "fault": fault, **live}
+            senses = {"rgb": {**FRAMES, "lost": lost, "let_go": 0}}
             consents = ConsentFigures().as_json()
-            return {"frames": FRAMES, "senses": senses, "records": 3, "intake": intake, "consents": consents}
+            return {**FIGURES, "frames": FRAMES, "senses": senses, "intake": intake, "consents": consents}
 
         monkeypatch.setattr(cli, "replay_recording", summarised)
         monkeypatch.setattr(cli, "load_genesis", lambda _path: None)
