@@ -11,22 +11,24 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import click
+from rich.markup import escape
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, problem_json
-from clients.wallet.auditing import audit_all
+from clients.wallet.auditing import AuditEntry, audit_all
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
 from clients.wallet.consent_commands import consent
 from clients.wallet.erasing import Erasing, ErasureReport
-from clients.wallet.erasure_status import erasures
+from clients.wallet.erasure_status import custodian_names, erasures
 from clients.wallet.export_command import export
 from clients.wallet.guardians_commands import guardians
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
-from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, code_text, text
+from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
+from clients.wallet.page.story import event_sentence
 from clients.wallet.records_command import picture_count, records
 from clients.wallet.rights import describe_event
 from clients.wallet.rights_commands import COMMANDS as RIGHTS_COMMANDS
@@ -85,7 +87,11 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 
     Example: blockrobot wallet audit
     """
-    entries = run_opened(ctx, audit_all)
+
+    async def action(opened: Wallet) -> tuple[list[AuditEntry], dict[bytes, str]]:
+        return await audit_all(opened), custodian_names(opened, language_in_use())
+
+    entries, names = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -110,8 +116,9 @@ def audit(ctx: click.Context, as_json: bool) -> None:
             subject = text("audit.visit", name=entry.owner.hex()[:12])
         block = text("audit.block", height=f"{entry.height:>5}")
         detail = describe_event(entry.kind, entry.data)
-        line = f"{show_moment(entry.time_ms)}  {block}  {code_text('kind', entry.kind):<20} {subject}"
-        console.print(line + (f"  {detail}" if detail else ""))
+        about = f"{subject}; {detail}" if detail else subject
+        sentence = event_sentence(entry, names, language_in_use())
+        console.print(escape(f"{show_moment(entry.time_ms)}  {block}  {sentence} ({about})"))
 
 
 def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:

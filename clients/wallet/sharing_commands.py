@@ -315,6 +315,8 @@ def shares(ctx: click.Context, as_json: bool) -> None:
     for each in found:
         for line in share_lines(each, now_ms):
             console.print(line)
+        if each.grant.is_open(now_ms):
+            console.print("  " + text("shares.to_end", grant=each.grant.grant_id.hex()[:12]))
 
 
 def tell_recipients(found: Sequence[Share]) -> None:
@@ -383,6 +385,8 @@ def handle(ctx: click.Context, as_json: bool) -> None:
     console.print(" ".join(digits[start : start + 8] for start in range(0, len(digits), 8)))
     if role not in GRANTEE_ROLES:
         console.print("  " + text("handle.not_for", role=say_role(role)))
+    else:
+        console.print("  " + text("handle.tell"))
 
 
 COMMANDS = (share, shares, revoke, handle)

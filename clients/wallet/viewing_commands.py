@@ -147,6 +147,8 @@ def verify(ctx: click.Context, record_ids: tuple[str, ...], purpose: str, as_jso
         print_json({"ok": True, "records": [_view_json(view) for view in views], "out": None})
         return
     _print_views(views)
+    if views:
+        console.print(text("view.verdicts"))
 
 
 COMMANDS = (view, verify)

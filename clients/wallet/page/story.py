@@ -23,10 +23,7 @@ _TONES = {
 
 def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
     """Return one event. `names` are those of custodians, by key."""
-    data = {name: plain(value) for name, value in entry.data.items()}
-    custodian = entry.data.get("custodian")
-    if isinstance(custodian, bytes):
-        data["custodian_name"] = names.get(custodian, f"custodian {custodian.hex()[:12]}")
+    data = _named(entry, names, language)
     return {
         "visit": entry.owner.hex(),
         "record_id": entry.record_id.hex() or None,
@@ -39,6 +36,20 @@ def event_json(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> 
         "tone": _tone(entry),
         "who": _who(entry),
     }
+
+
+def event_sentence(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> str:
+    """Return what an event says, in a sentence of the language. `names` are those of custodians, by key."""
+    return _sentence(entry, _named(entry, names, language), language)
+
+
+def _named(entry: AuditEntry, names: Mapping[bytes, str], language: str) -> dict[str, Any]:
+    data = {name: plain(value) for name, value in entry.data.items()}
+    custodian = entry.data.get("custodian")
+    if isinstance(custodian, bytes):
+        unnamed = text("custodian.unnamed", language=language, key=custodian.hex()[:12])
+        data["custodian_name"] = names.get(custodian, unnamed)
+    return data
 
 
 def plain(value: Any) -> Any:

@@ -108,7 +108,7 @@ def test_the_audit_names_what_happened_in_portuguese_and_tells_a_program_the_cod
     world.append_audit(visit.owner, "restricted")
     world.network.trails[visit.owner][-1]["data"] = {"ground": "legal-claim", "until_ms": 5}
     told = run("audit").output
-    assert "uso limitado" in told
+    assert "Limitou o seu uso: só você a vê." in told
     assert "motivo: direito a defender, guardado para além do prazo" in told
     (entry,) = json.loads(run("audit", "--json").stdout)["entries"]
     assert (entry["kind"], entry["detail"]) == ("restricted", "ground: legal-claim, kept beyond its time")

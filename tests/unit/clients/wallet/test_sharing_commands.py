@@ -190,7 +190,7 @@ def test_who_never_looked_is_told_and_has_nothing_to_delete(people: People) -> N
     assert "To look: " in people.run(doctor, "inbox").output
     asyncio.run(ward.erase(visit, records))
     said = people.run(doctor, "inbox").output
-    assert "2 of 2 records: was erased, or is over its time" in said
+    assert "2 of 2 records: were erased, or are over their time" in said
     assert "You never looked at it: there is nothing to delete" in said
     for part in ("delete every copy", "confirm-deleted", "To look: "):
         assert part not in said
