@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.cluster.story import Story
+from tests.json_answers import differences
 
 PLAN = """
 seed = 11
@@ -84,6 +85,7 @@ async def test_a_plan_is_carried_out_under_load_and_the_watcher_sees_it(story: S
     ]
     assert (code, done["ok"]) == (1, False)
     pictures = [json.loads(line) for line in (await watching)[1].splitlines()]
+    assert [line for picture in pictures for line in differences("status --watch", picture)] == []
     assert _said_of(pictures, "node-3 is stopped")
     assert _said_of(pictures, "node-1 faults: -> node-2: 3-15 ms")
     assert _said_of(pictures, "node-1 faults: none")

@@ -11,6 +11,7 @@ import pytest
 
 from clients.sdk.json_fields import CommandAnswer, Field, Kind, write_section
 from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
+from network.observing import NodeLook, Observer, changes
 from tests.json_answers import (
     CHECKS,
     answers_of_processes,
@@ -94,6 +95,16 @@ def test_a_field_that_is_gone_is_found_out() -> None:
     assert differences("wallet consent withdraw", told) == [
         "wallet consent withdraw: height is documented, and not answered"
     ]
+
+
+def test_a_line_of_the_watcher_is_as_documented_whether_a_node_answers_or_not() -> None:
+    status = {"height": 5, "finalized_height": 3, "round": 9, "epoch": 0, "leader": "node-1", "peers": ["node-2"]}
+    looks = [
+        NodeLook("node-1", running=True, paused=False, status={**status, "mempool": 2, "ready": True}),
+        NodeLook("node-2", running=False, paused=False, status=None, faults=("journal disk full",)),
+    ]
+    picture = Observer(0.0).take(looks, 1.5)
+    assert differences("status --watch", picture.to_json() | {"changes": changes(None, picture)}) == []
 
 
 def test_a_section_tells_of_objects_in_objects_by_their_path() -> None:
