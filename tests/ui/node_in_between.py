@@ -72,7 +72,7 @@ class NodeInBetween:
         except aiohttp.ClientError:
             if request.transport is not None:
                 request.transport.abort()  # where the node says nothing, nothing is said
-            raise
+            return web.Response(status=502)
         if self.lie is not None and request.path == PROVED_PATH and status == 200:
             answer = json.loads(body)
             if self.lie(answer):
