@@ -109,6 +109,12 @@ async def _erase(network: RecordedNetwork, page: Page) -> None:
     await confirm_with(page, network.passphrase)
     await page.get_by_role("heading", name="Erased everywhere").wait_for(timeout=SETTLED_MS)
     await shoot(page, "receipts")
+    await go(page, "erasing")
+    await page.get_by_role("heading", level=1).wait_for()
+    await shoot(page, "erasing")
+    await page.get_by_role("button", name="Lock").click()
+    await page.get_by_role("heading", name="The wallet is locked").wait_for()
+    await shoot(page, "locked")
 
 
 async def make(browser: Browser, folder: Path) -> None:
