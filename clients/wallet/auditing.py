@@ -52,11 +52,20 @@ class AuditEntry:
     data: dict[str, Any]
 
 
-async def audit_visit(wallet: VisitReader, visit: KnownVisit) -> list[AuditEntry]:
-    """Return all events of a visit in order. The count and each entry are proven, so none can be left out."""
+def count_place(visit: KnownVisit) -> bytes:
+    """Return the flat key under which the chain holds how many events a visit has."""
+    return b"audit\x00count/" + visit.owner
+
+
+async def audit_visit(wallet: VisitReader, visit: KnownVisit, count: int | None = None) -> list[AuditEntry]:
+    """Return all events of a visit in order. The count and each entry are proven, so none can be left out.
+
+    `count` is a proven count, from who has asked for it among other things; without one it is asked for.
+    """
     key = wallet.owner_key(visit)
-    count_key = b"audit\x00count/" + visit.owner
-    count = (await wallet.values([count_key], key))[count_key] or 0
+    if count is None:
+        count_key = count_place(visit)
+        count = (await wallet.values([count_key], key))[count_key] or 0
     trails = wallet.trails
     entries = [] if trails is None else trails.get(visit.owner, [])[:count]
     for start in range(len(entries), count, _PAGE_COUNT):

@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from clients.sdk.announcements import AnnouncementPage
 from clients.sdk.enrolment import NewMember, Registration, register_member
 from clients.sdk.http import PROOF_KEYS_MAX_COUNT, NetworkClient
-from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit
+from clients.wallet.auditing import RECORDED_KIND, AuditEntry, audit_visit, count_place
 from clients.wallet.keys import WalletKeys, derive_keys
 from clients.wallet.keystore import Keystore, KnownVisit
 from clients.wallet.standing import VisitRights, read_standing
@@ -280,10 +280,14 @@ class Wallet:
 
     async def visit_mark(self, visit: KnownVisit) -> tuple[Any, ...]:
         """Return what changes whenever anything changes of a visit, by one question: its state, its words, its trail."""
-        keys = [b"records\x00visit/" + visit.owner, b"audit\x00count/" + visit.owner]
+        keys = [b"records\x00visit/" + visit.owner, count_place(visit)]
         keys += [place + visit.owner for place in _RIGHTS]
         found = await self.values(keys, self.owner_key(visit))
         return tuple(found[key] for key in keys)
+
+    def trail_count_of(self, mark: tuple[Any, ...]) -> int:
+        """Return how long the trail was of a visit that had this mark."""
+        return mark[1] or 0
 
     async def visit_report(self, visit: KnownVisit, before: VisitReport | None = None) -> VisitReport:
         """List a visit's records, each proven, opened and chained; say how many are missing.
@@ -298,11 +302,12 @@ class Wallet:
         key = self.owner_key(visit)
         visit_key = b"records\x00visit/" + visit.owner
         rights_keys = [place + visit.owner for place in _RIGHTS]
-        found = await self.values([visit_key, *rights_keys], key)
+        count_key = count_place(visit)
+        found = await self.values([visit_key, count_key, *rights_keys], key)
         visit_state = found[visit_key]
         if visit_state is None:
             raise BlockRobotError("PROOF_INVALID", "The visit is proven not to be on the chain.")
-        audit = await audit_visit(self, visit)
+        audit = await audit_visit(self, visit, found[count_key] or 0)
         known = _still_true(before, visit, audit)
         entries = [] if known is None else list(known.records)
         erased = [] if known is None else list(known.erased_ids)

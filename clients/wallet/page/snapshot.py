@@ -111,7 +111,7 @@ async def read_snapshot(wallet: Wallet, before: Snapshot, now_ms: int, *, fresh:
         mark = await wallet.visit_mark(visit)
         part = known.get(visit.owner)
         if part is None or part.mark != mark or part.report.visit != visit:
-            trail = tuple(await audit_visit(wallet, visit))
+            trail = tuple(await audit_visit(wallet, visit, wallet.trail_count_of(mark)))
             report = await wallet.visit_report(visit, None if part is None else part.report)
             kinds = {entry.kind for entry in trail}
             shares = await Sharing(wallet).shares_of(visit) if "granted" in kinds else []

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import msgspec
 import pytest
 
+from clients.sdk.trust import ProvedState
 from clients.wallet.keystore import Keystore
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode, encode
+from consensus.primitives.keys import PrivateKey
 from consensus.records.envelopes import seal_metadata
 from consensus.records.metadata import RecordMetadata
 from tests.unit.clients.wallet.conftest import World
@@ -185,6 +189,22 @@ async def test_a_visit_that_is_proven_absent_is_no_visit(world: World) -> None:
     with pytest.raises(BlockRobotError) as caught:
         await world.wallet.records()
     assert caught.value.code == "PROOF_INVALID"
+
+
+async def test_a_visit_takes_three_questions_one_after_the_other(world: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What stands of it and how long its trail is, the trail, the records: each waits for the answer before."""
+    visit = world.open_visit()
+    for _ in range(3):
+        world.record(visit)
+    questions, ask = list[int](), world.network.state_values
+
+    async def count(keys: Sequence[bytes], key: PrivateKey) -> ProvedState:
+        questions.append(len(keys))
+        return await ask(keys, key)
+
+    monkeypatch.setattr(world.network, "state_values", count)
+    (report,) = await world.wallet.records()
+    assert (len(report.records), len(questions)) == (3, 3)
 
 
 async def test_many_records_are_proven_in_parts(world: World) -> None:
