@@ -95,4 +95,5 @@ def make(desk: Path | None, genesis: Path | None, robot: str, out: Path, as_json
     if as_json:
         print_json({"ok": True, "rows": rows, "out": str(out)})
     else:
-        console.print(f"{rows} people; only this robot can open {out}.")
+        people = "1 person" if rows == 1 else f"{rows} people"
+        console.print(f"{people}; only this robot can open {out}.")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shlex
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import click
+from rich.markup import escape
 
 from clients.robot.background_cli import background
 from clients.robot.batching import CLIP_DEFAULT_MS
@@ -49,6 +51,7 @@ from consensus.genesis import Genesis
 
 _PROGRESS_EVERY_S = 0.25
 _RATE_DEFAULT = 10
+_ROSTER_FILE = "roster.sealed"
 
 
 @click.group()
@@ -82,7 +85,10 @@ def new(ctx: click.Context, as_json: bool) -> None:
     if as_json:
         print_json(answer)
     else:
-        console.print(f"A robot lives in {folder}. Next: blockrobot robot register CODE.")
+        console.print(f"A robot lives in {escape(str(folder))}. Its member key: {answer['member']}")
+        console.print(
+            "Next: blockrobot robot register CODE (at the desk, blockrobot card issue --role robot prints one)."
+        )
 
 
 @robot.command()
@@ -101,7 +107,9 @@ def register(ctx: click.Context, code: str, as_json: bool) -> None:
     if as_json:
         print_json({"ok": True, "txid": done.txid.hex(), "member": done.member.hex()})
     else:
-        console.print("The robot is registered. Next: ask the registrar for its roster of today.")
+        place = shlex.quote(str(folder / _ROSTER_FILE))
+        console.print("The robot is registered. Next: its roster of today, at the registrar's desk:")
+        console.print(f"  blockrobot roster make --robot {done.member.hex()} --out {escape(place)}")
 
 
 class _Progress:
@@ -167,7 +175,7 @@ async def _record(
 def _replay(ctx: click.Context, source: Source, as_json: bool, options: dict[str, Any]) -> None:
     folder, genesis_path = ctx.obj
     chosen = ReplayOptions(
-        roster=options["roster"] or folder / "roster.sealed",
+        roster=options["roster"] or folder / _ROSTER_FILE,
         purpose=options["purpose"],
         clip_ms=options["clip_ms"],
         events=options["events"] or folder / "events.jsonl",

@@ -30,6 +30,7 @@ from consensus.records.sensors import SENSORS
 _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
+_SAID_COLUMNS = 4
 
 
 def read_time(written: str | None, now_ms: int) -> int:
@@ -226,7 +227,8 @@ def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[s
 
 def _line(row: Choice, height: int) -> str:
     last = row.last
-    mark = f"[green]{text('consent.yes')}[/green]" if row.holds else text("consent.no")
+    said = f"{text('consent.yes' if row.holds else 'consent.no'):<{_SAID_COLUMNS}}"
+    mark = f"[green]{said}[/green]" if row.holds else said
     since = show_moment(last.since_ms)
     purpose, sensor = code_text("purpose", row.purpose), code_text("sensor", row.sensor)
     line = text("consent.row", purpose=purpose, sensor=sensor, status=code_text("said", last.status), moment=since)
@@ -236,7 +238,7 @@ def _line(row: Choice, height: int) -> str:
         line += ", " + text("consent.from", moment=show_moment(last.from_ms))
     if last.until_ms:
         line += ", " + text("consent.until", moment=show_moment(last.until_ms))
-    return f"{mark:<4} {line}"
+    return f"{mark} {line}"
 
 
 @consent.command()

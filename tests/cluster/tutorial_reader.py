@@ -1,0 +1,170 @@
+"""A reader of a tutorial: types its `sh` fences as they are written, at a terminal, and compares what the page shows.
+
+What the first line of a fence says:
+`sh`: each line is typed, and succeeds. `sh fails`: it does not. `sh again`: typed until the next fence's lines come.
+`text`: lines that the commands of the fence before it wrote, in any order; `...` stands for anything. `text figures`:
+every number but 0 may be another. `LANGUAGE file=NAME` and `append=NAME`: what the reader writes into a file.
+
+It must never type what the page does not have a reader type, but for the placeholders that she is to replace, and a
+port that is free.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import pexpect
+
+from network.cluster import Cluster
+from tests.ui.typed import CONTROL, Typed
+
+CLONE = Path(__file__).resolve().parents[2]
+COMMAND_TIMEOUT_S = 180
+AGAIN_TIMEOUT_S = 60
+AGAIN_EVERY_S = 1.0
+PASSPHRASE = "tea and lemon cake"
+_TAIL_CHARS = 2000
+"""How far from the end a question is looked for: a command may write pictures, a megabyte of them."""
+_PROMPT = "typed with code $?$ "
+_ASKED = [
+    r"typed with code (\d+)\$ $",
+    r"(?:Passphrase|once more): $",
+    r"Word number (\d+): $",
+    r"\[y/N\]: $",
+    "press Enter: ?$",
+    pexpect.EOF,
+    pexpect.TIMEOUT,
+]
+_FENCE = re.compile(r"^```(\w+)(?: ([^\n]*))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+_WORD = re.compile(r"(\d+) ([a-z]+)")
+_TOKENS = re.compile(r"\.\.\.|\d+|[^\d.]+|\.")
+
+
+class Fence(NamedTuple):
+    """One fence of a page: its language, what else its first line says, its text."""
+
+    language: str
+    remark: str
+    content: str
+
+    @property
+    def lines(self) -> list[str]:
+        """Its lines, but for empty ones at its ends."""
+        return self.content.strip("\n").splitlines()
+
+    def missing_in(self, output: str) -> str | None:
+        """Return the first line of this fence that the output does not have, None if it has them all."""
+        for line in self.lines:
+            pattern = "".join(self._pattern_of(token) for token in _TOKENS.findall(line))
+            if not any(re.fullmatch(pattern, one.rstrip()) for one in output.splitlines()):
+                return line
+        return None
+
+    def _pattern_of(self, token: str) -> str:
+        if token == "...":
+            return ".*"
+        return r"\d+" if self.remark == "figures" and token.isdigit() and int(token) else re.escape(token)
+
+
+def fences_of(page: str) -> list[Fence]:
+    """Return the fences of a page of docs/tutorial."""
+    text = (CLONE / "docs" / "tutorial" / page).read_text(encoding="utf-8")
+    return [Fence(*found) for found in _FENCE.findall(text)]
+
+
+class Reader:
+    """One shell at a terminal, opened in `folder`, with a home below `place` that nothing was in.
+
+    `placeholders`: by what stands for it on the page, the pattern by whose first group a command tells what to type.
+    """
+
+    def __init__(
+        self, place: Path, placeholders: dict[str, str], *, base_port: int, folder: Path, path: str | None = None
+    ) -> None:
+        self.place, self.folder = place, folder
+        self.shown: dict[str, str] = {}
+        self._placeholders = {written: re.compile(told, re.MULTILINE) for written, told in placeholders.items()}
+        self._told: dict[str, str] = {}
+        self._base_port = base_port
+        home = place / "home"
+        home.mkdir()
+        environment = {"HOME": str(home), "PATH": path or os.environ["PATH"], "LANG": "C.UTF-8", "PS1": _PROMPT}
+        self._shell = Typed(
+            "/bin/bash",
+            ["--norc", "--noprofile", "--noediting", "-i"],
+            env=environment | {"TERM": "xterm-256color"},
+            cwd=str(folder),
+            dimensions=(50, 200),
+            encoding="utf-8",
+            timeout=COMMAND_TIMEOUT_S,
+            searchwindowsize=_TAIL_CHARS,
+        )
+        self._hear("the shell")
+
+    def close(self) -> None:
+        """Close the terminal, and stop what the page left running."""
+        self._shell.close(force=True)
+        for network in self.place.rglob("cluster.json"):
+            Cluster(network.parent).stop_all()
+
+    def type(self, command: str, *, fails: bool = False) -> str:
+        """Type one line of the page, answer what is asked, and return what was written, as a person reads it."""
+        for written, told in self._told.items():
+            command = command.replace(written, told)
+        self._shell.sendline(f"{command} --base-port {self._base_port}" if command == "blockrobot up" else command)
+        code, output = self._hear(command)
+        assert (code != 0) == fails, f"{command}\n{output}"
+        for written, pattern in self._placeholders.items():
+            if found := pattern.search(output):
+                self._told[written] = found[1]
+        return output
+
+    def _hear(self, command: str) -> tuple[int, str]:
+        """Answer until the prompt is back; return the exit code and what was written."""
+        heard = ""
+        while True:
+            asked = self._shell.expect(_ASKED)
+            heard += self._shell.before
+            assert asked < _ASKED.index(pexpect.EOF), f"{command}\n{heard[-_TAIL_CHARS:]}"
+            heard += self._shell.after
+            if asked == 0:
+                return int(self._shell.match[1]), CONTROL.sub("", heard).replace("\r\n", "\n")
+            if asked == 1:
+                self._shell.sendline(PASSPHRASE)
+            elif asked == 2:
+                self._shell.sendline(dict(_WORD.findall(CONTROL.sub("", heard)))[self._shell.match[1]])
+            else:
+                self._shell.sendline("y" if asked == 3 else "")
+
+    def follow(self, page: str) -> None:
+        """Do what a page of docs/tutorial says, from its beginning to its end."""
+        fences = fences_of(page)
+        written = ""
+        for fence, following in zip(fences, [*fences[1:], None], strict=True):
+            if fence.language == "sh":
+                written = self._type_all(fence)
+                deadline_s = time.monotonic() + AGAIN_TIMEOUT_S
+                while fence.remark == "again" and following and following.missing_in(written):
+                    assert time.monotonic() < deadline_s, f"still not there: {following.missing_in(written)}\n{written}"
+                    time.sleep(AGAIN_EVERY_S)
+                    written = self._type_all(fence)
+            elif fence.language == "text":
+                missing = fence.missing_in(written)
+                assert missing is None, f"the page shows: {missing}\nit was: {written[-_TAIL_CHARS:]}"
+            else:
+                self._write(fence)
+
+    def _type_all(self, fence: Fence) -> str:
+        for line in fence.lines:
+            self.shown[line.partition("  #")[0].rstrip()] = self.type(line, fails=fence.remark == "fails")
+        return "".join(self.shown[line.partition("  #")[0].rstrip()] for line in fence.lines)
+
+    def _write(self, fence: Fence) -> None:
+        how, _, name = fence.remark.partition("=")
+        path = self.folder / name
+        before = path.read_text(encoding="utf-8") + "\n\n" if how == "append" else ""
+        path.write_text(before + fence.content, encoding="utf-8")
