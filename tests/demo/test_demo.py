@@ -4,16 +4,29 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from network.bench.fresh_network import find_base_port
+from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4, watched_page
 
 DEMO_TIMEOUT_S = 280
+ENDING_TIMEOUT_S = 60
+
+
+@dataclass(frozen=True, slots=True)
+class DemoRun:
+    """A demonstration that has ended: its folder, its exit code and its one object."""
+
+    out: Path
+    code: int
+    answer: dict[str, Any]
 
 
 def start_demo(home: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes]:
@@ -29,11 +42,16 @@ def start_demo(home: Path, out: Path, *arguments: str) -> subprocess.Popen[bytes
 
 
 def read_demo(demo: subprocess.Popen[bytes]) -> tuple[int, dict[str, Any]]:
-    """Wait for a demonstration to end; return its exit code and its one object."""
-    try:
-        output, errors = demo.communicate(timeout=DEMO_TIMEOUT_S)
-    finally:
-        demo.kill()
+    """Wait for a demonstration to end; return its exit code and its one object. One that takes too long leaves no node."""
+    with demo:
+        try:
+            output, errors = demo.communicate(timeout=DEMO_TIMEOUT_S)
+        except subprocess.TimeoutExpired:
+            demo.terminate()
+            demo.communicate(timeout=ENDING_TIMEOUT_S)
+            raise
+        finally:
+            demo.kill()
     assert b"Traceback" not in errors
     answer: dict[str, Any] = json.loads(output)
     return demo.returncode, answer
@@ -54,10 +72,16 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("home")
 
 
-@pytest.mark.timeout(DEMO_TIMEOUT_S + 20)
-def test_the_whole_story_holds_on_embedded_parts(home: Path, tmp_path: Path) -> None:
-    out = tmp_path / "demo"
-    code, answer = run_demo(home, out)
+@pytest.fixture(scope="module")
+def embedded(home: Path, tmp_path_factory: pytest.TempPathFactory) -> DemoRun:
+    """The demonstration with its embedded store, run once for all who look at what it leaves."""
+    out = tmp_path_factory.mktemp("embedded") / "demo"
+    return DemoRun(out, *run_demo(home, out))
+
+
+@pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
+def test_the_whole_story_holds_on_embedded_parts(embedded: DemoRun) -> None:
+    out, code, answer = embedded.out, embedded.code, embedded.answer
     assert failed_checks(answer) == []
     assert (code, answer["ok"], answer["nodes"], answer["store"]) == (0, True, 4, "sqlite")
     frames = answer["frames"]
@@ -72,7 +96,25 @@ def test_the_whole_story_holds_on_embedded_parts(home: Path, tmp_path: Path) -> 
     assert {"IMAGE_RETRIEVE", "RFID_RETRIEVE", "IMAGE_PAIRED", "BLOCKCHAIN_TRANSACTION"} <= activities
 
 
-@pytest.mark.timeout(DEMO_TIMEOUT_S + 20)
+@pytest.mark.system_packages
+@pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 120)
+async def test_the_report_of_the_whole_story_is_readable_by_everybody_and_printed_with_all_pictures(
+    embedded: DemoRun,
+) -> None:
+    report = embedded.out / "report.html"
+    async with watched_page() as page:
+        await look_all_ways(page, report, "report-of-the-demo")
+        assert await page.locator("main").get_by_text("Every check held.").is_visible()
+        held = page.get_by_role("row").filter(has=page.locator(".badge.good"))
+        assert await held.count() == len(embedded.answer["checks"])
+        for person in ("patient A", "patient B"):
+            seen = page.get_by_role("img", name=re.compile(rf"^{person}, frame \d+: her silhouette alone"))
+            assert await seen.first.is_visible()
+        assert pictures_in(report), "people have pictures"
+        assert await print_on_a4(page, report, "report-of-the-demo") >= 2
+
+
+@pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
 def test_the_whole_story_holds_with_a_database_per_custodian(home: Path, tmp_path: Path, mongo_uri: str) -> None:
     code, answer = run_demo(home, tmp_path / "demo", "--store", mongo_uri)
     assert failed_checks(answer) == []
