@@ -9,6 +9,22 @@ from clients.sdk.json_fields import CommandAnswer, Field, Kind
 
 _SILENT = "if the node is stopped, or does not answer"
 
+_WHY = (
+    Field("code", Kind.TEXT, "the error's code"),
+    Field("detail", Kind.TEXT, "what happened"),
+    Field("next_step", Kind.TEXT, "what to do"),
+)
+_REFUSALS = (
+    Field("peer", Kind.TEXT, "the node"),
+    *_WHY,
+    Field("since_ms", Kind.TIME_MS, "since when, by its own clock"),
+)
+_WORKER = (
+    Field("pid", Kind.COUNT, "its process", null="if none was needed yet"),
+    Field("replaced", Kind.COUNT, "how often it was replaced"),
+    Field("missing", Kind.TEXTS_BY_NAME, "parts of the wall that this system has not, and why"),
+)
+
 _STATUS = (
     Field("organisation", Kind.TEXT, "whose node it is", null="if the chain does not know it", absent=_SILENT),
     Field("membership", Kind.TEXT, "`active`, `removed` or `unknown`, by its own chain", absent=_SILENT),
@@ -53,6 +69,55 @@ _STATUS = (
         ),
     ),
     Field("suspended_height", Kind.HEIGHT, "where its producer was suspended", null="if it is not", absent=_SILENT),
+    Field(
+        "certificate",
+        Kind.OBJECT,
+        "its certificate",
+        absent=_SILENT,
+        fields=(
+            Field("serial", Kind.TEXT, "its serial number, hexadecimal digits"),
+            Field("state", Kind.TEXT, "`valid`, `expiring` (in its last 30 days) or `expired`"),
+            Field("not_before_ms", Kind.TIME_MS, "since when it counts"),
+            Field("not_after_ms", Kind.TIME_MS, "until when"),
+            Field("expires", Kind.TEXT, "the same, as `2028-11-21 12:45 UTC`"),
+        ),
+    ),
+    Field("refused_peers", Kind.ROWS, "nodes that it refused in the last minute", absent=_SILENT, fields=_REFUSALS),
+    Field("refused_by", Kind.ROWS, "nodes that refused it in the last minute", absent=_SILENT, fields=_REFUSALS),
+    Field(
+        "problem",
+        Kind.OBJECT,
+        "why no node would talk to it",
+        null="if nothing stands in the way",
+        absent=_SILENT,
+        fields=_WHY,
+    ),
+    Field("now_ms", Kind.TIME_MS, "its own clock", absent=_SILENT),
+    Field(
+        "contracts",
+        Kind.OBJECT,
+        "how it runs contracts",
+        absent=_SILENT,
+        fields=(
+            Field("wall", Kind.TEXT, "how far they are walled in; `off`: they run in the node's own process"),
+            Field("blocks", Kind.OBJECT, "the worker for blocks", absent="with `off`", fields=_WORKER),
+            Field("views", Kind.OBJECT, "the worker for views", absent="with `off`", fields=_WORKER),
+        ),
+    ),
+    Field("quorum", Kind.COUNT, "how many producers make a quorum in its epoch", absent=_SILENT),
+    Field("producers", Kind.TEXTS, "names of the nodes that have a seat in it, in turn", absent=_SILENT),
+    Field(
+        "rounds",
+        Kind.ROWS,
+        "its last rounds",
+        absent=_SILENT,
+        fields=(
+            Field("epoch", Kind.COUNT, "the epoch"),
+            Field("round", Kind.COUNT, "the round"),
+            Field("leader", Kind.TEXT, "who led it", null="if its name is not known"),
+            Field("said", Kind.COUNTS_BY_NAME, "which words it said, and when (time in ms, by its own clock)"),
+        ),
+    ),
     Field("version", Kind.TEXT, "its version of BlockRobot", absent=_SILENT),
     Field("uptime_s", Kind.SECONDS, "since it was started", absent=_SILENT),
 )
