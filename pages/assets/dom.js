@@ -58,30 +58,69 @@ let dialogCount = 0;
 /**
  * Ask in a dialog; resolve to the fields' values by name ({} without fields), or to null if it was cancelled.
  * fields: [{name, label, type, hint, value, required, options: [{value, label}], autocomplete}].
+ * With `attempt` the dialog stays, says `busy` and takes nothing more, until `attempt(values)` is through: it resolves to
+ * {answer}, which is the dialog's, or to {refusal}, words that the dialog shows and asks again. What it throws is thrown.
  */
-export function ask({ title, body = [], confirm, cancel, danger = false, fields = [] }) {
-  return new Promise((resolve) => {
+export function ask({ title, body = [], confirm, cancel, danger = false, fields = [], attempt = null, busy = "" }) {
+  return new Promise((resolve, reject) => {
     const before = document.activeElement;
     const id = `dialog-${(dialogCount += 1)}`;
     const inputs = fields.map((field) => [field, makeInput(field, `${id}-${field.name}`)]);
     let answer = null;
-    const form = h("form", { method: "dialog", onsubmit: (event) => {
+    let failure = null;
+    let isBusy = false;
+    const refused = h("div", { role: "alert" });
+    const waits = h("p", { class: "quiet", role: "status" });
+    const values = () => Object.fromEntries(inputs.map(([field, input]) => [field.name, field.type === "checkbox" ? input.checked : input.value]));
+    const form = h("form", { method: "dialog", onsubmit: async (event) => {
       event.preventDefault();
-      answer = Object.fromEntries(inputs.map(([field, input]) => [field.name, field.type === "checkbox" ? input.checked : input.value]));
-      dialog.close();
+      if (isBusy) return;
+      if (!attempt) {
+        answer = values();
+        dialog.close();
+        return;
+      }
+      setBusy(true);
+      try {
+        const outcome = await attempt(values());
+        if (outcome.refusal === undefined) answer = outcome.answer;
+        else replace(refused, h("p", { class: "notice bad" }, outcome.refusal));
+        setBusy(false);
+        if (outcome.refusal === undefined) dialog.close();
+        else askAgain();
+      } catch (error) {
+        failure = error;
+        setBusy(false);
+        dialog.close();
+      }
     } },
-      h("h2", { id }, title), body,
+      h("h2", { id }, title), body, attempt && refused,
       inputs.map(([field, input]) => field.type === "checkbox"
         ? h("div", { class: "field" }, h("label", { class: "switch" }, input, field.label), field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))
         : h("div", { class: "field" }, h("label", { for: input.id }, field.label), input, field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))),
+      attempt && waits,
       h("div", { class: "row" },
         cancel && h("button", { type: "button", onclick: () => dialog.close() }, cancel),
         h("button", { type: "submit", class: danger ? "danger primary" : "primary" }, confirm)));
+    const setBusy = (now) => {
+      isBusy = now;
+      form.setAttribute("aria-busy", String(now));
+      waits.textContent = now ? busy : "";
+      for (const button of form.querySelectorAll("button")) button.disabled = now;
+      for (const [, input] of inputs) input.readOnly = now;
+      if (now) replace(refused);
+    };
+    const askAgain = () => {
+      for (const [field, input] of inputs) if (field.type === "password") input.value = "";
+      inputs[0]?.[1].focus();
+    };
     const dialog = h("dialog", { "aria-labelledby": id }, form);
+    dialog.addEventListener("keydown", (event) => { if (isBusy && event.key === "Escape") event.preventDefault(); });
     dialog.addEventListener("close", () => {
       dialog.remove();
       before?.focus?.();
-      resolve(answer);
+      if (failure) reject(failure);
+      else resolve(answer);
     });
     document.body.append(dialog);
     dialog.showModal();

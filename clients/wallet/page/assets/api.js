@@ -86,23 +86,22 @@ async function followToEnd(job, onChange, signal) {
 /**
  * Ask for the passphrase and send the body with it; ask again while it is wrong. Returns the answer, null if she let it be.
  */
-export async function postWithPassphrase(path, body, { title, text, confirm, danger }) {
-  let refusal = null;
-  for (;;) {
-    const answer = await ask({
-      title,
-      body: [h("p", {}, text), refusal && h("p", { class: "notice bad", role: "alert" }, `${refusal.detail} ${refusal.nextStep}`)],
-      confirm,
-      cancel: t("ask.cancel"),
-      danger,
-      fields: [{ name: "passphrase", label: t("ask.passphrase"), type: "password", required: true, hint: t("ask.why"), autocomplete: "current-password" }],
-    });
-    if (answer === null) return null;
-    try {
-      return await post(path, { ...body, passphrase: answer.passphrase });
-    } catch (error) {
-      if (!(error instanceof Problem) || !["WALLET_PASSPHRASE_WRONG", "PASSPHRASE_LOCKED"].includes(error.code)) throw error;
-      refusal = error;
-    }
-  }
+export function postWithPassphrase(path, body, { title, text, confirm, danger }) {
+  return ask({
+    title,
+    body: h("p", {}, text),
+    confirm,
+    cancel: t("ask.cancel"),
+    danger,
+    busy: t("ask.checking"),
+    fields: [{ name: "passphrase", label: t("ask.passphrase"), type: "password", required: true, hint: t("ask.why"), autocomplete: "current-password" }],
+    attempt: async ({ passphrase }) => {
+      try {
+        return { answer: await post(path, { ...body, passphrase }) };
+      } catch (error) {
+        if (!(error instanceof Problem) || !["WALLET_PASSPHRASE_WRONG", "PASSPHRASE_LOCKED"].includes(error.code)) throw error;
+        return { refusal: `${error.detail} ${error.nextStep}` };
+      }
+    },
+  });
 }
