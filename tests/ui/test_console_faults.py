@@ -373,6 +373,7 @@ async def test_a_plan_that_is_stopped_does_no_further_step_and_what_it_switched_
     await expect(stop).to_be_hidden()
     assert abs(await clock_off_ms(console, "node-2") - 7_200_000) < CLOCK_SLACK_MS
     assert console.network.cluster.is_running("node-1")
+    await expect_cell(page, "node-2", "faults", "clock +2h")
     await press(page, "Heal everything")
     await expect_done(page, "heal everything")
     await expect_told(page, "Off at node-2: clock +2h.")
@@ -389,6 +390,7 @@ async def test_a_partition_ends_with_every_other_fault_by_the_button_beside_it(
     await press(page, "Cut it")
     await expect_done(page, "partition node-1, node-2, node-3 | node-4")
     await expect_told(page, "On at node-4: -> node-1: cut; -> node-2: cut; -> node-3: cut.")
+    await expect_cell(page, "node-1", "faults", re.compile("to node-4: cut.*custody disk full"))
     await asyncio.sleep(IN_FLIGHT_S)
     before = await arrived(console, "node-4", "node-1")
     await expect_more_arrives(console, "node-2", "node-1")
