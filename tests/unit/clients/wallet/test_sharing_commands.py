@@ -79,7 +79,7 @@ def test_before_it_is_asked_it_says_what_is_seen_how_long_and_what_cannot_be_und
     monkeypatch.setattr(sharing_commands, "confirm", lambda text, question, *, yes: asked.append(f"{text} {question}"))
     done = people.share(record_id)
     (text,) = asked
-    for part in ("2 pictures", "Dr Weber, staff of ward", "care: Care and treatment", "until", "wallet revoke"):
+    for part in ("2 pictures", "Dr Weber, staff of ward", "care: Care and treatment", "until", "end it at any time"):
         assert part in text
     for part in ("What the other sees", "cannot be undone", "kept a copy", "not with whom", "Share that?"):
         assert part in text
