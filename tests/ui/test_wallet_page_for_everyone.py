@@ -42,6 +42,7 @@ async def test_by_keyboard_alone_she_comes_from_the_calendar_to_the_pictures_and
         await open_page(page, served)
         await _press_until(page, "recording")
         focused = page.locator(":focus")
+        assert await focused.get_attribute("aria-disabled") is None, "Tab leads to a day that holds something"
         start = await focused.get_attribute("data-day")
         await page.keyboard.press("ArrowLeft")
         await page.keyboard.press("ArrowRight")

@@ -100,5 +100,6 @@ async def test_she_registers_is_told_first_says_yes_and_watches_the_first_record
             await network.record()
             await expect(page.locator("#news")).to_contain_text("came in", timeout=SETTLED_MS)
             await expect(page.locator("table.calendar .day.has")).to_be_visible(timeout=SETTLED_MS)
+            await expect(page.locator("table.calendar .day.has")).to_have_attribute("tabindex", "0")
     finally:
         await network.close()

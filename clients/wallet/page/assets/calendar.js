@@ -16,7 +16,9 @@ export async function showCalendar(context) {
   const newest = data.days[0]?.day ?? dayOf(Date.now());
   month ??= newest.slice(0, 7);
   const node = h("div", {});
-  let focused = data.days.some((day) => day.day.startsWith(month)) ? data.days.find((day) => day.day.startsWith(month)).day : `${month}-01`;
+  const newestOfMonth = () => data.days.find((day) => day.day.startsWith(month))?.day ?? `${month}-01`;
+  let focused = newestOfMonth();
+  let hasMoved = false;
 
   const draw = () => replace(node,
     summary(context.overview, data),
@@ -44,7 +46,8 @@ export async function showCalendar(context) {
   const turn = (months, day) => {
     const [year, number] = month.split("-").map(Number);
     month = dayOf(new Date(year, number - 1 + months, 1)).slice(0, 7);
-    focused = day ?? data.days.find((one) => one.day.startsWith(month))?.day ?? `${month}-01`;
+    focused = day ?? newestOfMonth();
+    hasMoved = true;
   };
 
   const monthBar = () => h("div", { class: "row month" },
@@ -94,6 +97,7 @@ export async function showCalendar(context) {
     else return;
     event.preventDefault();
     focused = dayOf(to.getTime());
+    hasMoved = true;
     month = focused.slice(0, 7);
     draw();
     node.querySelector(`[data-day="${focused}"]`)?.focus();
@@ -112,6 +116,7 @@ export async function showCalendar(context) {
   draw();
   return { title: t("calendar.title"), node, async refresh() {
     data = await load(context.signal);
+    if (!hasMoved) focused = newestOfMonth();
     redraw(node, draw);
   } };
 }
