@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tests.cluster.network_under_test import find_base_port
-from tests.cluster.tutorial_reader import CLONE, Reader
+from tests.cluster.tutorial_reader import Reader
 
 PLACEHOLDERS = {
     "BR1-...": r"^(BR1-[A-Z2-7-]+)$",
@@ -22,7 +22,7 @@ READING_MAX_S = 600
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
     """A reader who has a clone of BlockRobot, and nothing else."""
-    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4), folder=CLONE)
+    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4))
     yield reader
     reader.close()
 
@@ -30,7 +30,7 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
 @pytest.mark.timeout(READING_MAX_S)
 def test_the_demonstration_by_hand_works_as_it_is_written(reader: Reader) -> None:
     reader.follow("demo-by-hand.md")
-    playground = reader.place / "home" / "playground"
+    playground = reader.home / "playground"
     assert "│node-2 │stopped │" in reader.shown["blockrobot status"]
     assert "peer_connected" in reader.shown["blockrobot logs node-1"]
     assert not (playground / "uid").exists()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,11 +19,8 @@ PLACEHOLDERS = {
 
 @pytest.fixture
 def reader(tmp_path: Path) -> Iterator[Reader]:
-    """A reader who made BlockRobot and has its command on her path, in an empty folder."""
-    folder = tmp_path / "work"
-    folder.mkdir()
-    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4), folder=folder, path=path)
+    """A reader who has a clone of BlockRobot, and nothing else."""
+    reader = Reader(tmp_path, PLACEHOLDERS, base_port=find_base_port(4))
     yield reader
     reader.close()
 
@@ -33,7 +28,6 @@ def reader(tmp_path: Path) -> Iterator[Reader]:
 def test_the_tutorial_works_as_it_is_written(reader: Reader) -> None:
     reader.follow("your-first-contract.md")
     shown = reader.shown
-    assert "wheelchairs.py: fine, 3 entries" in shown["blockrobot contract check wheelchairs.py"]
     tested = shown["blockrobot contract test --lines"]
     assert "2 passed" in tested
     assert "100%" in tested

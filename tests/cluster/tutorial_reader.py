@@ -77,27 +77,24 @@ def fences_of(page: str) -> list[Fence]:
 
 
 class Reader:
-    """One shell at a terminal, opened in `folder`, with a home below `place` that nothing was in.
+    """One shell at a terminal, opened in the clone, with a home below `place` that nothing was in.
 
     `placeholders`: by what stands for it on the page, the pattern by whose first group a command tells what to type.
     """
 
-    def __init__(
-        self, place: Path, placeholders: dict[str, str], *, base_port: int, folder: Path, path: str | None = None
-    ) -> None:
-        self.place, self.folder = place, folder
+    def __init__(self, place: Path, placeholders: dict[str, str], *, base_port: int) -> None:
         self.shown: dict[str, str] = {}
         self._placeholders = {written: re.compile(told, re.MULTILINE) for written, told in placeholders.items()}
         self._told: dict[str, str] = {}
         self._base_port = base_port
-        home = place / "home"
-        home.mkdir()
-        environment = {"HOME": str(home), "PATH": path or os.environ["PATH"], "LANG": "C.UTF-8", "PS1": _PROMPT}
+        self.home = place / "home"
+        self.home.mkdir()
+        environment = {"HOME": str(self.home), "PATH": os.environ["PATH"], "LANG": "C.UTF-8", "PS1": _PROMPT}
         self._shell = Typed(
             "/bin/bash",
             ["--norc", "--noprofile", "--noediting", "-i"],
             env=environment | {"TERM": "xterm-256color"},
-            cwd=str(folder),
+            cwd=str(CLONE),
             dimensions=(50, 200),
             encoding="utf-8",
             timeout=COMMAND_TIMEOUT_S,
@@ -108,7 +105,7 @@ class Reader:
     def close(self) -> None:
         """Close the terminal, and stop what the page left running."""
         self._shell.close(force=True)
-        for network in self.place.rglob("cluster.json"):
+        for network in self.home.rglob("cluster.json"):
             Cluster(network.parent).stop_all()
 
     def type(self, command: str, *, fails: bool = False) -> str:
@@ -165,6 +162,6 @@ class Reader:
 
     def _write(self, fence: Fence) -> None:
         how, _, name = fence.remark.partition("=")
-        path = self.folder / name
+        path = Path(f"/proc/{self._shell.pid}/cwd") / name
         before = path.read_text(encoding="utf-8") + "\n\n" if how == "append" else ""
         path.write_text(before + fence.content, encoding="utf-8")
