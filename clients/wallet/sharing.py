@@ -331,7 +331,7 @@ class Sharing:
 
         Raises SHARE_CUSTODIANS_MISSING unless two have them all, or the only one has.
         """
-        held, absent, failure = [], [], ""
+        held, absent, failures = [], [], []
         for custodian, node in custodians.items():
             name = f"custodian {custodian.hex()[:12]}" if node is None else node.name
             tell(STEP_PARTS + name)
@@ -342,13 +342,13 @@ class Sharing:
                     await self._upload(node, upload, key)
             except BlockRobotError as error:
                 absent.append(name)
-                failure = f"{name}: {error.detail}"
+                failures.append(f"{name} ({error.code})")
             else:
                 held.append(name)
         needed = min(UPLOADED_MIN_COUNT, len(custodians))
         if len(held) < needed:
-            detail = f"{len(held)} of {len(custodians)} custodians took their parts of the key, and {needed} have to."
-            raise BlockRobotError("SHARE_CUSTODIANS_MISSING", f"{detail} {failure}")
+            counts = {"held": len(held), "total": len(custodians), "needed": needed}
+            raise refusal("SHARE_CUSTODIANS_MISSING", "share_parts", **counts, absent=", ".join(failures))
         return tuple(held), tuple(absent)
 
     async def _upload(self, node: NodeAddress, upload: GrantUpload, key: PrivateKey) -> None:

@@ -173,6 +173,7 @@ async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_e
         assert await find_accessibility_faults(page, by_keyboard=False) == []
         await confirm_with(page, recorded_network.passphrase)
         await expect(page.locator(".notice.good")).to_contain_text("shared", timeout=SETTLED_MS)
+        await expect(page.locator(".notice.good")).to_be_focused()
         await go(page, "sharing")
         card = page.locator("section.card", has_text="Dr Weber")
         await expect(card).to_contain_text("Nobody has looked.", timeout=SETTLED_MS)

@@ -67,6 +67,7 @@ async def test_she_erases_one_picture_out_of_the_player_and_the_others_stay(
         await expect(page.locator(".receipts li.good", has_text="1 picture destroyed")).to_have_count(len(custodians))
         await go(page, "erasing")
         await expect(main).to_contain_text("1 picture of a recording", timeout=SETTLED_MS)
+        await expect(main).to_contain_text("check numbers, which prove the other pictures and show nothing")
 
         await watch(page, name)
         await expect(page.locator(".seal")).to_contain_text("1 picture is erased, as was asked.")

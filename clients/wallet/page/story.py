@@ -93,12 +93,11 @@ def _variant(entry: AuditEntry) -> str:
 
 def _sentence(entry: AuditEntry, data: Mapping[str, Any], language: str) -> str:
     """Say it by the page's own text; what that has no words for is said as the command line says it."""
-    records = data.get("records", data.get("record_count", 0))
+    counted = data.get("destroyed_frames", data.get("records", data.get("record_count", 0)))
     values = {
         **data,
-        "count": len(records) if isinstance(records, list) else records,
+        "count": len(counted) if isinstance(counted, list) else counted,
         "custodian": data.get("custodian_name", ""),
-        "pictures": data.get("destroyed_frames", 0),
         "purposes": purposes_text(data.get("purposes", []), language=language),
     }
     if "purpose" in data:

@@ -4,9 +4,9 @@
 import { announce, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { follow, get, post, postWithPassphrase } from "./api.js";
-import { clock, moment, problemCard, progressOf, redraw, sentences, thingsOf } from "./pieces.js";
+import { clock, moment, problemCard, progressOf, redraw, sentences, tell, thingsOf } from "./pieces.js";
 import { choose, chosen, drop } from "./selection.js";
-import { t } from "./texts.js";
+import { said, t } from "./texts.js";
 
 /** Show every erasure that was asked for, newest first, and who has confirmed it. */
 export async function showErasing(context) {
@@ -37,7 +37,7 @@ export function receiptList(custodians) {
   return h("ul", { class: "receipts" }, custodians.map((one) => {
     const tone = one.confirmed_at_ms ? "good" : one.overdue ? "bad" : "waiting";
     const words = one.confirmed_at_ms ? t("receipt.confirmed", { name: one.name, time: clock(one.confirmed_at_ms), count: one.destroyed_frames }) : t(one.overdue ? "receipt.overdue" : "receipt.waiting", { name: one.name });
-    return h("li", { class: tone }, words, one.confirmed_at_ms && one.remains && one.remains !== "nothing" ? h("div", { class: "quiet" }, t("receipt.remains", { what: one.remains, time: moment(one.remains_until_ms) })) : null);
+    return h("li", { class: tone }, words, one.confirmed_at_ms && one.remains && one.remains !== "nothing" ? h("div", { class: "quiet" }, t("receipt.remains", { what: said(`receipt.${one.remains}`, one.remains), time: moment(one.remains_until_ms) })) : null);
   }));
 }
 
@@ -53,7 +53,7 @@ export async function showEraseForm(context) {
   const things = thingsOf(plan.kinds);
 
   const form = h("div", {},
-    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([total > 0 ? t("erase.gone1", { count: total, things }) : t("erase.goneNotes"), ...(plan.recipients.length > 0 ? [t("erase.gone2")] : [])])),
+    h("section", { class: "card" }, h("h2", {}, t("erase.gone")), h("p", {}, h("strong", {}, selection.title)), sentences([total > 0 ? t("erase.gone1", { count: total, things }) : t("erase.goneNotes"), ...(plan.recipients.length > 0 ? [t(selection.frames ? "erase.gone2Part" : "erase.gone2")] : [])])),
     h("section", { class: "card" }, h("h2", {}, t("erase.remains")), sentences([t("erase.remains1"), t("erase.remains2"), t("erase.remains3")])),
     plan.recipients.length > 0 && h("section", { class: "card" }, h("h2", {}, t("erase.recipients")), sentences(plan.recipients.map((one) => t("erase.recipient", { who: one.who })))),
     plan.visits > 1 && h("div", { class: "notice warn" }, h("p", {}, t("erase.joined", { count: plan.visits }))),
@@ -65,7 +65,7 @@ export async function showEraseForm(context) {
       if (accepted === null) return;
       await watch(accepted.job);
     } catch (error) {
-      if (error instanceof Problem) replace(result, problemCard(error));
+      if (error instanceof Problem) tell(result, problemCard(error));
     }
   };
 

@@ -4,7 +4,7 @@ import { announce, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { formatBytes } from "./shared/format.js";
 import { follow, forget, getBytes, post, postWithPassphrase } from "./api.js";
-import { dateOf, problemCard, progressOf, sentences } from "./pieces.js";
+import { dateOf, problemCard, progressOf, sentences, tell } from "./pieces.js";
 import { chosen, drop } from "./selection.js";
 import { t } from "./texts.js";
 
@@ -59,7 +59,7 @@ export async function showExport(context) {
       showDone(done);
     } catch (error) {
       form.hidden = false;
-      if (error instanceof Problem) replace(result, problemCard(error));
+      if (error instanceof Problem) tell(result, problemCard(error));
     }
   };
 

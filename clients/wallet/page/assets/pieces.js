@@ -35,6 +35,13 @@ export function thingsOf(kinds) {
   return new Intl.ListFormat(locale()).format(words);
 }
 
+/** Show what came of something in its place, and go there: who works by keyboard or listens would be nowhere else. */
+export function tell(place, card) {
+  card.tabIndex = -1;
+  replace(place, card);
+  card.focus();
+}
+
 /** What went wrong, and the next step. `again` is what a button tries. */
 export function problemCard(error, again) {
   const isProblem = error instanceof Problem || error.detail !== undefined;

@@ -3,7 +3,7 @@
 import { announce, ask, h, replace } from "./shared/dom.js";
 import { Problem } from "./shared/fetching.js";
 import { follow, get, post, postWithPassphrase } from "./api.js";
-import { moment, problemCard, progressOf, purposeName, redraw, sentences } from "./pieces.js";
+import { moment, problemCard, progressOf, purposeName, redraw, sentences, tell } from "./pieces.js";
 import { chosen, drop } from "./selection.js";
 import { t } from "./texts.js";
 
@@ -99,11 +99,11 @@ export async function showShareForm(context) {
       drop();
       const words = t("share.done", { count: done.shared.reduce((sum, one) => sum + one.records.length, 0) });
       const away = [...new Set(done.shared.flatMap((one) => one.custodians_away))];
-      replace(result, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, words)), done.shared.some((one) => one.left_out.length > 0) && h("p", {}, t("share.leftOut")), away.length > 0 && h("p", {}, t("share.away", { names: away.join(", ") })), h("p", {}, h("a", { href: "#/sharing" }, t("share.seeAll")))));
+      tell(result, h("div", { class: "notice good" }, h("p", {}, h("strong", {}, words)), done.shared.some((one) => one.left_out.length > 0) && h("p", {}, t("share.leftOut")), away.length > 0 && h("p", {}, t("share.away", { names: away.join(", ") })), h("p", {}, h("a", { href: "#/sharing" }, t("share.seeAll")))));
       announce(words);
     } catch (error) {
       form.hidden = false;
-      if (error instanceof Problem) replace(result, problemCard(error));
+      if (error instanceof Problem) tell(result, problemCard(error));
     }
   };
 
