@@ -16,7 +16,7 @@ import pytest
 from network.bench.fresh_network import find_base_port
 from tests.ui.reading_reports import look_all_ways, pictures_in, print_on_a4, watched_page
 
-DEMO_TIMEOUT_S = 280
+DEMO_TIMEOUT_S = 480
 ENDING_TIMEOUT_S = 60
 
 

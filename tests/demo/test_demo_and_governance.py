@@ -13,7 +13,7 @@ from clients.sdk import NetworkClient
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json
 from consensus.primitives.keys import PrivateKey
-from tests.demo.test_demo import DEMO_TIMEOUT_S, failed_checks, read_demo, start_demo
+from tests.demo.test_demo import DEMO_TIMEOUT_S, ENDING_TIMEOUT_S, failed_checks, read_demo, start_demo
 
 BETWEEN_CHANGES_S = 2.0
 
@@ -64,7 +64,7 @@ async def _govern(network: Path, demo: subprocess.Popen[bytes]) -> int:
 
 
 @pytest.mark.long
-@pytest.mark.timeout(DEMO_TIMEOUT_S + 20)
+@pytest.mark.timeout(DEMO_TIMEOUT_S + ENDING_TIMEOUT_S + 20)
 async def test_the_story_holds_while_producers_and_settings_change(tmp_path: Path) -> None:
     demo = start_demo(tmp_path / "home", tmp_path / "demo")
     try:
