@@ -86,10 +86,10 @@ def recordings(entries: Iterable[RecordEntry]) -> list[RecordEntry]:
 
 
 def kinds_json(entries: Iterable[RecordEntry]) -> dict[str, int]:
-    """Return how much records hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
+    """Return how much records still hold of each kind (`depth`, `picture`, `sound`, `label`), the most first."""
     counts: collections.Counter[str] = collections.Counter()
     for entry in recordings(entries):
-        counts[kind_of(entry)] += picture_count(entry)
+        counts[kind_of(entry)] += max(0, picture_count(entry) - len(entry.state["erased_frames"]))
     return {kind: count for kind, count in counts.most_common() if count}
 
 

@@ -179,6 +179,15 @@ async def test_a_note_of_what_was_not_kept_is_no_recording(desk: Desk) -> None:
     assert plan["kinds"] == {}
 
 
+async def test_what_she_has_is_counted_without_the_pictures_that_are_erased(desk: Desk) -> None:
+    visit, ids = desk.ward.record_visit(3)
+    await desk.ward.erase(visit, [ids[0]], [1])
+    await desk.read()
+    assert (await desk.page.get("/api/overview"))["counts"]["kinds"] == {"depth": 5}
+    plan = await desk.page.post("/api/erasures/plan", {"records": [record_id.hex() for record_id in ids]})
+    assert plan["kinds"] == {"depth": 5}
+
+
 async def test_a_day_of_two_thousand_records_is_listed_within_a_second(desk: Desk) -> None:
     desk.ward.record_visit(3)
     await desk.read()
