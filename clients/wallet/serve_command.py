@@ -77,13 +77,26 @@ async def _serve(
             _tell(where.url, where.redirect_file, no_browser=no_browser, as_json=as_json)
             _offer_links(page, as_json=as_json)
             why = await _wait_until_over(session, idle_minutes)
-            if session.jobs.are_decisions_open and not as_json:
+            if (session.gate.is_asked or session.jobs.are_decisions_open) and not as_json:
                 console.print(text("serve.finishing"))
+            if session.gate.is_asked:
+                with_endings()
+                await _let_begin(session, as_json=as_json)
             return why
         finally:
             await page.stop()
             with_endings()
             tell_member_gone(opened)
+
+
+async def _let_begin(session: PageSession, *, as_json: bool) -> None:
+    """Let begin what waits for its passphrase to be checked: the page stays until then. Say so if it does not begin."""
+    has_begun = False
+    try:
+        has_begun = await session.gate.settle()
+    finally:
+        if not has_begun and not as_json:
+            console.print(text("serve.not_begun", command=session.command))
 
 
 def _session_of(opened: Wallet, path: Path, command: str) -> PageSession:

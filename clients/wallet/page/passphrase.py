@@ -7,10 +7,12 @@ from collections.abc import Callable
 
 from clients.wallet.keystore import Keystore
 from clients.wallet.language import refusal
+from consensus.errors import BlockRobotError
 
 FREE_ATTEMPTS_COUNT = 5
 ATTEMPTS_MAX_COUNT = 10
 LOCK_FIRST_MS = 60_000
+SETTLE_MAX_S = 20.0
 
 
 class PassphraseGate:
@@ -23,12 +25,53 @@ class PassphraseGate:
         self._wrong_count = 0
         self._locked_until_ms = 0
         self._lock = asyncio.Lock()
+        self._open_count = 0
+        self._refused_count = 0
+        self._none_open = asyncio.Event()
+        self._is_over = False
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a passphrase is being checked, or waits for that."""
+        return self._open_count > 0
 
     async def require(self, passphrase: str) -> None:
-        """Return if the passphrase opens the wallet. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED.
+        """Return if the passphrase opens the wallet. Raises WALLET_PASSPHRASE_WRONG, PASSPHRASE_LOCKED; once the page has
+        ended PAGE_SESSION_REQUIRED. Who is let through must begin at once, before anything else is awaited.
 
         One is tried at a time, so that many at once gain nothing; each takes as long as opening the wallet.
         """
+        self._open_count += 1
+        try:
+            await self._check(passphrase)
+            if self._is_over:
+                raise BlockRobotError("PAGE_SESSION_REQUIRED")
+        except BlockRobotError:
+            self._refused_count += 1
+            raise
+        finally:
+            self._open_count -= 1
+            if not self._open_count:
+                self._none_open.set()
+
+    async def settle(self) -> bool:
+        """Wait, for a while, until every passphrase is checked; from then on nothing is let through.
+
+        Return whether all were let through for whom was waited.
+        """
+        refused_before = self._refused_count
+        try:
+            async with asyncio.timeout(SETTLE_MAX_S):
+                while self._open_count:
+                    self._none_open.clear()
+                    await self._none_open.wait()
+        except TimeoutError:
+            return False
+        finally:
+            self._is_over = True
+        return self._refused_count == refused_before
+
+    async def _check(self, passphrase: str) -> None:
         async with self._lock:
             left_ms = self._locked_until_ms - self._now_ms()
             if left_ms > 0:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import signal
+import threading
 import webbrowser
 from pathlib import Path
 from typing import Any
@@ -12,13 +14,16 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
+from clients.sdk.terminal import console
 from clients.wallet import serve_command
 from clients.wallet.cli import wallet as wallet_command
 from clients.wallet.language import LANGUAGE_VARIABLE, load
+from clients.wallet.page import passphrase as passphrases
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.serve_command import ENDINGS
 from clients.wallet.wallet import Wallet
+from consensus.errors import BlockRobotError
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk, dress
 from tests.unit.clients.wallet.shared_ward import SharedWard
 from tests.wallet_page_client import WalletPage
@@ -119,3 +124,76 @@ async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(desk: Desk, mo
     assert "closed" in await serve_command._wait_until_over(desk.session, 30)
     undo()
     assert signal.getsignal(ENDINGS[0]) is signal.default_int_handler
+
+
+@pytest.mark.parametrize("passphrase", [PASSPHRASE, "coffee"])
+def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_said_not_to_have(
+    run: Run, ward: SharedWard, passphrase: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, ids = ward.record_visit()
+    go_on, answers, asking = threading.Event(), [], []
+    say = console.print
+
+    def say_and_go_on(words: str) -> None:
+        say(words)
+        if words == load("en")["serve.finishing"]:
+            go_on.set()
+
+    async def ask_and_end(session: PageSession, _minutes: int) -> str:
+        """Ask for an erasure, and return as by Ctrl-C while the passphrase is checked."""
+        loop, begun, opens_with = asyncio.get_running_loop(), asyncio.Event(), session.wallet.store.opens_with
+
+        def check_late(given: str) -> bool:
+            loop.call_soon_threadsafe(begun.set)
+            go_on.wait(timeout=10)
+            return opens_with(given)
+
+        async def ask() -> None:
+            async with WalletPage(next(session.folder.glob("open-*.html"))) as page:
+                wish = {"records": [each.hex() for each in ids], "passphrase": passphrase}
+                answers.append((await page.ask("POST", "/api/erasures", wish))[0])
+
+        monkeypatch.setattr(session.wallet.store, "opens_with", check_late)
+        async with session.lock:
+            await session.read()
+        asking.append(asyncio.create_task(ask()))
+        await begun.wait()
+        session.ended.set()
+        return "The page is closed."
+
+    monkeypatch.setattr(console, "print", say_and_go_on)
+    monkeypatch.setattr(serve_command, "_wait_until_over", ask_and_end)
+    height = ward.chain.head.height
+    done = run("--no-browser")
+    go_on.set()
+    assert done.exit_code == 0, done.output
+    is_right = passphrase == PASSPHRASE
+    assert answers == [202 if is_right else 403]
+    assert (ward.chain.head.height > height) == is_right, "what was asked for is on the chain, or nothing is"
+    assert ("was not begun" in done.output) != is_right
+
+
+@pytest.mark.parametrize("is_left", [True, False], ids=["left by a second Ctrl-C", "checked for too long"])
+async def test_what_is_not_waited_for_any_more_never_begins_behind_what_was_said(
+    desk: Desk, is_left: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    go_on, begun, loop = threading.Event(), asyncio.Event(), asyncio.get_running_loop()
+
+    def check_late(_: str) -> bool:
+        loop.call_soon_threadsafe(begun.set)
+        return go_on.wait(timeout=10)
+
+    monkeypatch.setattr(desk.session.wallet.store, "opens_with", check_late)
+    monkeypatch.setattr(passphrases, "SETTLE_MAX_S", 3_600.0 if is_left else 0.0)
+    asked = asyncio.create_task(desk.session.gate.require(PASSPHRASE))
+    await begun.wait()
+    ending = asyncio.create_task(serve_command._let_begin(desk.session, as_json=False))
+    await asyncio.sleep(0)
+    if is_left:
+        ending.cancel()
+    await asyncio.gather(ending, return_exceptions=True)
+    assert "was not begun" in capsys.readouterr().out
+    go_on.set()
+    with pytest.raises(BlockRobotError) as refused:
+        await asked
+    assert refused.value.code == "PAGE_SESSION_REQUIRED"
