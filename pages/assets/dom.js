@@ -41,6 +41,17 @@ export function replace(node, ...children) {
   return node;
 }
 
+/** Tell whether what a button began goes on. */
+export function isAtWork(button) {
+  return button?.getAttribute("aria-busy") === "true";
+}
+
+/** Say that what a button began goes on, or is over. It keeps the focus, which a disabled one would lose. */
+export function setAtWork(button, isNow) {
+  if (isNow) button?.setAttribute("aria-busy", "true");
+  else button?.removeAttribute("aria-busy");
+}
+
 let liveRegion = null;
 
 /** Say something to who listens to the page: politely, without moving the focus. */
@@ -64,6 +75,7 @@ let dialogCount = 0;
 export function ask({ title, body = [], confirm, cancel, danger = false, fields = [], attempt = null, busy = "" }) {
   return new Promise((resolve, reject) => {
     const before = document.activeElement;
+    const key = before?.closest("[data-key]")?.dataset.key;
     const id = `dialog-${(dialogCount += 1)}`;
     const inputs = fields.map((field) => [field, makeInput(field, `${id}-${field.name}`)]);
     let answer = null;
@@ -118,13 +130,19 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
     dialog.addEventListener("keydown", (event) => { if (isBusy && event.key === "Escape") event.preventDefault(); });
     dialog.addEventListener("close", () => {
       dialog.remove();
-      before?.focus?.();
+      focusAgain(before, key);
       if (failure) reject(failure);
       else resolve(answer);
     });
     document.body.append(dialog);
     dialog.showModal();
   });
+}
+
+/** Focus what had the focus; what stands in its place, by its key, if it was drawn anew meanwhile; else the page's content. */
+function focusAgain(before, key) {
+  const drawn = before?.isConnected ? before : key !== undefined && document.querySelector(`[data-key="${CSS.escape(key)}"]`);
+  (drawn || document.getElementById("main"))?.focus();
 }
 
 function makeInput(field, id) {

@@ -1,6 +1,6 @@
 // The live console: opens the session, follows the network, hands what is asked to the server.
 
-import { announce, h, replace } from "./shared/dom.js";
+import { announce, h, isAtWork, replace, setAtWork } from "./shared/dom.js";
 import { fetchBytes, fetchJson, keepOpen, openSession } from "./shared/fetching.js";
 import { formatBytes, formatTime, plural, zoneName } from "./shared/format.js";
 import { createEvents } from "./events.js";
@@ -24,7 +24,8 @@ function showEnd(problem) {
 
 async function exportRun(event, said) {
   const button = event.currentTarget;
-  button.disabled = true;
+  if (isAtWork(button)) return;
+  setAtWork(button, true);
   try {
     const { bytes, headers } = await keepOpen(() => fetchBytes("./api/export", { method: "POST", body: {} }));
     const name = /filename="([\w.-]+)"/.exec(headers.get("Content-Disposition") ?? "")?.[1] ?? "blockrobot-run.html";
@@ -36,7 +37,7 @@ async function exportRun(event, said) {
   } catch (problem) {
     showProblem(said, problem);
   } finally {
-    button.disabled = false;
+    setAtWork(button, false);
   }
 }
 

@@ -1,14 +1,15 @@
 // Every fault of the command line as buttons and forms. The server reads, refuses and does them as the commands do.
 
-import { announce, ask, h, replace } from "./shared/dom.js";
+import { announce, ask, h, isAtWork, replace, setAtWork } from "./shared/dom.js";
 import { fetchJson, keepOpen } from "./shared/fetching.js";
 import { refusals } from "./offers.js";
 
 const GROUPS_MAX_COUNT = 4;
 
-/** Do a fault; tell what came of it in `said`. Returns whether it was done. */
+/** Do a fault; tell what came of it in `said`. Returns whether it was done. Until then `button` does nothing more. */
 async function carryOut(said, fields, button) {
-  if (button) { button.disabled = true; button.setAttribute("aria-busy", "true"); }
+  if (isAtWork(button)) return false;
+  setAtWork(button, true);
   replace(said, h("p", { class: "notice" }, "…"));
   try {
     const answer = await keepOpen(() => fetchJson("./api/faults", { method: "POST", body: fields }));
@@ -19,7 +20,7 @@ async function carryOut(said, fields, button) {
     showProblem(said, problem);
     return false;
   } finally {
-    if (button) { button.disabled = false; button.removeAttribute("aria-busy"); }
+    setAtWork(button, false);
   }
 }
 
@@ -105,6 +106,7 @@ function createNodePanel({ network, choices, said, onSelect }) {
     const button = event.currentTarget;
     const reason = refusals(select.value, state.network.nodes.find((node) => node.name === select.value), state.moment)[fault];
     if (reason) { announce(reason); return; }
+    if (isAtWork(button)) return;
     const answer = question ? await question() : {};
     if (answer) await carryOut(said, { ...fields, node: select.value, ...answer }, button);
   };
@@ -282,13 +284,16 @@ function createPlanPanel({ said }) {
       showProblem(said, problem);
     }
   };
+  const begin = h("button", { type: "button", class: "danger", onclick: start }, "Carry it out");
   const element = panel({ id: "plan", title: "A plan of timed and random faults", hint: "TOML, as for blockrobot fault run. Random steps and sick links are drawn from the seed." },
     field("Seed", seed), field("Plan", text),
-    h("div", { class: "buttons" }, h("button", { type: "button", onclick: check }, "Show the steps"), h("button", { type: "button", class: "danger", onclick: start }, "Carry it out"), stop), steps);
+    h("div", { class: "buttons" }, h("button", { type: "button", onclick: check }, "Show the steps"), begin, stop), steps);
   return {
     element,
     show(plan) {
-      stop.hidden = plan?.state !== "running";
+      const isOver = plan?.state !== "running";
+      if (isOver && document.activeElement === stop) begin.focus(); // what is hidden would take the focus with it
+      stop.hidden = isOver;
       if (plan && (isShowingRun || plan.state === "running")) {
         isShowingRun = true;
         replace(steps, stepsTable(plan));

@@ -71,7 +71,7 @@ function showVerdict(seal, figures, moment, network) {
   const waiting = Math.max(0, ...moment.nodes.map((node) => node.waiting ?? 0));
   const frames = moment.links.reduce((sum, link) => sum + (link.arrived ?? 0), 0);
   const shown = [["final height", formatNumber(moment.final)], ["last final", ago(moment.at_ms - moment.final_since_ms)],
-    ["leads", leader?.leader ?? "-"], ["round", leader ? formatNumber(leader.round) : "-"], ["epoch", leader?.epoch ?? "-"],
+    ["leads", leader ? leader.leader ?? "nobody" : "-"], ["round", leader ? formatNumber(leader.round) : "-"], ["epoch", leader?.epoch ?? "-"],
     ["transactions waiting", formatNumber(waiting)], ["frames/s", formatNumber(Math.round(frames))]];
   if (figures.children.length !== shown.length) replace(figures, shown.map(([name]) => h("div", {}, h("dt", {}, name), h("dd", {}))));
   shown.forEach(([, value], index) => { figures.children[index].lastElementChild.textContent = value; });

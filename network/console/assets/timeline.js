@@ -35,7 +35,7 @@ export function createTimeline({ from, to, events, onShow, live = false }) {
     const words = `${formatClock(state.at)}, ${place}`;
     if (time.textContent !== words) time.textContent = words;
     slider.setAttribute("aria-valuetext", words);
-    if (now) now.disabled = isAtEnd();
+    if (now) now.setAttribute("aria-disabled", String(isAtEnd()));
     element.classList.toggle("past", live && !isAtEnd());
     const last = state.notable.findLast((event) => event.at_ms <= state.at);
     const warning = live && !isAtEnd() ? "You look at the past; what you break is broken now. " : "";

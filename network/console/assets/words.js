@@ -42,7 +42,7 @@ export function disksWords(node) {
   return node.disks ? `${node.disks.join(", ")} full` : node.state === "stopped" ? "-" : "free";
 }
 
-/** Who leads by the words of the node that is in the highest round. */
+/** Who leads by the words of the node that is in the highest round; `leader` is null while that one is stopped: nobody does. */
 export function leaderOf(moment) {
   let best = null;
   for (const node of moment.nodes) {
@@ -50,20 +50,46 @@ export function leaderOf(moment) {
     const place = (node.epoch ?? 0) * 2 ** 32 + node.round;
     if (best === null || place > best.place) best = { place, leader: node.leader, round: node.round, epoch: node.epoch };
   }
+  if (best && moment.nodes.some((node) => node.name === best.leader && node.state === "stopped")) best.leader = null;
   return best;
+}
+
+/** The most of these producers that can hear of each other, however indirectly and in whichever direction. */
+function largestGroup(moment, taking) {
+  const awake = moment.nodes.filter((node) => !["stopped", "paused"].includes(node.state)).map((node) => node.name);
+  const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => `${link.from} ${link.to}`));
+  const left = new Set(awake);
+  let largest = 0;
+  for (const first of awake) {
+    if (!left.delete(first)) continue;
+    const group = [first];
+    for (const name of group) {
+      for (const other of left) {
+        if (cut.has(`${name} ${other}`) && cut.has(`${other} ${name}`)) continue;
+        left.delete(other);
+        group.push(other);
+      }
+    }
+    largest = Math.max(largest, group.filter((name) => taking.has(name)).length);
+  }
+  return largest;
 }
 
 /** How the whole is: {tone, title, text}. */
 export function verdict(moment, network) {
   const producers = new Set(network.nodes.filter((node) => node.producer).map((node) => node.name));
-  const taking = moment.nodes.filter((node) => producers.has(node.name) && ["signing", "suspended"].includes(node.state)).length;
+  const able = new Set(moment.nodes.filter((node) => producers.has(node.name) && ["signing", "suspended"].includes(node.state)).map((node) => node.name));
+  const taking = able.size;
   const share = `${taking} of ${producers.size} producers take part; a quorum is ${network.quorum}.`;
   const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => link.from));
+  const isSplit = cut.size > 0 && taking >= network.quorum && largestGroup(moment, able) < network.quorum;
+  const split = `Links are cut, and no group has a quorum, ${network.quorum} of ${producers.size} producers: nothing can become final until they are healed.`;
   if (moment.stuck_since_ms !== null) {
-    const why = cut.size && taking >= network.quorum ? "Links are cut: perhaps no quorum hears of each other." : share;
+    const why = isSplit ? split : cut.size && taking >= network.quorum ? "Links are cut: perhaps no quorum hears of each other." : share;
     return { tone: "bad", title: "Nothing becomes final", text: `Work has waited for ${formatDuration(moment.at_ms - moment.stuck_since_ms)}. ${why}` };
   }
   if (taking < network.quorum) return { tone: "bad", title: "No quorum", text: `${share} Nothing can become final; nothing that was final is lost.` };
+  if (isSplit) return { tone: "bad", title: "No quorum", text: `${split} Nothing that was final is lost.` };
   if (taking < producers.size) return { tone: "warn", title: "It goes on", text: share };
   if (cut.size) return { tone: "warn", title: "Links are cut", text: share };
   const isIdle = moment.at_ms - moment.final_since_ms > IDLE_AFTER_MS && !moment.nodes.some((node) => node.waiting);
