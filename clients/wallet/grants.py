@@ -13,6 +13,7 @@ from typing import Any
 from clients.sdk.connections import NodeAddress
 from clients.sdk.sessions import GrantKey
 from clients.wallet import naming
+from clients.wallet.auditing import AuditEntry
 from clients.wallet.keys import WalletKeys
 from clients.wallet.naming import find_named
 from clients.wallet.sharing_memory import ReceivedGrant
@@ -158,3 +159,15 @@ def grantee_salt(received: ReceivedGrant, wallet: Wallet) -> bytes:
 def find_by_prefix(ids: Sequence[bytes], start: str) -> bytes:
     """Return the one grant id that begins so (hexadecimal). Raises GRANT_NOT_FOUND, NAME_TOO_SHORT, NAME_AMBIGUOUS."""
     return ids[find_named(naming.GRANT, [grant_id.hex() for grant_id in ids], start)]
+
+
+def cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
+    """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
+
+    The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
+    """
+    return {
+        entry.record_id
+        for entry in trail
+        if entry.kind == "erasure_requested" and entry.data.get("frames") and entry.time_ms >= grant.time_ms
+    }

@@ -13,7 +13,15 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.grants import Grant, find_received, grantee_key, grantee_salt, read_custodians, read_grants
+from clients.wallet.grants import (
+    Grant,
+    cut_since,
+    find_received,
+    grantee_key,
+    grantee_salt,
+    read_custodians,
+    read_grants,
+)
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.sharing_memory import ReceivedGrant, SharedCopy
@@ -177,7 +185,7 @@ class Receiving:
         values = await self._wallet.values([*places, *states], key)
         corrected = await self._corrected(grant, values[places[2]] or 0, key)
         row, denied = values[places[0]], values[places[1]] is not None
-        cut = _cut_since(grant, trail)
+        cut = cut_since(grant, trail)
         end = [] if is_open else [KIND_REVOKED if grant.status == "revoked" else KIND_ENDED]
         notices = []
         for record_id, place in zip(grant.records, states, strict=True):
@@ -420,18 +428,6 @@ class _Gathered:
             if found.status != STATUS_CORRUPTED:
                 break
         return found
-
-
-def _cut_since(grant: Grant, trail: Sequence[AuditEntry]) -> set[bytes]:
-    """Return the records of which single pictures were asked to be erased after the grant, by the visit's trail.
-
-    The record itself tells it only once every custodian has confirmed; those that work destroy their parts at once.
-    """
-    return {
-        entry.record_id
-        for entry in trail
-        if entry.kind == "erasure_requested" and entry.data.get("frames") and entry.time_ms >= grant.time_ms
-    }
 
 
 def _mark(record_id: bytes, kind: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.grants import Grant, read_custodians, read_grants
+from clients.wallet.grants import Grant, cut_since, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal, text
 from clients.wallet.rights import Chosen
@@ -103,7 +103,8 @@ class Look:
 class Share:
     """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
 
-    `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since.
+    `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since; `cut` are
+    those of which single pictures were erased since: they are shared no more.
     """
 
     grant: Grant
@@ -111,6 +112,11 @@ class Share:
     given: GivenGrant | None
     looks: tuple[Look, ...]
     confirmed: frozenset[bytes]
+    cut: frozenset[bytes]
+
+    def shows(self, record_id: bytes, now_ms: int) -> bool:
+        """Tell whether a record can be looked at by this grant now."""
+        return self.grant.is_open(now_ms) and record_id in self.grant.records and record_id not in self.cut
 
     @property
     def name(self) -> str:
@@ -401,6 +407,7 @@ class Sharing:
                 known.get(grant.grant_id),
                 find_looks(trail, grant.grant_id),
                 find_confirmed(trail, grant.grant_id, asked),
+                frozenset(cut_since(grant, trail)).intersection(grant.records),
             )
             for grant in grants
         ]

@@ -254,6 +254,7 @@ def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
             for look in share_.looks
         ],
         "confirmed_deleted": [record_id.hex() for record_id in grant.records if record_id in share_.confirmed],
+        "cut": [record_id.hex() for record_id in grant.records if record_id in share_.cut],
     }
 
 
@@ -282,6 +283,8 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
             end=ends[_status(share_, now_ms)],
         )
     ]
+    if share_.cut:
+        lines.append("  " + text("shares.cut", count=len(share_.cut)))
     for look in share_.looks:
         key = "shares.ready" if look.released_count else "shares.asked"
         lines.append("  " + text(key, moment=show_moment(look.time_ms), count=look.records_count))

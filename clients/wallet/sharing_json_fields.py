@@ -33,6 +33,7 @@ _SHARE = (
             Field("custodians_released", Kind.COUNT, "how many custodians then stood ready"),
         ),
     ),
+    Field("cut", Kind.HEXES, "ids of records of which single pictures were erased since: they are shared no more"),
     Field("confirmed_deleted", Kind.HEXES, "ids of records whose copies the other says are deleted"),
 )
 """A grant of one's own, as `sharing_commands.share_json` tells it."""

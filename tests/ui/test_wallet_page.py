@@ -179,7 +179,7 @@ async def test_she_shares_with_a_doctor_after_she_was_told_what_that_means_and_e
         await expect(card).to_contain_text("Nobody has looked.", timeout=SETTLED_MS)
         await card.get_by_role("button", name="End it").click()
         await page.locator("dialog").get_by_role("button", name="End it").click()
-        await expect(page.locator("#main")).to_contain_text("It is shared no more.", timeout=SETTLED_MS)
+        await expect(page.locator("#main")).to_contain_text("This share is ended.", timeout=SETTLED_MS)
         await expect(card).to_contain_text("ended by you", timeout=SETTLED_MS)
         assert await find_accessibility_faults(page, by_keyboard=False) == []
 

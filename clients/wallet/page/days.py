@@ -124,7 +124,7 @@ def row_json(part: VisitPart, entry: RecordEntry, now_ms: int) -> dict[str, Any]
         "withheld": dict(meta.withheld),
         "restricted": part.report.standing.restricts(entry.record_id),
         "denied": bool(part.report.standing.breach_id),
-        "shared": sum(share.grant.is_open(now_ms) and entry.record_id in share.grant.records for share in part.shares),
+        "shared": sum(share.shows(entry.record_id, now_ms) for share in part.shares),
         "verdict": None if verdict is None else verdict.verdict,
         "verdict_at_ms": None if verdict is None else verdict.time_ms,
         "height": state.get("height"),

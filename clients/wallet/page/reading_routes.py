@@ -241,8 +241,8 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     entry = snapshot.entry(read_id(request.match_info["record"]))
     part = snapshot.part_of(entry.visit.owner)
     meta, visit = entry.metadata, visit_json(part, language_of(request))
-    shares = [share for share in part.shares if entry.record_id in share.grant.records]
-    trail = [each for each in part.trail if each.record_id == entry.record_id]
+    shares = [share for share in part.shares if entry.record_id in set(share.grant.records) - share.cut]
+    trail = [each for each in part.trail if _is_about(part, entry.record_id, each)]
     return answer_json(
         row_json(part, entry, now_ms)
         | {
@@ -262,6 +262,14 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
             "clip": session.clips.with_record(entry.record_id),
         }
     )
+
+
+def _is_about(part: VisitPart, record_id: bytes, event: AuditEntry) -> bool:
+    """Tell whether an event is about a record: alone, or among those of a grant that was given, looked by, or ended."""
+    if event.record_id:
+        return event.record_id == record_id
+    grant_id = event.data.get("grant_id", event.data.get("grant"))
+    return any(share.grant.grant_id == grant_id and record_id in share.grant.records for share in part.shares)
 
 
 def plain_hex(value: bytes | None) -> str | None:

@@ -112,6 +112,6 @@ async def _revoke(session: PageSession, request: web.Request) -> web.Response:
     async def work(job: Job) -> dict[str, Any]:
         job.tell("writing it into the ledger")
         txid = await Sharing(session.wallet).revoke(found[0])
-        return {"txid": txid.hex(), "looks": len(found[0].looks), "sentence": "It is shared no more."}
+        return {"txid": txid.hex(), "looks": len(found[0].looks), "sentence": "This share is ended."}
 
     return accepted(session.jobs.start("revoke", work))

@@ -165,7 +165,8 @@ async def test_what_remains_of_erased_pictures_is_said_until_when(world: World) 
     erasure = await _described(world, {b"a" * 33: told, b"b" * 33: told}, age_ms=10**9, frames=[0, 1])
     lines = erasure_lines(erasure)
     assert "2 pictures of a record: erased everywhere." in lines[0]
-    assert all("what remains is check numbers, which prove the other pictures and show nothing, until" in line for line in lines[1:])
+    remains = "what remains is check numbers, which prove the other pictures and show nothing, until"
+    assert all(remains in line for line in lines[1:])
     described = erasure_json(erasure)
     assert [word["overdue"] for word in described["custodians"]] == [False, False]
     assert described["custodians"][0]["destroyed_frames"] == 2

@@ -189,6 +189,17 @@ async def test_what_was_ended_is_ended_and_not_twice(ward: SharedWard, doctor: W
         await ward.sharing.revoke(share)
 
 
+async def test_a_record_of_which_a_picture_was_erased_is_shared_no_more(ward: SharedWard, doctor: Wallet) -> None:
+    visit, (first, second) = ward.record_visit()
+    await ward.share(doctor)
+    (share,) = await ward.sharing.shares()
+    now_ms = ward.chain.time_ms
+    assert (share.cut, share.shows(first, now_ms), share.shows(second, now_ms)) == (frozenset(), True, True)
+    await ward.erase(visit, [first], [1])
+    (share,) = await ward.sharing.shares()
+    assert (share.cut, share.shows(first, now_ms), share.shows(second, now_ms)) == ({first}, False, True)
+
+
 async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Wallet) -> None:
     _, (first, second) = ward.record_visit()
     entries = await ward.entries()

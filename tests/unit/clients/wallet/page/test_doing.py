@@ -212,6 +212,9 @@ async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk
     await desk.page.do(f"/api/shares/{made['grant_id']}/revoke")
     (shown,) = (await desk.page.get("/api/shares"))["shares"]
     assert shown["status"] == "revoked"
+    first = await desk.page.get(f"/api/records/{wish['records'][0]}")
+    kinds = [event["kind"] for event in first["events"]]
+    assert (kinds.count("granted"), kinds.count("grant_revoked")) == (1, 1), "that of several together is told of each"
     assert await desk.page.refused("POST", f"/api/shares/{'0' * 64}/revoke") == "NOT_FOUND"
 
 
