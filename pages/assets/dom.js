@@ -112,13 +112,14 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
         : h("div", { class: "field" }, h("label", { for: input.id }, field.label), input, field.hint && h("div", { class: "quiet", id: `${input.id}-hint` }, field.hint))),
       attempt && waits,
       h("div", { class: "row" },
-        cancel && h("button", { type: "button", onclick: () => dialog.close() }, cancel),
+        cancel && h("button", { type: "button", onclick: () => { if (!isBusy) dialog.close(); } }, cancel),
         h("button", { type: "submit", class: danger ? "danger primary" : "primary" }, confirm)));
     const setBusy = (now) => {
       isBusy = now;
       form.setAttribute("aria-busy", String(now));
       waits.textContent = now ? busy : "";
-      for (const button of form.querySelectorAll("button")) button.disabled = now;
+      // Not `disabled`: a button that loses the focus gives it to nobody, and Escape would no longer be heard here.
+      for (const button of form.querySelectorAll("button")) button.setAttribute("aria-disabled", String(now));
       for (const [, input] of inputs) input.readOnly = now;
       if (now) replace(refused);
     };
@@ -128,6 +129,7 @@ export function ask({ title, body = [], confirm, cancel, danger = false, fields 
     };
     const dialog = h("dialog", { "aria-labelledby": id }, form);
     dialog.addEventListener("keydown", (event) => { if (isBusy && event.key === "Escape") event.preventDefault(); });
+    dialog.addEventListener("cancel", (event) => { if (isBusy) event.preventDefault(); });
     dialog.addEventListener("close", () => {
       dialog.remove();
       focusAgain(before, key);

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from pathlib import Path
 
+import pytest
 from playwright.async_api import Page, Route, expect
 
 from tests.ui.accessible import find_accessibility_faults
@@ -14,8 +15,9 @@ from tests.unit.clients.wallet.page.conftest import PASSPHRASE
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
 
+@pytest.mark.parametrize("by", ["keyboard", "mouse"])
 async def test_while_a_passphrase_is_checked_the_question_stays_and_takes_nothing_more(
-    tmp_path: Path, page: Page, watch: Watch
+    tmp_path: Path, page: Page, watch: Watch, by: str
 ) -> None:
     watch.expect("status of 403")
     ward = SharedWard(tmp_path)
@@ -35,11 +37,15 @@ async def test_while_a_passphrase_is_checked_the_question_stays_and_takes_nothin
         await page.get_by_role("button", name="Make the file").click(timeout=SOON_MS)
         dialog, field = page.locator("dialog"), page.locator("dialog input[type=password]")
         await field.fill("not it")
-        await page.keyboard.press("Enter")
+        if by == "keyboard":
+            await page.keyboard.press("Enter")
+        else:
+            await dialog.get_by_role("button", name="Make the file").click()
         await expect(dialog.get_by_role("status")).to_have_text("Your passphrase is being checked.")
         assert await find_accessibility_faults(page, by_keyboard=False) == []
         for key in ("Enter", "Space", "Escape", "Escape"):
             await page.keyboard.press(key)
+        await dialog.get_by_role("button", name="Cancel").click(force=True)
         await expect(dialog).to_have_count(1)
         await expect(dialog).to_be_visible()
         assert asked == 1
@@ -58,6 +64,8 @@ async def test_while_a_passphrase_is_checked_the_question_stays_and_takes_nothin
 async def test_a_question_that_is_left_does_nothing(tmp_path: Path, page: Page) -> None:
     ward = SharedWard(tmp_path)
     ward.record_visit(1)
+    posted: list[str] = []
+    page.on("request", lambda request: posted.append(request.url) if request.method == "POST" else None)
     async with show_ward(ward, page) as shown:
         await shown.go("export")
         await page.get_by_role("button", name="See what goes along").click()
@@ -66,3 +74,4 @@ async def test_a_question_that_is_left_does_nothing(tmp_path: Path, page: Page) 
         await page.keyboard.press("Escape")
         await expect(page.locator("dialog")).to_have_count(0)
         await expect(make).to_be_focused()
+        assert not [url for url in posted if url.endswith("/api/exports")]

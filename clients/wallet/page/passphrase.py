@@ -46,7 +46,7 @@ class PassphraseGate:
             await self._check(passphrase)
             if self._is_over:
                 raise BlockRobotError("PAGE_SESSION_REQUIRED")
-        except BlockRobotError:
+        except BaseException:  # whatever it is, nothing begins
             self._refused_count += 1
             raise
         finally:
@@ -73,6 +73,8 @@ class PassphraseGate:
 
     async def _check(self, passphrase: str) -> None:
         async with self._lock:
+            if self._wrong_count >= ATTEMPTS_MAX_COUNT:
+                raise refusal("PASSPHRASE_LOCKED", "passphrase_closed")
             left_ms = self._locked_until_ms - self._now_ms()
             if left_ms > 0:
                 raise refusal("PASSPHRASE_LOCKED", "passphrase_wait", count=-(-left_ms // 1000))

@@ -103,6 +103,8 @@ def test_a_file_is_checked_against_the_network_that_the_wallet_trusts(tmp_path: 
     usual = place_wallet("default", None, None)[1]
     assert usual == home_folder() / "network" / "genesis.json"
     assert verify_command("mine.zip") == f"blockrobot verify mine.zip --genesis {shlex.quote(str(usual.absolute()))}"
+    for language in LANGUAGES:
+        assert text("export.next", language=language, check="COMMAND").endswith("\n  COMMAND")
     with typed_for("ann", genesis=tmp_path / "of ours.json"):
         assert verify_command(Path("my data.zip")) == (
             f"blockrobot verify 'my data.zip' --genesis '{tmp_path / 'of ours.json'}'"

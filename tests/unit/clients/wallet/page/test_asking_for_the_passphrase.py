@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import asyncio
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn, cast
 
 import msgspec
 import pytest
 
 import clients.wallet.page as page_package
+from clients.wallet.keystore import Keystore
+from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT, PassphraseGate
+from consensus.errors import BlockRobotError
 from consensus.records.vouchers import encode_card_code
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
@@ -90,3 +94,41 @@ def test_every_route_that_asks_for_the_passphrase_is_among_those_tried_here() ->
     asking = sum(len(re.findall(r'asked\.text\("passphrase"\)', source)) for source in sources)
     guarding = sum(source.count("session.gate.require(passphrase)") for source in sources)
     assert asking == guarding == len(GUARDED)
+
+
+class _Store:
+    """What a gate asks of a wallet's file; one passphrase opens it."""
+
+    def __init__(self) -> None:
+        self.asked_count = 0
+
+    def opens_with(self, passphrase: str) -> bool:
+        self.asked_count += 1
+        return passphrase == PASSPHRASE
+
+
+async def test_after_the_tenth_wrong_passphrase_not_even_the_right_one_that_waited_behind_it_is_let_through() -> None:
+    store, given_up, now_ms = _Store(), [], 0
+    gate = PassphraseGate(cast(Keystore, store), lambda: now_ms, lambda: given_up.append(True))
+    for _ in range(ATTEMPTS_MAX_COUNT - 1):
+        with pytest.raises(BlockRobotError):
+            await gate.require("guess")
+        now_ms += 10**9
+    waiting = await asyncio.gather(*map(gate.require, ["guess", "guess", PASSPHRASE]), return_exceptions=True)
+    assert [error.code for error in waiting if isinstance(error, BlockRobotError)] == ["PASSPHRASE_LOCKED"] * 3
+    assert (store.asked_count, given_up) == (ATTEMPTS_MAX_COUNT, [True])
+
+
+async def test_a_check_that_breaks_off_is_not_taken_for_one_that_let_through(monkeypatch: pytest.MonkeyPatch) -> None:
+    def break_off(_: str) -> NoReturn:
+        raise MemoryError
+
+    store = _Store()
+    gate = PassphraseGate(cast(Keystore, store), lambda: 0, lambda: None)
+    monkeypatch.setattr(store, "opens_with", break_off)
+    asked = asyncio.create_task(gate.require(PASSPHRASE))
+    await asyncio.sleep(0)
+    assert gate.is_asked
+    assert not await gate.settle()
+    with pytest.raises(MemoryError):
+        await asked
