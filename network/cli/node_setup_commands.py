@@ -121,7 +121,7 @@ def _speaker(organisation: str, network: Path | None, authority: Path | None) ->
     if network is not None and organisation in admin_keys(network):
         return f"--as {organisation}"
     if authority is not None and (authority / ADMIN_KEY_FILE).is_file():
-        return f"--key {authority / ADMIN_KEY_FILE}"
+        return f"--key {shlex.quote(str(authority / ADMIN_KEY_FILE))}"
     return "--as ORG"
 
 
@@ -132,11 +132,11 @@ def next_steps(name: str, speaker: str, place: Path, network: Path | None, folde
     does; `folder` is what --dir said.
     """
     where = "" if folder is None else f" --dir {shlex.quote(str(folder))}"
-    start = f"blockrobot node run {place}" if network is None else f"blockrobot node run {name} --detach{where}"
+    run = shlex.quote(str(place)) if network is None else f"{name} --detach{where}"
     return [
-        f"blockrobot org propose add-node --from {place / ENTRY_FILE} {speaker}{where}",
+        f"blockrobot org propose add-node --from {shlex.quote(str(place / ENTRY_FILE))} {speaker}{where}",
         f"blockrobot org approve ID --as ORG{where}   (the id that propose prints; until a majority stands behind it)",
-        f"{start}   (it fetches the chain and follows it)",
+        f"blockrobot node run {run}   (it fetches the chain and follows it)",
         f"blockrobot producer propose {name} {speaker}{where}   (only if it is to produce blocks)",
         f"blockrobot producer approve {name} --as ORG{where}   (until a majority has voted for it)",
     ]

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import os
 import re
+import subprocess
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -83,6 +84,12 @@ class Reader:
     """
 
     def __init__(self, place: Path, placeholders: dict[str, str], *, base_port: int) -> None:
+        is_installed = subprocess.run(
+            ["make", "--question", ".venv/.runtime", ".venv/.develop"], cwd=CLONE, check=False
+        )
+        assert is_installed.returncode == 0, (
+            "What is typed would install anew beneath the tests: run `make test` first."
+        )
         self.shown: dict[str, str] = {}
         self._placeholders = {written: re.compile(told, re.MULTILINE) for written, told in placeholders.items()}
         self._told: dict[str, str] = {}

@@ -1,7 +1,7 @@
 """Makes docs/pictures/report/NAME-*.png of reports that real runs left. Must never retouch a picture.
 
-Run it from the root of the repository, after `make demo` and `blockrobot experiment run all --out results`:
-.venv/bin/python -m tests.ui.picture_reports demo=blockrobot-demo/report.html experiments=results/index.html
+Run it from the root of the repository, after `make demo` and `blockrobot experiment run 1 --out results`:
+.venv/bin/python -m tests.ui.picture_reports demo=blockrobot-demo/report.html experiment=results/experiment-1/report.html
 """
 
 from __future__ import annotations
@@ -32,6 +32,8 @@ async def main(named: dict[str, Path]) -> int:
 
 
 if __name__ == "__main__":
+    if not sys.argv[1:]:
+        sys.exit("Name reports: demo=FILE experiment=FILE")
     FOLDER.mkdir(parents=True, exist_ok=True)
     named = {name: Path(path).resolve() for name, _, path in (word.partition("=") for word in sys.argv[1:])}
     sys.exit(asyncio.run(main(named)))

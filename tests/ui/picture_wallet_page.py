@@ -7,6 +7,7 @@ Must never retouch a picture. Run it from the root of the repository, where the 
 from __future__ import annotations
 
 import asyncio
+import shutil
 import sys
 import tempfile
 from pathlib import Path
@@ -21,6 +22,7 @@ from tests.ui.wallet_page import SETTLED_MS, confirm_with, go, open_page, serve_
 from tests.ui.watched_page import Pages, Watch
 
 FOLDER = Path(__file__).resolve().parents[2] / "docs" / "pictures" / "page"
+PLACE = Path(tempfile.gettempdir()) / "ward"
 STAFF_UID = "D0C"
 NEW_UID = "BEA"
 
@@ -133,11 +135,14 @@ async def make(browser: Browser, folder: Path) -> None:
 
 async def main() -> int:
     """Make the pictures."""
-    with tempfile.TemporaryDirectory() as folder:
-        async with async_playwright() as playwright, open_chromium(playwright) as browser:
-            await make(browser, Path(folder))
+    async with async_playwright() as playwright, open_chromium(playwright) as browser:
+        await make(browser, PLACE)
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(asyncio.run(main()))
+    PLACE.mkdir()  # it is in the pictures, so it is always the same
+    try:
+        sys.exit(asyncio.run(main()))
+    finally:
+        shutil.rmtree(PLACE)

@@ -116,9 +116,9 @@ def test_who_is_to_propose_the_newcomer_is_somebody_whose_key_is_here(home: Path
     """An organisation's admin may sit elsewhere: then its name would only lead to a refusal."""
     own = _proposals("node-3", "--organisation", "university")
     assert [step.endswith("--as university") for step in own] == [True, True]
-    elsewhere = tmp_path / "elsewhere"
+    elsewhere = tmp_path / "else where"
     (home / "organisations" / "university").rename(elsewhere)
-    for name, speaker in (("node-4", f"--key {elsewhere / 'admin.key'}"), ("node-5", "--as ORG")):
+    for name, speaker in (("node-4", f"--key '{elsewhere / 'admin.key'}'"), ("node-5", "--as ORG")):
         said = _proposals(name, "--organisation", "university", "--authority", str(elsewhere))
         assert [step.endswith(speaker) for step in said] == [True, True]
         (elsewhere / "admin.key").unlink(missing_ok=True)
