@@ -64,7 +64,8 @@ def home_folder() -> Path:
 
 def _is_home(folder: Path) -> bool:
     """Tell whether a folder holds what cannot be made again. Other things of ours may lie there too, as caches."""
-    return any((folder / name).exists() for name in _KEPT_AT_HOME)
+    # `Path.exists` raises for a place that may not be entered; this one takes it for empty.
+    return any(os.path.exists(folder / name) for name in _KEPT_AT_HOME)  # noqa: PTH110
 
 
 def load_genesis(path: Path) -> Genesis:

@@ -18,7 +18,8 @@ from clients.sdk.terminal import home_folder
 WALLET_COMMAND = "blockrobot wallet"
 """How texts name the wallet. One that is followed by an option says itself which wallet it means."""
 DEFAULT_PROFILE = "default"
-_CALL = re.compile(rf"{WALLET_COMMAND}\b(?! --)")
+# A folder's or a file's name that has these words in it is no command.
+_CALL = rf"(?<![\w./\\-]){WALLET_COMMAND}(?! --)(?=[.,;:!?)\]`]*(?:\s|$))"
 _PLACES = {"--wallet-dir": "wallet_dir", "--genesis": "genesis"}
 
 
@@ -59,6 +60,7 @@ def called() -> str:
 def as_called(told: str, *, has_fields: bool = False) -> str:
     """Return a text in which every command of the wallet is called as this very wallet is. Twice is as good as once.
 
+    Only for what a catalogue says: a path or a name that was put into a sentence could look like a command.
     `has_fields`: the text is one that `str.format` fills afterwards.
     """
     if WALLET_COMMAND not in told:
@@ -66,4 +68,5 @@ def as_called(told: str, *, has_fields: bool = False) -> str:
     command = called()
     if has_fields:
         command = command.replace("{", "{{").replace("}", "}}")
-    return _CALL.sub(lambda _: command, told)
+    # What is called so already is stepped over whole: the paths in it may have the command's words too.
+    return re.sub(f"{re.escape(command)}|{_CALL}", lambda _: command, told)

@@ -17,6 +17,7 @@ from pathlib import Path
 import click
 import msgspec
 
+from clients.wallet.calling import as_called
 from clients.wallet.language import refusal
 from consensus.errors import BlockRobotError
 
@@ -111,7 +112,8 @@ def _lock(path: Path, wait_s: float, sleep: Callable[[float], None]) -> int:
     if holder is None:
         raise refusal("WALLET_BUSY", "wallet_busy", path=str(path))
     since = datetime.datetime.fromtimestamp(holder.since_ms / 1000).astimezone()
-    who = holder.command[:1].upper() + holder.command[1:]
+    # It has the very wallet that is wanted here, so it is called as this one is.
+    who = as_called(holder.command[:1].upper() + holder.command[1:])
     moment = f"{since:%Y-%m-%d %H:%M:%S}"
     raise refusal("WALLET_BUSY", "wallet_busy_with", who=who, process=holder.process, path=str(path), since=moment)
 

@@ -163,7 +163,11 @@ _MADE = (
         ("wallet leave",),
         (Field("height", Kind.HEIGHT, "the block in which it ended", null="if it had ended before"),),
     ),
-    CommandAnswer(("wallet keyring store", "wallet keyring forget"), (_WALLET,)),
+    CommandAnswer(
+        ("wallet keyring store",),
+        (_WALLET, Field("weak_keyring", Kind.TEXT, "the keyring's name", null="unless it protects little")),
+    ),
+    CommandAnswer(("wallet keyring forget",), (_WALLET,)),
     CommandAnswer(
         ("wallet serve",),
         (

@@ -42,13 +42,13 @@ def store(ctx: click.Context, as_json: bool) -> None:
     load_keyring()
     passphrase = read_passphrase()
     Keystore.open(path, passphrase)
-    little = store_in_keyring(path, passphrase)
+    weak = store_in_keyring(path, passphrase)
     if as_json:
-        print_json({"ok": True, "wallet": str(path), "protects_little": little})
+        print_json({"ok": True, "wallet": str(path), "weak_keyring": weak})
         return
     console.print(text("keyring.stored", command=called()))
-    if little is not None:
-        console.print(f"  [yellow]{text('keyring.protects_little', name=little)}[/yellow]")
+    if weak is not None:
+        console.print(f"  [yellow]{text('keyring.protects_little', name=weak)}[/yellow]")
 
 
 @keyring.command()

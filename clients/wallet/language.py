@@ -174,16 +174,20 @@ def describe_error(error: BlockRobotError, language: str | None = None) -> tuple
     language = language or language_in_use()
     texts = load(language)
     meaning, next_step = texts.get(f"errors.{error.code}.meaning"), texts.get(f"errors.{error.code}.next_step")
+    # The particulars stay as they are: paths and names in them may look like a command.
     detail = error.detail
     told = _because(error, language)
     if told:
         detail = told
     elif isinstance(meaning, str):
+        meaning = as_called(meaning)
         detail = meaning if error.detail == error.entry.meaning else f"{meaning} ({error.detail})"
+    elif error.detail == error.entry.meaning:
+        detail = as_called(error.detail)
     if error.next_step != error.entry.next_step:  # that of a contract's own code says more
         refused = refusal_code(str(error.context.get("contract_code", "")), error.detail)
         next_step = texts.get(f"refusals.{refused}")
-    return as_called(detail), as_called(next_step if isinstance(next_step, str) else error.next_step)
+    return detail, as_called(next_step if isinstance(next_step, str) else error.next_step)
 
 
 def _because(error: BlockRobotError, language: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +14,7 @@ from consensus.errors import BlockRobotError
 SERVICE = "blockrobot-wallet"
 _NAMED_BACKEND = "PYTHON_KEYRING_BACKEND"  # how the package keyring lets a person name one
 _RECOMMENDED_PRIORITY = 1  # of keyrings, in the package's own terms: what is below encrypts nothing, or badly
+_UNFIT_PRIORITY = 0  # what the package takes where it finds nothing that keeps anything
 
 
 def load_keyring() -> Any:
@@ -38,19 +38,24 @@ def telling_of_trouble(sentence: str) -> Iterator[None]:
         raise BlockRobotError("KEYRING_UNUSABLE", f"{sentence}: {type(error).__name__}.") from None
 
 
-def protects_little(ring: Any) -> str | None:
-    """Return the name of a keyring that the package itself does not recommend, None for one that it does.
+def find_weak_keyring(package: Any) -> str | None:
+    """Return the name of the keyring in use if the package itself does not recommend it, None if it does.
 
     Raises KEYRING_UNUSABLE for such a one that nobody named: the package falls back to a readable file in silence.
     """
+    front = package.get_keyring()
+    # Of several the package makes a chain, which it recommends whatever is in it. The strongest is what takes things.
+    ring = max(getattr(front, "backends", None) or [front], key=lambda one: one.priority)
     if ring.priority >= _RECOMMENDED_PRIORITY:
         return None
     name = type(ring).__name__
-    if not os.environ.get(_NAMED_BACKEND):
-        setting = f"{_NAMED_BACKEND}={type(ring).__module__}.{name}"
-        detail = f"The only keyring here is {name}, which protects little. To use it all the same, set {setting}."
-        raise BlockRobotError("KEYRING_UNUSABLE", detail)
-    return name
+    if package.core.load_env() is not None or package.core.load_config() is not None:
+        return name
+    if ring.priority <= _UNFIT_PRIORITY:
+        raise BlockRobotError("KEYRING_UNUSABLE", "There is no keyring here.")
+    setting = f"{_NAMED_BACKEND}={type(ring).__module__}.{name}"
+    detail = f"The best keyring here is {name}, which protects little. To use it all the same, set {setting}."
+    raise BlockRobotError("KEYRING_UNUSABLE", detail)
 
 
 def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
@@ -60,12 +65,13 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
     """
     backend, name = load_keyring(), str(wallet.resolve())
     with telling_of_trouble("The keyring took nothing"):
-        little = protects_little(backend.get_keyring())
+        weak = find_weak_keyring(backend)
         backend.set_password(SERVICE, name, passphrase)
+    with telling_of_trouble("The keyring may have it"):
         kept = backend.get_password(SERVICE, name)
     if kept != passphrase:
         raise refusal("KEYRING_UNUSABLE", "keyring_off")
-    return little
+    return weak
 
 
 def forget_in_keyring(wallet: Path) -> None:

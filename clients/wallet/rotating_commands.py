@@ -159,9 +159,11 @@ class _Before:
     def say_how_far(self) -> str:
         """Return what was done since and what not, and the next step, in sentences."""
         content = self._content
-        if content is not None and content.next_words:
+        if content is None:  # a change that was cut off before may be in force already, and nobody has looked
+            return text("rotate.stopped_unopened")
+        if content.next_words:
             return text("rotate.stopped_sending" if content.next_words_shown else "rotate.stopped_words")
-        if content is None or (len(content.former) == self._former_count and not self._was_moving):
+        if len(content.former) == self._former_count and not self._was_moving:
             return text("rotate.stopped")
         if content.transfers_due:
             return text("rotate.stopped_moving", count=len(exposed(content)))

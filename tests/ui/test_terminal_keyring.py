@@ -64,7 +64,7 @@ def test_a_passphrase_is_kept_used_when_it_is_asked_for_and_forgotten(home: Home
     asked = home.type("guardians")
     asked.expect("Passphrase: ")
     asked.sendintr()
-    asked.ended()
+    assert asked.ended() == 1
 
     forgotten = home.type("keyring", "forget")
     forgotten.expect("The keyring has it no more")

@@ -81,6 +81,17 @@ def test_a_folder_that_is_named_goes_before_all_others(user: Path, monkeypatch: 
     assert home_folder() == user / "mine"
 
 
+@pytest.mark.parametrize(
+    ("variable", "left"), [("XDG_CONFIG_HOME", ".local/share"), ("XDG_DATA_HOME", ".config")], ids=["former", "new"]
+)
+def test_a_place_that_the_system_refuses_to_look_at_is_one_without_a_wallet(
+    user: Path, monkeypatch: pytest.MonkeyPatch, variable: str, left: str
+) -> None:
+    monkeypatch.setenv(variable, str(user / ("too long for a name" * 20)))
+    make_wallet(user / left / "blockrobot")
+    assert home_folder() == user / left / "blockrobot"
+
+
 def test_macos_keeps_its_own_place(user: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     monkeypatch.setenv("XDG_DATA_HOME", str(user / "data"))

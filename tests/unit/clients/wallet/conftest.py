@@ -53,7 +53,7 @@ def make_genesis() -> Genesis:
 
 
 @contextmanager
-def typed_for(profile: str, **places: Path) -> Iterator[None]:
+def typed_for(profile: str, **places: Path | None) -> Iterator[None]:
     """While inside, as while a command runs for the wallet of this profile; `wallet_dir` and `genesis` if named."""
     context = click.Context(cli.wallet)
     context.params = {"profile": profile, "wallet_dir": None, "genesis": None, **places}

@@ -5,6 +5,7 @@ With a keyring that does what it is told: `tests/ui/test_terminal_keyring.py`.
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ import keyring
 import pytest
 from click.testing import CliRunner, Result
 from keyring.backend import KeyringBackend
+from keyring.backends import chainer, fail
 from keyring.errors import KeyringLocked, PasswordDeleteError
 
 from clients.wallet.cli import wallet
@@ -31,6 +33,7 @@ class Ring(KeyringBackend):
         super().__init__()
         self.held: dict[tuple[str, str], str] = {}
         self.is_locked = False
+        self.locks_behind_itself = False
 
     def get_password(self, service: str, username: str) -> str | None:
         if self.is_locked:
@@ -41,9 +44,22 @@ class Ring(KeyringBackend):
         if self.is_locked:
             raise KeyringLocked("a secret of the system")
         self.held[service, username] = password
+        self.is_locked = self.locks_behind_itself
 
     def delete_password(self, service: str, username: str) -> None:
         raise PasswordDeleteError("a secret of the system")
+
+
+class Weak(Ring):
+    """One that the package does not recommend."""
+
+    priority = 0.6
+
+
+class Weaker(Ring):
+    """One that it recommends even less."""
+
+    priority = 0.5
 
 
 @pytest.fixture
@@ -96,3 +112,71 @@ def test_what_a_keyring_may_still_have_is_not_called_forgotten_or_absent(ring: R
         assert "KEYRING_UNUSABLE" in done.output
         assert "a secret" not in done.output
     assert list(ring.held.values()) == ["tea"]
+
+
+def test_what_the_keyring_took_and_does_not_show_is_not_called_untaken(ring: Ring, place: Path) -> None:
+    ring.locks_behind_itself = True
+    done = run(place, "keyring", "store")
+    assert done.exit_code == 1
+    assert "The keyring may have it: KeyringLocked." in done.output
+    assert "took nothing" not in done.output
+    assert list(ring.held.values()) == ["tea"]
+
+
+@pytest.fixture
+def unnamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user who named no keyring; returns the file in which she could."""
+    monkeypatch.delenv("PYTHON_KEYRING_BACKEND", raising=False)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.setattr(keyring.core, "_keyring_backend", None)
+    named = tmp_path / "config" / "python_keyring" / "keyringrc.cfg"
+    named.parent.mkdir(parents=True)
+    return named
+
+
+def use_all(monkeypatch: pytest.MonkeyPatch, *rings: Ring) -> None:
+    """Let these be all keyrings of the machine: from two on the package puts a chain before them."""
+    monkeypatch.setattr("keyring.backend.get_all_keyring", lambda: list(rings))
+    chain = chainer.ChainerBackend()
+    assert chain.priority == 10, "the chain itself is recommended, whatever is in it"
+    monkeypatch.setattr(keyring.core, "_keyring_backend", chain)
+
+
+def test_several_keyrings_that_protect_little_are_not_taken_for_one_that_does(
+    unnamed: Path, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weaker, weak = Weaker(), Weak()
+    use_all(monkeypatch, weaker, weak)
+    refused = run(place, "keyring", "store")
+    assert refused.exit_code == 1
+    assert "The best keyring here is Weak, which protects little." in refused.stderr
+    assert f"PYTHON_KEYRING_BACKEND={Weak.__module__}.Weak" in refused.stderr
+    assert weak.held == weaker.held == {}
+
+
+def test_of_several_keyrings_the_strongest_is_what_counts(
+    unnamed: Path, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    weak, strong = Weak(), Ring()
+    use_all(monkeypatch, weak, strong)
+    kept = run(place, "keyring", "store", "--json")
+    assert (kept.exit_code, json.loads(kept.stdout)["weak_keyring"]) == (0, None), kept.output
+    assert (list(strong.held.values()), weak.held) == (["tea"], {})
+
+
+def test_a_keyring_is_named_in_the_package_s_own_file_too(unnamed: Path, place: Path) -> None:
+    unnamed.write_text("[backend]\ndefault-keyring=keyrings.alt.file.PlaintextKeyring\n")
+    kept = run(place, "keyring", "store", "--json")
+    assert kept.exit_code == 0, kept.output
+    assert json.loads(kept.stdout)["weak_keyring"] == "PlaintextKeyring"
+
+
+def test_where_there_is_no_keyring_none_is_recommended(
+    unnamed: Path, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(keyring.core, "_keyring_backend", fail.Keyring())
+    refused = run(place, "keyring", "store")
+    assert refused.exit_code == 1
+    assert "There is no keyring here." in refused.stderr
+    assert "PYTHON_KEYRING_BACKEND" not in refused.stderr

@@ -153,6 +153,18 @@ def test_ctrl_c_while_the_change_is_sent_says_that_nobody_knows_and_that_both_ar
     assert desk.story.open().store.content.former == [OLD_WORDS]
 
 
+def test_ctrl_c_before_the_wallet_is_open_says_nothing_of_words_that_may_be_in_force_already(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as cut:
+        cut.setattr(Rotating, "_say_rotation", interrupt)
+        stopped(desk)
+    with monkeypatch.context() as cut:
+        cut.setattr(opening, "read_passphrase", interrupt)
+        told = stopped(desk)
+    assert told == f"Stopped. Nothing was done by this command. Run it again: {desk.command} rotate"
+
+
 def test_ctrl_c_between_visits_says_what_is_done_and_how_many_still_obey_the_old_words(
     desk: Desk, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -310,7 +322,7 @@ def test_reading_goes_on_beside_a_command_that_has_the_wallet_and_writes_nothing
     with click.Context(click.Command("erase"), info_name="blockrobot wallet erase"), claim_wallet(desk.story.path):
         told = desk.run("records", "--json")
         assert late.owner.hex() in told.stdout
-        assert "`blockrobot wallet erase` (process" in told.stderr
+        assert f"`{desk.command} erase` (process" in told.stderr
         assert "nothing new is noted" in told.stderr
         assert desk.story.path.read_bytes() == before
         refused = desk.run("leave", "--yes")
