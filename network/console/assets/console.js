@@ -66,6 +66,7 @@ function buildPage(first, choices) {
   let parts = null;
   const select = (name) => { parts.stage.setSelected(name); };
   const onNode = (name) => {
+    if (!parts.faults.isOfToday(name)) return;
     if (parts.faults.isGrouping()) { parts.faults.toggleGroup(name); return; }
     select(name);
     parts.faults.select(name);

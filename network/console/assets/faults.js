@@ -34,7 +34,10 @@ function panel({ id, title, hint }, ...children) {
   return h("div", { class: "panel", id: `panel-${id}`, role: "tabpanel", "aria-labelledby": `tab-${id}` }, h("h3", {}, title), hint && h("p", { class: "quiet" }, hint), ...children);
 }
 
-/** {element, select(name), selectLink(from, to), showPlan(plan), update(moment), setNetwork}; onGroups(Map|null), isGrouping(). */
+/**
+ * {element, isOfToday(...names), select(name), selectLink(from, to), toggleGroup(name), showPlan(plan), update(moment), setNetwork};
+ * onGroups(Map|null), isGrouping(). A node of the past cannot be chosen: what is broken is broken now.
+ */
 export function createFaults({ network, choices, onSelect, onGroups }) {
   const said = h("div", { class: "said" });
   let names = network.nodes.map((node) => node.name);
@@ -69,12 +72,26 @@ export function createFaults({ network, choices, onSelect, onGroups }) {
     h("div", { class: "tabs", role: "tablist", "aria-label": "What to break" }, tabs),
     Object.values(panels).map((one) => one.element), said);
   choose("node", false);
+  const isOfToday = (...asked) => {
+    const gone = asked.find((name) => !names.includes(name));
+    if (gone) announce(`${gone} is not in the network now: nothing of it can be chosen.`);
+    return !gone;
+  };
   return {
     element,
+    isOfToday,
     isGrouping: () => open === "partition",
-    toggleGroup: (name) => partition.toggle(name),
-    select(name) { nodePanel.select(name); if (open !== "partition") choose("node", false); },
-    selectLink(from, to) { link.select(from, to); choose("link", false); },
+    toggleGroup(name) { if (isOfToday(name)) partition.toggle(name); },
+    select(name) {
+      if (!isOfToday(name)) return;
+      nodePanel.select(name);
+      if (open !== "partition") choose("node", false);
+    },
+    selectLink(from, to) {
+      if (!isOfToday(from, to)) return;
+      link.select(from, to);
+      choose("link", false);
+    },
     showPlan: (running) => plan.show(running),
     update: (moment) => nodePanel.update(moment),
     setNetwork(changed) {

@@ -1,6 +1,6 @@
 // Which faults make sense for a node as it is now, and why the others do not. Pure. Never the last word: the server refuses by itself.
 
-const AT_WORK = ["signing", "waiting", "suspended"];
+const AT_WORK = ["signing", "suspended"];
 
 /**
  * Why a fault cannot be done to this node now, by the fault's name; those that can be done are left out. `moment` is the
@@ -18,7 +18,7 @@ export function refusals(name, facts, moment) {
   const waits = isPaused ? `${name} is paused: resume it first.` : "";
   const found = {
     kill: isDown && `${name} is stopped already.`,
-    restart: (isPaused || AT_WORK.includes(node.state)) && `${name} runs: only a node that is down, or fails, is restarted.`,
+    restart: AT_WORK.includes(node.state) && !node.behaviour && `${name} runs and takes part: a restart would mend nothing.`,
     pause: isDown ? `${name} is stopped: there is nothing to pause.` : isPaused && `${name} is paused already.`,
     resume: !isPaused && `${name} is not paused.`,
     skew: deaf,

@@ -94,8 +94,8 @@ function isAway(problem) {
 }
 
 function failedPage(problem) {
+  if (problem.status === 401 || (isAway(problem) && feed.isOver)) return endedPage(); // nothing asks again by itself
   if (isAway(problem)) return awayPage(feed.status?.node ?? "the node", RETRY_MAX_MS);
-  if (problem.status === 401) return endedPage();
   if (problem.status === undefined) console.error(problem);
   return [h("h1", { tabindex: "-1" }, "This cannot be shown"), problemView(problem)];
 }
@@ -144,7 +144,7 @@ function showEnd(isOver) {
 
 function whyEnded() {
   if (entry.endsMs <= feed.nodeNowMs) return "Your session has ended: its ten minutes are over.";
-  if (feed.wasAway) return `${feed.status.node} was started again: that ends all sessions, and so yours.`;
+  if (feed.wasAway) return `${feed.status.node} was away, or was started again: a start ends all sessions, and so yours.`;
   return "Your session was ended before its time: the node was started again, or your key may not look any more.";
 }
 

@@ -91,9 +91,9 @@ class Feed extends EventTarget {
     this.#statusAtMs = performance.now();
   }
 
-  /** Try again now: the browser has its network again, or somebody looks at the page again. */
+  /** Try again now: the browser has its network again, or somebody looks at the page again. A busy node is asked no sooner. */
   tryNow() {
-    if (this.problem) this.#wake();
+    if (this.isAway && !document.hidden) this.#wake();
   }
 
   #pause(ms) {

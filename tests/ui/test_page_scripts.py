@@ -1,0 +1,117 @@
+"""What scripts of the console and the explorer decide by themselves: what is offered, what is taken, when to ask again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from playwright.async_api import Page, Route, expect
+
+from network.console.live import CONSOLE_ASSETS
+from node.explorer.page import EXPLORER_ASSETS
+from tests.ui.page_scripts import ORIGIN, open_scripts
+from tests.ui.watched_page import Watch
+
+_REFUSALS = """async (node) => (await import('./offers.js')).refusals(
+  node.name, {breakable: true}, {nodes: [node], links: []})"""
+_OPEN_FAULTS = """async () => {
+  const { createFaults } = await import('./faults.js');
+  const nodes = ['node-1', 'node-2'].map((name) => ({name, breakable: true}));
+  const moment = {nodes: nodes.map(({name}) => ({name, state: 'signing'})), links: []};
+  window.groups = null;
+  window.faults = createFaults({network: {nodes}, choices: {disks: ['journal'], profiles: [], behaviours: []},
+    onSelect() {}, onGroups(groups) { window.groups = groups; }});
+  document.body.append(window.faults.element);
+  window.faults.update(moment);
+}"""
+_FOLLOW = """async () => {
+  const [{ feed }, { entry }] = [await import('./feed.js'), await import('./api.js')];
+  entry.kind = 'member';
+  window.feed = feed;
+  feed.run();
+}"""
+_HIDE = """(isHidden) => Object.defineProperty(document, 'hidden', {value: isHidden, configurable: true})"""
+PAUSE_MS = 400
+"""Long enough for a try to be seen that came too soon; the page's own clock stands still meanwhile."""
+
+
+async def refused(page: Page, **facts: Any) -> dict[str, str]:
+    """What is not offered for a node like this, and why."""
+    found: dict[str, str] = await page.evaluate(_REFUSALS, {"name": "node-2", **facts})
+    return found
+
+
+@pytest.mark.parametrize(
+    "facts",
+    [
+        {"state": "waiting"},
+        {"state": "paused"},
+        {"state": "stopped"},
+        {"state": "no answer"},
+        {"state": "fault: no space"},
+        {"state": "silent: older journal"},
+        {"state": "signing", "behaviour": "garbage"},
+        {"state": "suspended", "behaviour": "equivocate"},
+    ],
+    ids=lambda facts: " ".join(facts.values()),
+)
+async def test_a_node_that_a_restart_may_mend_is_offered_one(page: Page, facts: dict[str, str]) -> None:
+    await open_scripts(page, CONSOLE_ASSETS)
+    assert "restart" not in await refused(page, **facts)
+
+
+@pytest.mark.parametrize("state", ["signing", "suspended"])
+async def test_a_node_that_takes_part_and_does_not_lie_is_offered_no_restart(page: Page, state: str) -> None:
+    await open_scripts(page, CONSOLE_ASSETS)
+    assert (await refused(page, state=state))["restart"].startswith("node-2 runs and takes part")
+
+
+async def test_a_node_of_the_past_changes_nothing_in_what_breaks_the_network_of_today(page: Page) -> None:
+    await open_scripts(page, CONSOLE_ASSETS)
+    await page.evaluate(_OPEN_FAULTS)
+    node = page.get_by_label("Node", exact=True)
+    await node.select_option("node-2")
+    assert await page.evaluate("() => window.faults.isOfToday('node-1', 'node-2')")
+    assert not await page.evaluate("() => window.faults.isOfToday('node-5')")
+    said = page.get_by_role("status").filter(has_text="node-5 is not in the network now: nothing of it can be chosen.")
+    await expect(said).to_be_attached()
+    await page.evaluate("() => window.faults.select('node-5')")
+    await expect(node).to_have_value("node-2")
+    await page.evaluate("() => window.faults.selectLink('node-5', 'node-1')")
+    await expect(page.get_by_role("tab", name="A node")).to_have_attribute("aria-selected", "true")
+    await expect(page.locator("#link-from")).to_have_value("node-1")
+    await expect(page.locator("#link-to")).to_have_value("node-2")
+    await page.get_by_role("tab", name="Partition").click()
+    await page.evaluate("() => window.faults.toggleGroup('node-5')")
+    assert await page.evaluate("() => [...window.groups]") == [["node-1", 0], ["node-2", 0]]
+
+
+@pytest.mark.parametrize(
+    ("is_away", "is_hidden", "asks_at_once"),
+    [(True, False, True), (True, True, False), (False, False, False)],
+    ids=["away and looked at", "away and hidden", "busy"],
+)
+async def test_only_a_page_that_is_looked_at_asks_a_node_at_once_that_is_away_never_one_that_is_busy(
+    page: Page, watch: Watch, is_away: bool, is_hidden: bool, asks_at_once: bool
+) -> None:
+    watch.expect("ERR_FAILED|status of 429")
+    asked: list[str] = []
+
+    async def refuse(route: Route) -> None:
+        asked.append(route.request.url)
+        if is_away:
+            await route.abort()
+        else:
+            await route.fulfill(status=429, json={"code": "RATE_LIMITED", "detail": "Too many requests."})
+
+    await page.route(f"{ORIGIN}/v1/**", refuse)
+    await open_scripts(page, EXPLORER_ASSETS)
+    await page.clock.install(time=0)
+    await page.clock.pause_at(1_000)
+    await page.evaluate(_FOLLOW)
+    await page.wait_for_function("() => window.feed.retryMs > 0")
+    before = len(asked)
+    await page.evaluate(_HIDE, is_hidden)
+    await page.evaluate("() => window.feed.tryNow()")
+    await page.wait_for_timeout(PAUSE_MS)
+    assert (len(asked) > before) is asks_at_once
