@@ -14,6 +14,8 @@ import pytest_asyncio
 from playwright.async_api import Browser, Page, async_playwright, expect
 
 from tests.ui.chromium import open_chromium
+from tests.ui.console_page import open_healed
+from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.recorded_network import RecordedNetwork
 from tests.ui.watched_page import TIMEOUT_MS, Pages, Watch
 
@@ -69,3 +71,21 @@ async def recorded_network(tmp_path_factory: pytest.TempPathFactory) -> AsyncIte
         yield made
     finally:
         await made.close()
+
+
+@pytest_asyncio.fixture(scope="module", loop_scope="session")
+async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ConsoleUnderTest]:
+    """A network that always has work, once for each file of tests, and the console's command beside it."""
+    made = ConsoleUnderTest(tmp_path_factory.mktemp("console"))
+    try:
+        await made.start()
+        yield made
+    finally:
+        await made.close()
+
+
+@pytest_asyncio.fixture(loop_scope="session")
+async def open_page(console: ConsoleUnderTest, page: Page) -> Page:
+    """The console's page, of a network on which nothing is wrong (any more)."""
+    await open_healed(console, page)
+    return page

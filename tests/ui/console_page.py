@@ -26,6 +26,8 @@ _LEADERS = """() => {
       node.getAttribute('aria-label').includes(', leads,')).map((node) => node.querySelector('.name-text').textContent),
     listed: [...document.querySelectorAll('table.nodes tbody tr')].filter((row) =>
       row.cells[column].textContent === 'yes').map((row) => row.cells[0].textContent),
+    unsaid: [...document.querySelectorAll('table.nodes tbody tr')].filter((row) =>
+      row.cells[column].textContent === '-').map((row) => row.cells[0].textContent),
     figure: figure('leads'),
     epoch: Number(figure('epoch')),
     round: Number(figure('round').replaceAll(',', '')),
@@ -62,11 +64,15 @@ async def choose(page: Page, name: str) -> None:
     await page.get_by_label("Node", exact=True).select_option(name)
 
 
+def row_of(page: Page, name: str) -> Locator:
+    """Return a node's row of the table of nodes."""
+    return page.locator("table.nodes tbody tr").filter(has=page.get_by_role("rowheader", name=name, exact=True))
+
+
 async def cell_of(page: Page, name: str, column: str) -> Locator:
     """Return a node's cell of a column of the table of nodes."""
     columns = await page.locator("table.nodes thead th").all_inner_texts()
-    row = page.locator("table.nodes tbody tr").filter(has=page.get_by_role("rowheader", name=name, exact=True))
-    return row.locator("th, td").nth(columns.index(column))
+    return row_of(page, name).locator("th, td").nth(columns.index(column))
 
 
 async def expect_cell(page: Page, name: str, column: str, text: str | re.Pattern[str]) -> None:
@@ -92,7 +98,10 @@ async def expect_done(page: Page, words: str) -> None:
 
 
 async def read_leader(page: Page) -> dict[str, Any]:
-    """Return who leads which round by the crown, by its words, in the table and in the figures, all of one moment."""
+    """Return who leads which round by the crown, by its words, in the table and in the figures, all of one moment.
+
+    `unsaid`: whose rows say nothing of it, since they missed a look.
+    """
     seen: dict[str, Any] = await page.evaluate(_LEADERS)
     return seen
 

@@ -5,21 +5,18 @@ from __future__ import annotations
 import os
 import re
 import stat
-from collections.abc import AsyncIterator
 from pathlib import Path
 
-import pytest
-import pytest_asyncio
 from playwright.async_api import Page, expect
 
 from network.faults.actions import Heal, Pause, Resume
 from network.faults.control import FaultControl
 from tests.ui.accessible import find_accessibility_faults
+from tests.ui.console_page import LONG_MS, expect_state, expect_told, row_of
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.screenshots import shoot_all_ways
 from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
 
-LONG_MS = 20_000
 PLAN = """seed = 3
 
 [[step]]
@@ -31,41 +28,6 @@ node = "node-1"
 at = "1s"
 do = "heal"
 """
-
-
-@pytest_asyncio.fixture(scope="module", loop_scope="session")
-async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ConsoleUnderTest]:
-    made = ConsoleUnderTest(tmp_path_factory.mktemp("console"))
-    try:
-        await made.start()
-        yield made
-    finally:
-        await made.close()
-
-
-@pytest_asyncio.fixture(loop_scope="session")
-async def open_page(console: ConsoleUnderTest, page: Page) -> Page:
-    """The console, of a network on which nothing is wrong (any more)."""
-    cluster = console.network.cluster
-    await FaultControl(cluster).carry_out(Heal())
-    for name in cluster.names:
-        if not cluster.is_running(name):
-            cluster.start(name)
-    await console.open(page)
-    await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
-    return page
-
-
-def _row(page: Page, name: str) -> str:
-    return f'table.nodes tr:has(th:has-text("{name}"))'
-
-
-async def _expect_state(page: Page, name: str, state: str) -> None:
-    await expect(page.locator(_row(page, name)).locator(".badge")).to_have_text(state, timeout=LONG_MS)
-
-
-async def _expect_told(page: Page, text: str) -> None:
-    await expect(page.locator(".events li").filter(has_text=text).first).to_be_visible(timeout=LONG_MS)
 
 
 async def _final_height(page: Page) -> int:
@@ -95,11 +57,11 @@ async def test_a_node_is_killed_with_the_button_and_the_chain_goes_on(
     await dialog.get_by_role("button", name="Kill it").click()
     await expect(page.get_by_text("Done: kill node-2.").first).to_be_visible()
     assert not cluster.is_running("node-2")
-    await _expect_state(page, "node-2", "stopped")
+    await expect_state(page, "node-2", "stopped")
     await expect(page.get_by_text("It goes on")).to_be_visible()
     await _expect_growth(page)
-    await _expect_told(page, "node-2 is stopped")
-    await _expect_told(page, "(leader node-2) was given up by node-1, node-3, node-4.")
+    await expect_told(page, "node-2 is stopped")
+    await expect_told(page, "(leader node-2) was given up by node-1, node-3, node-4.")
     await expect(page.locator("table.rounds td.lost").first).to_be_visible()
     for name in ("Kill", "Pause", "Resume", "Wrong clock…", "Fill a disk…"):
         await expect(page.get_by_role("button", name=name, exact=True)).to_be_disabled()
@@ -116,8 +78,8 @@ async def test_a_node_is_killed_with_the_button_and_the_chain_goes_on(
     await expect(restart).to_have_accessible_description(re.compile("^node-1 runs"))
     await page.get_by_label("Node", exact=True).select_option("node-2")
     await page.get_by_role("button", name="Restart", exact=True).click()
-    await _expect_state(page, "node-2", "signing")
-    await _expect_told(page, "Done: restart node-2.")
+    await expect_state(page, "node-2", "signing")
+    await expect_told(page, "Done: restart node-2.")
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
 
 
@@ -129,9 +91,9 @@ async def test_what_a_paused_node_would_not_hear_is_not_offered_and_refused_else
     await expect(page.get_by_role("button", name="Resume", exact=True)).to_be_disabled()
     await page.get_by_role("button", name="Pause", exact=True).click()
     await expect(page.get_by_role("button", name="Pause", exact=True)).to_be_disabled()
-    for name in ("Restart", "Wrong clock…", "Right clock", "Fill a disk…", "Free a disk…", "Let it lie…"):
+    for name in ("Wrong clock…", "Right clock", "Fill a disk…", "Free a disk…", "Let it lie…"):
         await expect(page.get_by_role("button", name=name, exact=True)).to_be_disabled()
-    for name in ("Kill", "Resume", "Heal it"):
+    for name in ("Kill", "Restart", "Resume", "Heal it"):
         await expect(page.get_by_role("button", name=name, exact=True)).to_be_enabled()
     watch.expect("status of 409")
     await page.get_by_role("tab", name="A link").click()
@@ -148,13 +110,13 @@ async def test_a_fault_is_told_in_a_word_and_its_reason_below_without_the_place_
     await page.get_by_label("Node", exact=True).select_option("node-3")
     await page.get_by_role("button", name="Fill a disk…").click()
     await page.get_by_role("dialog").get_by_role("button", name="Fill it").click()
-    await _expect_state(page, "node-3", "fault")
-    reason = page.locator(_row(page, "node-3")).locator(".reason")
+    await expect_state(page, "node-3", "fault")
+    reason = row_of(page, "node-3").locator(".reason")
     await expect(reason).to_contain_text("(the network's folder)/nodes/node-3/journal")
     await expect(page.locator("main")).to_contain_text("Times are in your own time zone, Europe/Berlin.")
     await page.get_by_role("button", name="Free a disk…").click()
     await page.get_by_role("dialog").get_by_role("button", name="Free it").click()
-    await _expect_state(page, "node-3", "signing")
+    await expect_state(page, "node-3", "signing")
     await expect(reason).to_have_count(0)
 
 
@@ -168,29 +130,29 @@ async def test_the_network_is_cut_in_two_by_clicks_and_healed(open_page: Page) -
     await expect(page.get_by_role("button", name="Heal", exact=True)).to_have_count(0)
     await expect(page.get_by_role("button", name="Heal every fault")).to_be_visible()
     await page.get_by_role("button", name="Cut it").click()
-    await _expect_told(page, "Done: partition node-1, node-2 | node-3, node-4.")
+    await expect_told(page, "Done: partition node-1, node-2 | node-3, node-4.")
     await expect(page.locator(".link.cut").first).to_be_visible(timeout=LONG_MS)
     await expect(page.get_by_text("Nothing becomes final", exact=True)).to_be_visible(timeout=LONG_MS)
-    await _expect_told(page, "Nothing became final for")
+    await expect_told(page, "Nothing became final for")
     await page.evaluate("() => scrollTo(0, 0)")
     await shoot_all_ways(page, "console")
     await page.get_by_role("button", name="Heal everything").click()
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
-    await _expect_told(page, "Final again at height")
+    await expect_told(page, "Final again at height")
     await _expect_growth(page)
 
 
 async def test_what_the_command_line_does_meanwhile_is_told_too(console: ConsoleUnderTest, open_page: Page) -> None:
     page, control = open_page, FaultControl(console.network.cluster)
     await control.carry_out(Pause("node-3"))
-    await _expect_state(page, "node-3", "paused")
-    await _expect_told(page, "node-3 is paused")
+    await expect_state(page, "node-3", "paused")
+    await expect_told(page, "node-3 is paused")
     await control.carry_out(Resume("node-3"))
     await control.carry_out(control.reader.skew("node-4", "+1h"))
-    await _expect_told(page, "On at node-4: clock +1h.")
-    await expect(page.locator(_row(page, "node-4"))).to_contain_text("+1 h 0 min")
+    await expect_told(page, "On at node-4: clock +1h.")
+    await expect(row_of(page, "node-4")).to_contain_text("+1 h 0 min")
     await control.carry_out(Heal())
-    await _expect_told(page, "Off at node-4: clock +1h.")
+    await expect_told(page, "Off at node-4: clock +1h.")
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
 
 
@@ -200,7 +162,7 @@ async def test_links_disks_and_plans_are_forms_of_the_same_faults(open_page: Pag
     await page.get_by_label("To", exact=True).select_option("node-4")
     await page.get_by_label("Delay, ms").fill("30")
     await page.get_by_role("button", name="Spoil it").click()
-    await _expect_told(page, "Done: link node-1 <-> node-4: 30 ms.")
+    await expect_told(page, "Done: link node-1 <-> node-4: 30 ms.")
     await expect(page.locator(".link.slow").first).to_be_visible(timeout=LONG_MS)
     await page.get_by_role("tab", name="A plan").click()
     watch.expect("status of 400")
@@ -213,7 +175,7 @@ async def test_links_disks_and_plans_are_forms_of_the_same_faults(open_page: Pag
     await page.get_by_role("button", name="Carry it out").click()
     await page.get_by_role("dialog").get_by_role("button", name="Carry it out").click()
     await expect(page.locator("table.steps")).to_contain_text("Seed 3, 2 steps: done", timeout=LONG_MS)
-    await _expect_told(page, "s: heal everything.")
+    await expect_told(page, "s: heal everything.")
     await expect(page.get_by_text("All is well")).to_be_visible(timeout=LONG_MS)
 
 
@@ -221,21 +183,21 @@ async def test_the_live_console_is_scrolled_back_and_comes_back_to_now(open_page
     page = open_page
     await page.get_by_label("Node", exact=True).select_option("node-4")
     await page.get_by_role("button", name="Pause", exact=True).click()
-    await _expect_state(page, "node-4", "paused")
+    await expect_state(page, "node-4", "paused")
     await page.get_by_role("button", name="Resume", exact=True).click()
-    await _expect_state(page, "node-4", "signing")
+    await expect_state(page, "node-4", "signing")
     now = page.get_by_role("button", name="Back to now")
     await expect(now).to_be_disabled()
     told = page.locator(".events li", has_text="node-4 is paused").first
     await told.get_by_role("button").click()
-    await _expect_state(page, "node-4", "paused")
+    await expect_state(page, "node-4", "paused")
     await expect(page.locator(".replay")).to_contain_text("You look at the past")
     height = await _final_height(page)
     await page.wait_for_timeout(1_500)
     assert await _final_height(page) == height, "the past stands still"
     assert await find_accessibility_faults(page, by_keyboard=False) == []
     await now.click()
-    await _expect_state(page, "node-4", "signing")
+    await expect_state(page, "node-4", "signing")
     await _expect_growth(page)
     await page.get_by_role("slider").focus()
     await page.keyboard.press("Home")
@@ -250,7 +212,7 @@ async def test_the_time_line_is_filtered_by_kind_node_and_word(open_page: Page) 
     await page.get_by_label("Node", exact=True).select_option("node-4")
     await page.get_by_role("button", name="Wrong clock…").click()
     await page.get_by_role("dialog").get_by_role("button", name="Set it").click()
-    await _expect_told(page, "Done: skew node-4 by +1h.")
+    await expect_told(page, "Done: skew node-4 by +1h.")
     await expect(page.get_by_role("button", name="Right clock")).to_be_enabled()
     await page.get_by_label("Containing").fill("skew")
     await expect(page.locator(".events li")).to_have_count(2)
@@ -267,7 +229,7 @@ async def test_a_run_is_exported_and_replays_from_a_file_of_its_own(
     page = open_page
     await page.get_by_label("Node", exact=True).select_option("node-4")
     await page.get_by_role("button", name="Pause", exact=True).click()
-    await _expect_state(page, "node-4", "paused")
+    await expect_state(page, "node-4", "paused")
     async with page.expect_download() as waiting:
         await page.get_by_role("button", name="Export the run").click()
     file = tmp_path / "run.html"
@@ -278,16 +240,16 @@ async def test_a_run_is_exported_and_replays_from_a_file_of_its_own(
     replay.on("request", lambda request: requests.append(request.url))
     await replay.goto(file.as_uri())
     await expect(replay.get_by_role("heading", name="A run of ward-seven")).to_be_visible()
-    await _expect_state(replay, "node-4", "paused")
+    await expect_state(replay, "node-4", "paused")
     slider = replay.get_by_role("slider")
     await slider.focus()
     await replay.keyboard.press("Home")
-    await expect(replay.locator(_row(replay, "node-4")).locator(".badge")).not_to_have_text("paused")
+    await expect(row_of(replay, "node-4").locator(".badge")).not_to_have_text("paused")
     first = await replay.locator("output").inner_text()
     await replay.get_by_role("button", name="Next event").click()
     assert await replay.locator("output").inner_text() != first
     await replay.locator(".events li", has_text="node-4 is paused").get_by_role("button").click()
-    await _expect_state(replay, "node-4", "paused")
+    await expect_state(replay, "node-4", "paused")
     await replay.get_by_role("button", name="Play").click()
     await expect(replay.get_by_role("button", name="Play")).to_be_visible(timeout=LONG_MS)
     assert requests == [file.as_uri()]

@@ -10,7 +10,7 @@ import pytest
 import pytest_asyncio
 from playwright.async_api import Locator, Page, expect
 
-from tests.ui.console_page import LONG_MS, expect_done, expect_state, open_healed, read_leader
+from tests.ui.console_page import LONG_MS, expect_done, expect_state, read_leader
 from tests.ui.console_under_test import ConsoleUnderTest
 
 TABS_BETWEEN_BUTTONS_COUNT = 1
@@ -32,12 +32,6 @@ async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[Con
         yield made
     finally:
         await made.close()
-
-
-@pytest_asyncio.fixture(loop_scope="session")
-async def open_page(console: ConsoleUnderTest, page: Page) -> Page:
-    await open_healed(console, page)
-    return page
 
 
 def button(page: Page, name: str) -> Locator:
