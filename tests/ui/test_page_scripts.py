@@ -115,3 +115,29 @@ async def test_only_a_page_that_is_looked_at_asks_a_node_at_once_that_is_away_ne
     await page.evaluate("() => window.feed.tryNow()")
     await page.wait_for_timeout(PAUSE_MS)
     assert (len(asked) > before) is asks_at_once
+
+
+async def test_the_nodes_clock_goes_on_in_the_page_while_the_machine_sleeps_and_is_not_set_back(page: Page) -> None:
+    """One of the browser's clocks stands still then, the other goes back when somebody sets it: the larger one counts."""
+
+    async def answer(route: Route) -> None:
+        await route.fulfill(json={"now_ms": 5_000, "head": 0})
+
+    await page.route(f"{ORIGIN}/v1/**", answer)
+    await open_scripts(page, EXPLORER_ASSETS)
+    passed_ms = await page.evaluate(
+        """async () => {
+          const { feed } = await import('./feed.js');
+          let [steadyMs, wallMs] = [1_000, 9_000_000];
+          performance.now = () => steadyMs;
+          Date.now = () => wallMs;
+          await feed.ask();
+          const passed = () => feed.nodeNowMs - feed.status.now_ms;
+          wallMs += 600_000;
+          const asleep = passed();
+          steadyMs += 700_000;
+          wallMs -= 8_000_000;
+          return [asleep, passed()];
+        }"""
+    )
+    assert passed_ms == [600_000, 700_000]

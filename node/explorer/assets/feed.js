@@ -13,6 +13,12 @@ const RETRY_FIRST_MS = 500;
 export const RETRY_MAX_MS = 1_500; // who is back is seen within two seconds, and one question costs a node little
 const BUSY_RETRY_MAX_MS = 10_000; // one that asked for less is asked less
 
+/** Return what tells how long ago this was, ms. One clock stands still while the machine sleeps, the other can be set back. */
+function clocksFromNow() {
+  const [steadyMs, wallMs] = [performance.now(), Date.now()];
+  return () => Math.max(performance.now() - steadyMs, Date.now() - wallMs);
+}
+
 class Feed extends EventTarget {
   headers = [];
   status = null;
@@ -22,7 +28,7 @@ class Feed extends EventTarget {
   /** Whether the node gave no answer at all right before its last word. */
   wasAway = false;
   #isRunning = false;
-  #statusAtMs = performance.now();
+  #readClocks = clocksFromNow();
   #wake = () => {};
 
   /** The height of the newest header that is here; -1 if there is none. */
@@ -37,7 +43,7 @@ class Feed extends EventTarget {
 
   /** The node's clock now, as far as can be told from its last word, ms. */
   get nodeNowMs() {
-    return (this.status?.now_ms ?? Date.now()) + performance.now() - this.#statusAtMs;
+    return this.status ? this.status.now_ms + this.#readClocks() : Date.now();
   }
 
   /** Tell whether the node does not answer at all. */
@@ -88,7 +94,7 @@ class Feed extends EventTarget {
   /** Ask how the node is, at once or when there is a newer block. */
   async ask(waitMs = 0) {
     this.status = await api.status(this.last, waitMs, AbortSignal.timeout(waitMs + ANSWER_MS));
-    this.#statusAtMs = performance.now();
+    this.#readClocks = clocksFromNow();
   }
 
   /** Try again now: the browser has its network again, or somebody looks at the page again. A busy node is asked no sooner. */
