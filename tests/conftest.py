@@ -46,8 +46,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture(autouse=True)
-def answers_are_as_documented(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Hold every answer that a command prints with --json in this process against the reference page of them."""
+def answers_are_as_documented() -> Iterator[None]:
+    """Hold every answer that a command prints with --json in this process against the reference page of them.
+
+    By a patch of its own: a test that undoes its patches before it ends would end this too.
+    """
     wrong: list[str] = []
     write = terminal.write_json
 
@@ -59,6 +62,7 @@ def answers_are_as_documented(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]
             wrong.extend(differences(words_of().get(id(context.command), ""), value))
         return write(value)
 
-    monkeypatch.setattr(terminal, "write_json", noting)
-    yield
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(terminal, "write_json", noting)
+        yield
     assert wrong == [], "docs/reference/json-output.md says otherwise"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from clients.sdk import terminal
 from clients.sdk.json_fields import CommandAnswer, Field, Kind, write_section
 from network.cli.json_page import NOT_LISTED, PAGE, SECTIONS, write_json_page
 from network.observing import NodeLook, Observer, changes
@@ -17,6 +18,7 @@ from tests.json_answers import (
     answers_of_processes,
     differences,
     documented,
+    is_elsewhere,
     leaves,
     noted_differences,
     read_noted,
@@ -33,7 +35,7 @@ def test_the_page_is_current() -> None:
 
 def test_every_command_that_speaks_json_is_on_the_page() -> None:
     speaking = {words for words, command in leaves() if any("--json" in each.opts for each in command.params)}
-    elsewhere = {words for words in speaking if any(f"{words} ".startswith(f"{group} ") for group in NOT_LISTED)}
+    elsewhere = {words for words in speaking if is_elsewhere(words)}
     listed = {words for words in documented() if " --" not in words}
     assert speaking - elsewhere == listed
     assert not listed & elsewhere
@@ -95,6 +97,21 @@ def test_a_field_that_is_gone_is_found_out() -> None:
     assert differences("wallet consent withdraw", told) == [
         "wallet consent withdraw: height is documented, and not answered"
     ]
+
+
+def test_an_answer_of_a_command_that_is_neither_listed_nor_said_to_be_elsewhere_is_found_out() -> None:
+    assert differences("wallet fly", {"ok": True}) == ["wallet fly: it is not documented"]
+    assert differences("", {"ok": True}) == ["a command without a name: it is not documented"]
+    assert differences("contract list", {"whatever": 1}) == []
+
+
+def test_answers_are_held_against_the_page_also_after_a_test_has_undone_its_patches(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    noting = terminal.write_json
+    monkeypatch.undo()
+    assert terminal.write_json is noting
+    assert noting.__module__ == "tests.conftest"
 
 
 def test_a_line_of_the_watcher_is_as_documented_whether_a_node_answers_or_not() -> None:
