@@ -154,7 +154,7 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @wallet.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
-@click.option("--frames", default="", help="Only these pictures of one record, as 0,3,4.")
+@click.option("--frames", default="", help="Only these pictures of one record, counted from 0, as 0,3,4.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option

@@ -32,7 +32,7 @@ from clients.wallet.received import (
 from clients.wallet.rotating_commands import unreadable_words
 from clients.wallet.sharing_commands import confirm
 from clients.wallet.sharing_memory import ReceivedGrant
-from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK
+from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, name_places
 from clients.wallet.visits import find_record
 from clients.wallet.wallet import VisitReport, Wallet
 from consensus.errors import BlockRobotError
@@ -210,10 +210,16 @@ def inbox(ctx: click.Context, as_json: bool) -> None:
         console.print("  " + text("inbox.faded_copy", place=path))
     _print_alarms(found.alarms)
     for entry in found.changed:
-        frames = ", ".join(map(str, entry.data["frames"]))
-        said = text("inbox.changed", name=entry.record_id.hex(), frames=frames, moment=show_moment(entry.time_ms))
-        console.print(f"[red]{said}[/red]")
+        console.print(f"[red]{_changed_line(entry)}[/red]")
     _print_looks(found.looks)
+
+
+def _changed_line(entry: AuditEntry) -> str:
+    """Say what she found: of which pictures, if of any. A verdict on the robot's count alone is of none."""
+    frames, name, moment = entry.data["frames"], entry.record_id.hex(), show_moment(entry.time_ms)
+    if not frames:
+        return text("inbox.failed", name=name, moment=moment)
+    return text("inbox.changed", name=name, count=len(frames), frames=name_places(frames), moment=moment)
 
 
 def _look_json(entry: AuditEntry) -> dict[str, Any]:
@@ -319,7 +325,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
         whole = sum(frame.status == STATUS_OK for frame in shown)
         line = text("look.whole", name=view.record_id.hex(), whole=whole, count=len(shown))
         if view.corrupted:
-            line += f"; [red]{text('look.changed', indexes=', '.join(map(str, view.corrupted)))}[/red]"
+            line += f"; [red]{text('look.changed', indexes=name_places(view.corrupted))}[/red]"
         console.print(line + ".")
     for record_id in left_out:
         console.print(text("look.left_out", name=record_id.hex()))

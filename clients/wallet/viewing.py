@@ -27,6 +27,19 @@ STATUS_ERASED = "erased"
 STATUS_NOTICE = "notice"
 """A frame without a picture: it only carries the count of what was withheld."""
 
+CHECK_RELEASED = "released"
+CHECK_CIPHERTEXT = "ciphertext"
+CHECK_DECRYPTED = "decrypted"
+CHECK_COMMITMENT = "commitment"
+CHECK_RENDITION = "rendition"
+CHECKS = (CHECK_RELEASED, CHECK_CIPHERTEXT, CHECK_DECRYPTED, CHECK_COMMITMENT, CHECK_RENDITION)
+"""The checks of a frame, in their order: it was handed out, its bytes are what the chain names, it opens with the owner's
+key, it is what the robot committed to, and that can be read. One that fails ends them: what the next would find is not
+known."""
+
+CUSTODY_CHECKS = frozenset({CHECK_RELEASED, CHECK_CIPHERTEXT})
+"""Checks that fail by custodians alone: what the later ones look at, the sealed key too, the chain names by its hash."""
+
 RECORDS_A_REQUEST_MAX_COUNT = 64
 FOLLOW_MAX_MS = 15_000
 _FOLLOW_PAUSE_S = 0.25
@@ -37,7 +50,8 @@ _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED"})
 class FrameView:
     """One frame of a record as it was found: `rendition` is there only if every check passed.
 
-    `salt` opens the frame's commitment, and nothing else; `data_key` opens the frame, wherever it is kept.
+    `failed` is the check of `CHECKS` that a corrupted frame did not pass, empty if that is not
+    known. `salt` opens the frame's commitment, and nothing else; `data_key` opens the frame, wherever it is kept.
     """
 
     index: int
@@ -45,6 +59,7 @@ class FrameView:
     rendition: Rendition | None
     salt: bytes = b""
     data_key: bytes = field(default=b"", repr=False)
+    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,42 +81,66 @@ class RecordView:
         return [frame.index for frame in self.frames if frame.status == STATUS_CORRUPTED]
 
     @property
+    def damaged(self) -> list[int]:
+        """Those of `corrupted` that custodians changed or kept back; of the others the robot made something else."""
+        return [frame.index for frame in self.frames if frame.failed in CUSTODY_CHECKS]
+
+    @property
     def frames_counted(self) -> int:
         """How many frames the record has by the metadata that the robot sealed to its owner."""
         return self.entry.metadata.frame_count
 
     @property
-    def miscounted(self) -> list[int]:
-        """The indexes at which the robot contradicts itself: frames that it counted and did not commit to, or the reverse.
+    def miscounted(self) -> bool:
+        """Whether the robot contradicts itself: it counted another number of frames than it committed to.
 
-        An erased frame keeps its leaf, and the number of leaves is hashed into the root: no erasure makes a place of
-        these, and no custodian can.
+        An erased frame keeps its leaf, and the number of leaves is hashed into the root: no erasure makes this so, and no
+        custodian can.
         """
-        ends = sorted((self.frames_counted, len(self.frames)))
-        return list(range(*ends))
+        return self.frames_counted != len(self.frames)
 
     @property
     def verdict(self) -> str:
         """`verified` or `corrupted`, as the verdict on the chain says it: verified is only what passed every check."""
-        return "corrupted" if self.verdict_places else "verified"
-
-    @property
-    def verdict_places(self) -> list[int]:
-        """The indexes that the verdict on the chain is about, ascending."""
-        return sorted({*self.corrupted, *self.miscounted})
+        return "corrupted" if self.corrupted or self.miscounted else "verified"
 
 
 def judge_frame(data_key: bytes, record_id: bytes, index: int, ciphertext: bytes, leaf: bytes) -> FrameView:
     """Open one frame and hold it against the leaf that the robot committed to; what does not fit is corrupted."""
     try:
         plaintext = open_frame(data_key, record_id, index, ciphertext)
-        salt = derive_salt(data_key)
-        if commitment_leaf(salt, index, sha256(plaintext)) != leaf:
-            raise BlockRobotError("RENDITION_CORRUPTED")
+    except BlockRobotError:
+        return corrupted_frame(index, CHECK_DECRYPTED)
+    salt = derive_salt(data_key)
+    if commitment_leaf(salt, index, sha256(plaintext)) != leaf:
+        return corrupted_frame(index, CHECK_COMMITMENT)
+    try:
         rendition = decode_rendition(plaintext)
     except BlockRobotError:
-        return FrameView(index, STATUS_CORRUPTED, None)
+        return corrupted_frame(index, CHECK_RENDITION)
     return FrameView(index, STATUS_OK if rendition.pixels else STATUS_NOTICE, rendition, salt, data_key)
+
+
+def corrupted_frame(index: int, failed: str) -> FrameView:
+    """Return a frame that is not shown, with the check of `CHECKS` that it did not pass."""
+    return FrameView(index, STATUS_CORRUPTED, None, failed=failed)
+
+
+def better_frame(known: FrameView | None, found: FrameView) -> FrameView:
+    """Return the frame that is to be told of, of two copies: a whole one, else the one that passed more checks.
+
+    What only the bytes that the chain names can show is true of the record, whoever else sent other bytes.
+    """
+    if known is None or (known.status == STATUS_CORRUPTED and found.status != STATUS_CORRUPTED):
+        return found
+    if known.status != STATUS_CORRUPTED:
+        return known
+    return max(known, found, key=lambda frame: CHECKS.index(frame.failed))
+
+
+def name_places(indexes: Sequence[int]) -> str:
+    """Name frames by their indexes as people count them, from 1."""
+    return ", ".join(str(index + 1) for index in indexes)
 
 
 class Viewing:
@@ -152,8 +191,7 @@ class Viewing:
                 continue
             used.append(custodian.name)
             for frame in found:
-                if frame.index not in frames or frames[frame.index].status == STATUS_CORRUPTED:
-                    frames[frame.index] = frame
+                frames[frame.index] = better_frame(frames.get(frame.index), frame)
             if all(frame.status != STATUS_CORRUPTED for frame in frames.values()):
                 break
         if not frames:
@@ -189,18 +227,21 @@ class Viewing:
         if frame.erased:
             # A custodian's word is not enough: it would be an easy way to keep a picture back.
             known = index in entry.state["erased_frames"] or entry.state["status"] != "active"
-            return FrameView(index=index, status=STATUS_ERASED if known else STATUS_CORRUPTED, rendition=None)
+            return FrameView(index, STATUS_ERASED, None) if known else corrupted_frame(index, CHECK_RELEASED)
         if damaged:
-            return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
+            return corrupted_frame(index, CHECK_CIPHERTEXT)
         try:
             data_key = self._wallet.open_data_key(frame.sealed_key)
         except BlockRobotError:
-            return FrameView(index=index, status=STATUS_CORRUPTED, rendition=None)
+            return corrupted_frame(index, CHECK_DECRYPTED)
         return judge_frame(data_key, entry.record_id, index, frame.ciphertext, clip.commitment_leaves[index])
 
     async def put_verdict(self, view: RecordView) -> bytes:
-        """Put what was found on the chain, signed by the owner key. Returns the txid."""
-        arguments = [view.entry.record_id, view.verdict, view.verdict_places]
+        """Put what was found on the chain, signed by the owner key. Returns the txid.
+
+        It names the frames that are there and corrupted: none, if only the robot's count is wrong.
+        """
+        arguments = [view.entry.record_id, view.verdict, view.corrupted]
         return await self._wallet.sign_and_wait(view.entry.visit, "access", "verdict", arguments)
 
     async def background(self, rendition: Rendition, entry: RecordEntry) -> bytes:

@@ -16,7 +16,7 @@ from clients.wallet.completing import complete_records
 from clients.wallet.language import text, withheld_text
 from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.pictures import write_pictures
-from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing
+from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, Viewing, name_places
 from clients.wallet.wallet import RecordEntry, Wallet
 
 
@@ -69,7 +69,7 @@ def _print_views(views: list[RecordView]) -> None:
         if erased:
             line += "; " + text("view.erased", count=erased)
         if view.corrupted:
-            line += f"; [red]{text('view.changed', indexes=', '.join(map(str, view.corrupted)))}[/red]"
+            line += f"; [red]{text('view.changed', indexes=name_places(view.corrupted))}[/red]"
         if view.miscounted:
             line += f"; [red]{_counts(view)}[/red]"
         console.print(line + ".")

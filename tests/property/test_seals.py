@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.page.seals import Seal, VerifiedBlock, seal_json
 from clients.wallet.viewing import (
+    CHECKS,
+    CUSTODY_CHECKS,
     STATUS_CORRUPTED,
     STATUS_ERASED,
     STATUS_NOTICE,
@@ -29,9 +31,12 @@ statuses = st.lists(
 differences = st.one_of(st.just(0), st.integers(-CLIP_FRAMES_MAX_COUNT, CLIP_FRAMES_MAX_COUNT))
 
 
-def found(frames: list[str], counted: int) -> RecordView:
+def found(frames: list[str], counted: int, failed: str = CHECKS[0]) -> RecordView:
     metadata = RecordMetadata("depth", 1, 2, counted, 0, bytes(32), (), 64, 48)
-    views = tuple(FrameView(index, status, None) for index, status in enumerate(frames))
+    views = tuple(
+        FrameView(index, status, None, failed=failed if status == STATUS_CORRUPTED else "")
+        for index, status in enumerate(frames)
+    )
     return RecordView(RecordEntry(bytes(16), VISIT, {"status": "active"}, metadata), views, ("node-1",))
 
 
@@ -45,9 +50,17 @@ def test_a_seal_is_good_and_a_verdict_verified_only_if_every_check_passed(
     is_sound = STATUS_CORRUPTED not in frames and counted == len(frames)
     assert (seal["state"] == "good") == all(check["ok"] for check in seal["checks"]) == is_sound
     assert (view.verdict == "verified") == is_sound
-    assert bool(view.verdict_places) != is_sound
-    assert all(0 <= place < CLIP_FRAMES_MAX_COUNT for place in view.verdict_places), "the contract takes no other"
-    assert view.verdict_places == sorted(set(view.verdict_places))
+    assert all(0 <= place < len(frames) for place in view.corrupted), "a verdict names what is there"
+    assert view.corrupted == sorted(set(view.corrupted))
+
+
+@given(frames=statuses.filter(lambda each: STATUS_CORRUPTED in each), check=st.sampled_from(CHECKS))
+def test_a_seal_says_which_check_failed_and_nothing_of_those_that_come_after_it(frames: list[str], check: str) -> None:
+    seal = seal_json(Seal(found(frames, len(frames), check), BLOCK, 0), "en")
+    told = {each["code"]: each["ok"] for each in seal["checks"]}
+    passed = ("header_votes", "record_on_chain", *CHECKS[: CHECKS.index(check)])
+    assert told == dict.fromkeys(passed, True) | {check: False, "complete": True}
+    assert seal["damaged"] == (seal["corrupted"] if check in CUSTODY_CHECKS else [])
 
 
 @given(frames=statuses.filter(lambda each: STATUS_CORRUPTED not in each), data=st.data())

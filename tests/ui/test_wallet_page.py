@@ -113,9 +113,9 @@ async def test_bytes_that_were_changed_at_their_keepers_give_a_red_seal_that_say
         await expect(seal).to_be_visible(timeout=SETTLED_MS)
         await expect(seal).to_contain_text("Not as the robot took it")
         await expect(seal).to_contain_text("1 picture or sound was changed or damaged")
-        await expect(seal).to_contain_text("Pictures that are not as taken: 1.")
+        await expect(seal).to_contain_text("What was sent is not what the ledger names: 1")
         await page.get_by_role("slider").fill("0")
-        await expect(page.locator(".stage-words")).to_contain_text("This picture was changed")
+        await expect(page.locator(".stage-words")).to_contain_text("This picture did not pass every check")
         assert await find_accessibility_faults(page, by_keyboard=False) == []
         await page.get_by_role("button", name="Write this finding").click()
         await expect(page.locator(".seal")).to_contain_text("This finding stands in block", timeout=SETTLED_MS)

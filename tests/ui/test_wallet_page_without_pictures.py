@@ -144,7 +144,7 @@ async def test_a_changed_sound_is_not_played_and_the_one_before_it_neither(shown
     await expect(player.locator("audio")).to_be_visible(timeout=SOON_MS)
     await player.get_by_role("slider").fill("1")
     await expect(player.locator(".notice")).to_have_text(
-        "This was changed after the robot took it, or is damaged. It is neither shown nor played."
+        "This did not pass every check. It is neither shown nor played."
     )
     await expect(player.locator("audio")).to_be_hidden()
     assert await find_accessibility_faults(shown.page) == []

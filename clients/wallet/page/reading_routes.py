@@ -265,9 +265,16 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
 
 
 def _is_about(part: VisitPart, record_id: bytes, event: AuditEntry) -> bool:
-    """Tell whether an event is about a record: alone, or among those of a grant that was given, looked by, or ended."""
+    """Tell whether an event is about a record: alone, or among those of a grant that was given, ended or answered.
+
+    Of a look by a grant the trail has only how many records it was at. So one at several is told of each record of the
+    grant, with their number, though it may have been at others of them only.
+    """
     if event.record_id:
         return event.record_id == record_id
+    named = event.data.get("records")
+    if isinstance(named, list):
+        return record_id in named
     grant_id = event.data.get("grant_id", event.data.get("grant"))
     return any(share.grant.grant_id == grant_id and record_id in share.grant.records for share in part.shares)
 

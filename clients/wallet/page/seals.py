@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.wallet.language import describe_error, text
-from clients.wallet.viewing import STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView
+from clients.wallet.viewing import CHECKS, STATUS_ERASED, STATUS_NOTICE, STATUS_OK, RecordView, name_places
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import sha256
@@ -47,19 +47,20 @@ def verified_block(wallet: Wallet) -> VerifiedBlock:
 def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
     """Return a seal for the page; sentences in `language` (None: the one in use)."""
     view = seal.view
-    state, checks = view.entry.state, _checks(view, language)
+    state = view.entry.state
     shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
     good = sum(frame.status == STATUS_OK for frame in shown)
     return {
         "record_id": view.entry.record_id.hex(),
-        "state": "good" if all(check["ok"] for check in checks) else "bad",
+        "state": "good" if view.verdict == "verified" else "bad",
         "sentence": _sentence(view, good, len(shown), language),
-        "checks": checks,
+        "checks": _checks(view, language),
         "frames_ok": good,
         "frames_shown": len(shown),
         "frames_counted": view.frames_counted,
         "frames_committed": len(view.frames),
         "corrupted": view.corrupted,
+        "damaged": view.damaged,
         "erased": [frame.index for frame in view.frames if frame.status == STATUS_ERASED],
         "custodians": list(view.custodians),
         "refused": [
@@ -79,38 +80,35 @@ def seal_json(seal: Seal, language: str | None = None) -> dict[str, Any]:
 def _sentence(view: RecordView, good: int, shown: int, language: str | None) -> str:
     told = [text("seal.whole", language=language, whole=good, count=shown)]
     if view.corrupted:
-        told.append(text("seal.changed", language=language, places=_places(view.corrupted)))
+        told.append(text("seal.changed", language=language, places=name_places(view.corrupted)))
     if view.miscounted:
         told.append(text("seal.wrong.complete", language=language, **_counts(view)) + ".")
     return " ".join(told)
 
 
 def _checks(view: RecordView, language: str | None) -> list[dict[str, Any]]:
-    """Tell what was checked. The first ones hold for all that got so far: else there would be nothing to show."""
-    is_whole = not view.corrupted
-    rows = (
-        ("header_votes", True),
-        ("record_on_chain", True),
-        ("ciphertext", is_whole),
-        ("decrypted", is_whole),
-        ("commitment", is_whole),
-        ("complete", not view.miscounted),
-    )
-    values = {"places": _places(view.corrupted), **_counts(view)}
+    """Tell what was checked. The first two hold for all that got so far: else there would be nothing to show.
+
+    A check of frames is told where a frame failed it, or all passed it; not if one failed before, and it is not known.
+    """
+    rows = [("header_votes", ""), ("record_on_chain", "")]
+    is_known = True
+    for check in CHECKS:
+        places = name_places([frame.index for frame in view.frames if frame.failed == check])
+        if places or is_known:
+            rows.append((check, places))
+        is_known = is_known and not places
+    found: list[tuple[str, bool, dict[str, Any]]] = [(code, not places, {"places": places}) for code, places in rows]
+    found.append(("complete", not view.miscounted, _counts(view)))
     return [
         {
             "code": code,
             "ok": ok,
             "sentence": text(f"seal.{'check' if ok else 'wrong'}.{code}", language=language, **values),
         }
-        for code, ok in rows
+        for code, ok, values in found
     ]
 
 
 def _counts(view: RecordView) -> dict[str, int]:
     return {"counted": view.frames_counted, "committed": len(view.frames)}
-
-
-def _places(indexes: list[int]) -> str:
-    """Name frames as people count them, from 1."""
-    return ", ".join(str(index + 1) for index in indexes)

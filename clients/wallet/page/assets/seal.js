@@ -16,15 +16,16 @@ export function makeSeal(seals, onVerdict) {
   const shown = seals.reduce((sum, seal) => sum + seal.frames_ok, 0);
   const erased = seals.reduce((sum, seal) => sum + seal.erased.length, 0);
   const changed = seals.reduce((sum, seal) => sum + seal.corrupted.length, 0);
+  const damaged = seals.reduce((sum, seal) => sum + seal.damaged.length, 0); // by who keeps them; the others by the robot
   const uneven = bad.filter((seal) => seal.frames_counted !== seal.frames_committed);
-  const sum = (name) => uneven.reduce((total, seal) => total + seal[name], 0);
   const title = titleOf(seals);
   return h("section", { class: `seal ${isGood ? "good" : "bad"}`, "aria-label": t("seal.label"), role: isGood ? "region" : "alert", "data-seal": isGood ? "good" : "bad" },
     h("div", { class: "seal-words" },
       h("h2", {}, title),
       isGood ? h("p", {}, shown === 0 ? t("seal.noteText") : t("seal.goodText", { count: shown })) : [
-        changed > 0 && h("p", {}, t("seal.badText", { count: changed })),
-        uneven.length > 0 && h("p", {}, t("seal.unevenText", { count: seals.length === 1 ? 1 : uneven.length, counted: sum("frames_counted"), committed: sum("frames_committed") })),
+        damaged > 0 && h("p", {}, t("seal.badText", { count: damaged })),
+        changed > damaged && h("p", {}, t("seal.otherText", { count: changed - damaged })),
+        uneven.length > 0 && h("p", {}, t("seal.unevenText", { count: uneven.length, counted: uneven[0].frames_counted, committed: uneven[0].frames_committed })),
         shown > 0 && h("p", {}, t(changed > 0 ? "seal.badRest" : "seal.unevenRest", { count: shown })), h("p", {}, t("seal.badNext"))],
       erased > 0 && h("p", {}, t("seal.erased", { count: erased })),
       newest && h("p", {}, t("seal.against", { height: newest.proved_height, time: moment(newest.proved_time_ms), id: shortHex(newest.proved_block_id) })),
@@ -38,7 +39,7 @@ export function makeSeal(seals, onVerdict) {
 export function titleOf(seals) {
   const bad = seals.filter((seal) => seal.state !== "good");
   if (bad.length === 0 && seals.length > 0) return t("seal.good");
-  return t(bad.some((seal) => seal.corrupted.length > 0) || bad.length === 0 ? "seal.bad" : "seal.uneven");
+  return t(bad.some((seal) => seal.damaged.length > 0) || bad.length === 0 ? "seal.bad" : "seal.uneven");
 }
 
 function tellOne(seal, isNamed) {
@@ -46,7 +47,6 @@ function tellOne(seal, isNamed) {
     isNamed && h("h3", {}, t("seal.of", { id: shortHex(seal.record_id) })),
     h("ul", { class: "checks" }, seal.checks.map((check) => h("li", { class: check.ok ? "ok" : "failed" }, h("span", { class: "visually-hidden" }, check.ok ? t("seal.ok") : t("seal.failed")), check.sentence))),
     (seal.refused ?? []).length > 0 && h("ul", { class: "sentences" }, seal.refused.map((one) => h("li", {}, t("seal.refused", { name: one.name }), " ", one.sentence))),
-    seal.corrupted.length > 0 && h("p", {}, t("seal.places", { places: seal.corrupted.map((index) => index + 1).join(", ") })),
     h("dl", { class: "facts" }, h("dt", {}, t("seal.recordedAt")), h("dd", {}, t("seal.block", { height: seal.record_height })), h("dt", {}, t("seal.transaction")), h("dd", { class: "mono" }, shortHex(seal.record_txid)),
       h("dt", {}, t("seal.block1")), h("dd", { class: "mono" }, `${seal.proved_height} · ${shortHex(seal.proved_block_id)}`), h("dt", {}, t("seal.from")), h("dd", {}, seal.custodians.join(", ") || "–"), h("dt", {}, t("seal.checkedAt")), h("dd", {}, clock(seal.checked_at_ms))));
 }

@@ -182,7 +182,7 @@ def test_a_record_without_pictures_is_said_to_have_none_and_a_changed_one_which(
     said = " ".join(capsys.readouterr().out.split())
     assert f"{entry(1).record_id.hex()}: it holds no pictures" in said
     assert "1 of 2 pictures are as the robot took them; 1 erased." in said
-    assert "1 of 2 pictures are as the robot took them; changed since: 1." in said
+    assert "1 of 2 pictures are as the robot took them; did not pass every check: 2." in said
     assert "count" not in said
     short = RecordView(entry(4, 5), (FrameView(0, "ok", None),), ("node-1",))
     noted = RecordView(entry(5, 2), (FrameView(0, "notice", None),), ("node-1",))

@@ -277,7 +277,12 @@ def test_the_inbox_of_her_who_shared_says_who_looked_and_what_was_found_changed(
     asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", [0]]))
     told = people.told(ward.wallet, "inbox")
     assert told["changed_records"] == [first.hex()]
-    assert "pictures 0 are not as the robot took them" in people.run(ward.wallet, "inbox").output
+    assert "picture 1 did not pass every check" in people.run(ward.wallet, "inbox").output
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", [0, 1]]))
+    assert "pictures 1, 2 did not pass every check" in people.run(ward.wallet, "inbox").output
+    asyncio.run(ward.wallet.sign_and_wait(entry.visit, "access", "verdict", [first, "corrupted", []]))
+    said = " ".join(people.run(ward.wallet, "inbox").output.split())
+    assert f"Record {first.hex()} did not pass every check, as you found" in said, "the robot's count alone is wrong"
 
 
 def test_one_restricted_record_is_named_and_the_others_are_fetched_for_their_readers_eyes_alone(

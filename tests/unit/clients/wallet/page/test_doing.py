@@ -19,7 +19,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.notices import encode_notice
 from consensus.records.vouchers import encode_card_code
 from network.demo_notice import demo_notice
-from tests.miscounting_robot import miscounting
+from tests.miscounting_robot import committing_otherwise, miscounting
 from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 from tests.unit.clients.wallet.shared_ward import WEEK_MS
 
@@ -57,7 +57,9 @@ async def test_a_changed_frame_makes_the_seal_red_and_is_not_shown(desk: Desk) -
     opened = await desk.page.do("/api/clips", {"records": [ids[0]], "verify": True})
     (seal,) = opened["seals"]
     assert (seal["state"], seal["corrupted"]) == ("bad", [1])
-    assert {check["code"] for check in seal["checks"] if not check["ok"]} == {"ciphertext", "decrypted", "commitment"}
+    assert {check["code"] for check in seal["checks"] if not check["ok"]} == {"ciphertext"}
+    assert not {check["code"] for check in seal["checks"]} & {"decrypted", "commitment"}, "what nobody could find out"
+    assert seal["damaged"] == [1]
     assert seal["verdict_height"] is not None
     assert await desk.page.refused("GET", f"/api/clips/{opened['clip']}/frames/1/file") == "NOT_FOUND"
     row = (await desk.page.get("/api/records"))["records"][0]
@@ -82,8 +84,19 @@ async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_t
     assert (seal["frames_counted"], seal["frames_committed"]) == (5, 1)
     assert [check["code"] for check in seal["checks"] if not check["ok"]] == ["complete"]
     on_chain = desk.ward.chain.value("access", b"verdict/" + record_id)
-    assert (on_chain["verdict"], on_chain["frames"]) == ("corrupted", [1, 2, 3, 4])
+    assert (on_chain["verdict"], on_chain["frames"]) == ("corrupted", [])
     assert (await desk.page.get("/api/records"))["records"][0]["verdict"] == "corrupted"
+
+
+async def test_of_a_robot_that_committed_to_another_picture_the_seal_blames_nobody_who_keeps_it(
+    desk: Desk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    committing_otherwise(monkeypatch, 1)
+    ids = await recorded(desk, 1)
+    (seal,) = (await desk.page.do("/api/clips", {"records": ids, "verify": True}))["seals"]
+    assert (seal["state"], seal["corrupted"], seal["damaged"]) == ("bad", [1], [])
+    assert [check["sentence"] for check in seal["checks"] if not check["ok"]] == ["Not what the robot committed to: 2"]
+    assert desk.ward.chain.value("access", b"verdict/" + bytes.fromhex(ids[0]))["frames"] == [1]
 
 
 async def test_a_record_of_which_its_owner_erased_pictures_keeps_its_green_seal(desk: Desk) -> None:
@@ -110,10 +123,12 @@ async def test_what_a_seal_tells_is_in_the_language_that_the_page_asks_for(desk:
     for language in ("en", "pt"):
         desk.page.headers["Accept-Language"] = language
         told[language] = (await desk.page.get(path))["seals"][0]
-    assert told["en"]["sentence"] == "1 of 2 pictures are as the robot took them. Not as the robot took them: 2."
-    assert told["pt"]["sentence"] == "1 de 2 imagens estão como o robô as fez. Não estão como o robô as fez: 2."
+    assert told["en"]["sentence"] == "1 of 2 pictures are as the robot took them. Did not pass every check: 2."
+    assert (
+        told["pt"]["sentence"] == "1 de 2 imagens estão como o robô as fez. Não passaram em todas as verificações: 2."
+    )
     assert told["pt"]["checks"][0]["sentence"] == "O bloco está assinado por organizações suficientes da rede"
-    assert told["pt"]["checks"][2]["sentence"] == "O que foi enviado não é o que o registo nomeia"
+    assert told["pt"]["checks"][3]["sentence"] == "O que foi enviado não é o que o registo nomeia: 2"
 
 
 async def test_how_many_tries_are_left_is_told_in_the_language_that_the_page_asks_for(desk: Desk) -> None:
@@ -193,6 +208,30 @@ async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
         "purpose": "care",
         "until_ms": desk.ward.chain.time_ms + WEEK_MS,
     }
+
+
+async def test_a_records_story_tells_what_was_said_of_it_and_of_looks_at_several_that_they_were(desk: Desk) -> None:
+    """Of a look the trail has only the number: each record of the share is told of it, as of one at several."""
+    ids = await recorded(desk, 3)
+    doctor = desk.ward.come_in("doctor", "staff")
+    shared = await desk.ward.share(doctor)
+    await desk.read()
+    receiving = desk.ward.receiving(doctor)
+    (receipt,) = await receiving.inbox()
+    first_two = [bytes.fromhex(each) for each in ids[:2]]
+    await receiving.request_access(receipt, first_two)
+    await desk.page.do(f"/api/shares/{shared.grant_id.hex()}/revoke")
+    (receipt,) = await receiving.inbox()
+    await receiving.confirm_deleted(receipt, first_two)
+    await desk.read()
+    told = {}
+    for place in (0, 2):
+        events = (await desk.page.get(f"/api/records/{ids[place]}"))["events"]
+        told[place] = {event["kind"]: event["sentence"] for event in events if event["who"] == "other"}
+    looked = "Someone you shared with asked to look at 2 of the recordings that you shared together."
+    assert told[2] == {"access_requested": looked}
+    deleted = "Someone you shared with says that the copies of 2 recordings are deleted."
+    assert told[0] == {"access_requested": looked, "grant_noticed": deleted}
 
 
 async def test_sharing_tells_first_asks_for_the_passphrase_and_can_be_ended(desk: Desk) -> None:
