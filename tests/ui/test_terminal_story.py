@@ -204,7 +204,7 @@ async def test_a_doctor_is_shown_a_visit_looks_and_deletes_what_is_shared_no_mor
     assert not list((weber.folder / "shared").rglob("*.png"))
     assert "says that copies of" in plain(await ann.types("shares"))
     story = plain(await ann.types("audit"))
-    assert "Someone you shared with says that the copies are deleted." in story
+    assert "says that the copies of 6 recordings are deleted." in story
     assert end.rpartition(" ")[2] in story
 
 
