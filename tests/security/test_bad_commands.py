@@ -19,13 +19,15 @@ from tests.security.intruder import Intruder
 
 pytestmark = pytest.mark.asyncio(loop_scope="module")
 
+WALLET = "blockrobot wallet"
 PASSPHRASE = "a passphrase nobody should see"
 
 
 @dataclass
 class Outcome:
-    """What a command left behind."""
+    """What a command left behind. `wallet` is how the wallet was called: its next steps call it so too."""
 
+    wallet: str
     exit_code: int
     output: str
     errors: str
@@ -36,7 +38,7 @@ class Outcome:
         assert self.exit_code not in {0, 2}, text
         sentence, step, *rest = self.errors.strip().splitlines()
         assert sentence.endswith((".", "?")), text
-        assert step == f"  {code}. Next step: {CATALOGUE[code].next_step}"
+        assert step == f"  {code}. Next step: {CATALOGUE[code].next_step.replace(WALLET, self.wallet)}"
         assert not rest, text
         assert "Traceback" not in text
         assert PASSPHRASE not in text
@@ -66,7 +68,8 @@ class Terminal:
             env=self.environment | environment,
         )
         output, errors = await asyncio.wait_for(process.communicate(), 40)
-        return Outcome(process.returncode or 0, output.decode(), errors.decode())
+        called = f"{WALLET} --genesis {arguments[2]}" if arguments[:2] == ("wallet", "--genesis") else WALLET
+        return Outcome(called, process.returncode or 0, output.decode(), errors.decode())
 
     async def new_wallet(self) -> None:
         made = await self.run("wallet", "new", "--fast-passphrase", "--words-file", self.home / "words")
