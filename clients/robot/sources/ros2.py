@@ -17,21 +17,15 @@ from typing import Any
 
 from clients.robot.sources import ros2_types
 from clients.robot.sources.feed import CLOSE_MAX_S, Feed, Listener, Message
+from clients.robot.sources.ros2_discovery import OWN_TOPIC, Discovery
 from consensus.errors import BlockRobotError
 
 NODE_NAME = "blockrobot"
-OWN_TOPIC = "/parameter_events"
-"""What every node publishes, ours too, and nobody wants of it."""
-
 LOOK_EVERY_S = 0.5
 """How often the graph is looked at: so late may a topic be subscribed that appears, or whose publisher has changed."""
 
 SPIN_MAX_S = 0.1
-DISCOVERY_POLL_S = 0.05
-DISCOVERY_SETTLED_S = 1.0
-"""For how long nothing new is to be heard of before what is advertised counts as known; DDS never says that it is done."""
-
-DISCOVERY_MIN_S, DISCOVERY_MAX_S = 2.0, 6.0
+LOOK_AGAIN_S = 0.05
 SUBSCRIBE_MAX_S = 1.0
 DETAIL_MAX_CHARS = 200
 IMAGE_QUEUE_MAX_COUNT = 16
@@ -68,7 +62,7 @@ class Ros2Feed:
     def topics(self) -> dict[str, str]:
         """Return the topics that have a publisher; before `open` it joins the graph for that, and leaves it again.
 
-        Takes from `DISCOVERY_MIN_S` to `DISCOVERY_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
+        Takes from `LOOK_MIN_S` to `LOOK_MAX_S` then. Raises FEED_UNREACHABLE, MIDDLEWARE_MISSING.
         """
         if self._thread is not None:
             return dict(self._advertised)
@@ -100,7 +94,7 @@ class Ros2Feed:
                     _tell_unusable(listener, topic, error)
                 if not told - self._heard.keys() or time.monotonic() > deadline_s:
                     break
-                time.sleep(DISCOVERY_POLL_S)
+                time.sleep(LOOK_AGAIN_S)
         except BaseException:
             joined.leave()
             raise
@@ -283,17 +277,11 @@ class _Joined:
         return found
 
     def discover(self) -> dict[str, str]:
-        """Return what is advertised once nothing new is heard of; of an empty graph only time tells that it is empty."""
-        started_s = changed_s = time.monotonic()
-        found = self.advertised()
-        while time.monotonic() < started_s + DISCOVERY_MAX_S:
-            time.sleep(DISCOVERY_POLL_S)
-            now = self.advertised()
-            if now != found:
-                found, changed_s = now, time.monotonic()
-            elif found and time.monotonic() > max(changed_s + DISCOVERY_SETTLED_S, started_s + DISCOVERY_MIN_S):
-                break
-        return found
+        """Return what is advertised once nothing new is heard of."""
+        discovery = Discovery(time.monotonic())
+        while not discovery.is_known(self.advertised(), time.monotonic()):
+            time.sleep(LOOK_AGAIN_S)
+        return discovery.found
 
     def publishers(self, topic: str) -> list[_Publisher]:
         """Return what the publishers of a topic offer now."""

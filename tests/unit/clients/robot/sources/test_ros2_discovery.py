@@ -1,0 +1,49 @@
+"""How long the robot looks around in a ROS 2 graph before it lists what is advertised, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from clients.robot.sources.ros2_discovery import LOOK_MAX_S, LOOK_MIN_S, OWN_TOPIC, SETTLED_S, Discovery
+
+NOBODY: dict[str, str] = {}
+NEIGHBOUR = {OWN_TOPIC: "rcl_interfaces/msg/ParameterEvent"}
+CAMERA = {"/depth": "sensor_msgs/msg/Image"}
+STARTED_S = 1_000.0
+STEP_S = 0.05
+
+
+def look_around(*appearing: tuple[float, dict[str, str]]) -> tuple[dict[str, str], float]:
+    """Look at a graph in which topics appear at times after the start; return what was found and after how long."""
+    discovery, step = Discovery(STARTED_S), 0
+    while not discovery.is_known(_heard(appearing, step * STEP_S), STARTED_S + step * STEP_S):
+        step += 1
+    return discovery.found, step * STEP_S
+
+
+def _heard(appearing: Sequence[tuple[float, dict[str, str]]], after_s: float) -> dict[str, str]:
+    return {name: kind for at_s, topics in appearing if at_s <= after_s for name, kind in topics.items()}
+
+
+def test_a_graph_that_is_known_at_once_is_looked_at_for_longer_than_an_announcement_takes() -> None:
+    found, took_s = look_around((0.1, NEIGHBOUR | CAMERA))
+    assert (found, round(took_s, 2)) == (NEIGHBOUR | CAMERA, LOOK_MIN_S)
+    assert took_s > 3.0
+
+
+def test_a_driver_whose_first_announcements_were_lost_is_found_beside_one_that_was_heard_at_once() -> None:
+    late = {"/rfid": "ward_msgs/msg/TagArray"}
+    found, took_s = look_around((0.1, CAMERA), (3.3, late))
+    assert (found, round(took_s, 2)) == (CAMERA | late, 3.3 + SETTLED_S)
+
+
+def test_what_every_node_publishes_is_no_sign_that_the_drivers_were_found() -> None:
+    found, took_s = look_around((0.1, NEIGHBOUR), (6.0, CAMERA))
+    assert (found, round(took_s, 2)) == (NEIGHBOUR | CAMERA, 6.0 + SETTLED_S)
+
+
+def test_an_empty_graph_and_one_that_never_settles_are_given_up_on_in_time() -> None:
+    assert look_around() == (NOBODY, LOOK_MAX_S)
+    assert look_around((0.1, NEIGHBOUR)) == (NEIGHBOUR, LOOK_MAX_S)
+    restless = [(number / 2, {f"/topic{number}": "std_msgs/msg/String"}) for number in range(100)]
+    assert look_around(*restless)[1] == LOOK_MAX_S
