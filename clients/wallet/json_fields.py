@@ -12,6 +12,7 @@ TXID = Field("txid", Kind.HEX, "the transaction")
 HEIGHT = Field("height", Kind.HEIGHT, "the block that holds it")
 TIME = Field("time_ms", Kind.TIME_MS, "that block's time")
 
+_AT_ITS_END = "when it ends"
 _WALLET = Field("wallet", Kind.TEXT, "the wallet's file")
 _MEMBER = Field("member", Kind.HEX, "the member key")
 CHECKED = "whether the network said which words are in force; it is asked only where former words are named"
@@ -171,11 +172,28 @@ _MADE = (
     CommandAnswer(
         ("wallet serve",),
         (
-            Field("url", Kind.TEXT, "the page's address; alone it opens nothing"),
-            Field("redirect_file", Kind.TEXT, "the file that opens the page, once"),
-            Field("browser_opened", Kind.BOOL, "whether a browser was started"),
+            Field("url", Kind.TEXT, "the page's address; alone it opens nothing", absent=_AT_ITS_END),
+            Field("redirect_file", Kind.TEXT, "the file that opens the page, once", absent=_AT_ITS_END),
+            Field("browser_opened", Kind.BOOL, "whether a browser was started", absent=_AT_ITS_END),
+            Field(
+                "unfinished",
+                Kind.ROWS,
+                "what was asked for last on the page and came to nothing",
+                absent="when it begins",
+                fields=(
+                    Field("kind", Kind.TEXT, "`consent`, `share`, `revoke`, `erase`, `register` or `export`"),
+                    Field(
+                        "error",
+                        Kind.OBJECT,
+                        "why: `code`, `detail` and `next_step`",
+                        null="if it was broken off, or its file was not saved",
+                    ),
+                ),
+            ),
         ),
-        lines="Printed once the page is there; the command then runs until it is stopped.",
+        not_ok="at its end, if something that was asked for last on the page came to nothing",
+        lines="Printed once the page is there; the command then runs until it is stopped. "
+        "A second object is printed when it ends only if something was left unfinished; the exit code is 1 then.",
     ),
 )
 

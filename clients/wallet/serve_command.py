@@ -14,17 +14,25 @@ from pathlib import Path
 
 import click
 
-from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
+from clients.sdk.terminal import (
+    EXIT_FAILED,
+    console,
+    json_option,
+    load_genesis,
+    plain_errors,
+    print_json,
+    problem_json,
+)
 from clients.wallet.calling import called
 from clients.wallet.claiming import claim_wallet, require_wallet
 from clients.wallet.keystore import Keystore
-from clients.wallet.language import text
+from clients.wallet.language import say_error, text
 from clients.wallet.opening import read_passphrase, tell_member_gone
+from clients.wallet.page.jobs import DECISIONS
 from clients.wallet.page.page import make_page, page_folder
 from clients.wallet.page.passphrase import ATTEMPTS_MAX_COUNT
 from clients.wallet.page.session import PageSession
 from clients.wallet.wallet import Wallet
-from consensus.genesis import Genesis
 from pages.local_page import LocalPage
 from pages.opening import open_in_browser
 
@@ -60,16 +68,35 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
     passphrase = read_passphrase()
     with claim_wallet(path):
         store = Keystore.open(path, passphrase)
-        why = asyncio.run(_serve(store, genesis, path, idle_minutes, command, no_browser=no_browser, as_json=as_json))
-    if not as_json:
-        console.print(why)
+        wallet = Wallet(store, genesis)
+        session = PageSession(wallet, path.stem, page_folder(path), command=command)
+        try:
+            why = asyncio.run(_serve(wallet, session, idle_minutes, no_browser=no_browser, as_json=as_json))
+            if not as_json:
+                console.print(why)
+        finally:
+            _tell_unfinished(session, as_json=as_json)
+    if session.unfinished:
+        ctx.exit(EXIT_FAILED)
 
 
-async def _serve(
-    store: Keystore, genesis: Genesis, path: Path, idle_minutes: int, command: str, *, no_browser: bool, as_json: bool
-) -> str:
+def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
+    """Say what was asked for last on the page and came to nothing, why, and the next step: no page is left to say it."""
+    if as_json and session.unfinished:
+        told = [{"kind": kind, "error": error and problem_json(error)} for kind, error in session.unfinished]
+        print_json({"ok": False, "unfinished": told})
+        return
+    for kind, error in session.unfinished:
+        is_left = error is None and kind in DECISIONS
+        click.echo("\n" + text(f"serve.unfinished.{kind}"), err=True)
+        if error is not None:
+            click.echo(say_error(error), err=True)
+        click.echo(text("serve.left" if is_left else "serve.again", command=session.command), err=True)
+
+
+async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_browser: bool, as_json: bool) -> str:
     """Serve the page until it is to end; return why it ended, in a sentence."""
-    async with Wallet(store, genesis) as opened, _session_of(opened, path, command) as session:
+    async with wallet as opened, session:
         with_endings = _end_in_order(session)
         page = make_page(session)
         try:
@@ -77,6 +104,7 @@ async def _serve(
             _tell(where.url, where.redirect_file, no_browser=no_browser, as_json=as_json)
             _offer_links(page, as_json=as_json)
             why = await _wait_until_over(session, idle_minutes)
+            session.jobs.begin_to_end()
             if (session.gate.is_asked or session.jobs.are_decisions_open) and not as_json:
                 console.print(text("serve.finishing"))
             if session.gate.is_asked:
@@ -97,10 +125,6 @@ async def _let_begin(session: PageSession, *, as_json: bool) -> None:
     finally:
         if not has_begun and not as_json:
             console.print(text("serve.not_begun", command=session.command))
-
-
-def _session_of(opened: Wallet, path: Path, command: str) -> PageSession:
-    return PageSession(opened, path.stem, page_folder(path), command=command)
 
 
 def _tell(url: str, file: Path, *, no_browser: bool, as_json: bool) -> None:

@@ -135,6 +135,7 @@ async def _file(session: PageSession, request: web.Request) -> web.StreamRespons
     kept = session.exports.get(request.match_info["export"])
     if kept is None:
         raise refusal("NOT_FOUND", "page_no_file")
+    kept.was_fetched = True
     return web.FileResponse(kept.path, headers={"Content-Type": "application/zip"})
 
 

@@ -21,6 +21,8 @@ KEPT_MS = 30 * 60_000
 OPEN_MAX_COUNT = 16
 DECISIONS = frozenset({"register", "consent", "share", "revoke", "erase"})
 """Kinds of jobs that write what she decided: a page that ends finishes them first."""
+TOLD = DECISIONS | {"export"}
+"""Kinds of jobs of which she is to know that they came to nothing, though the page is gone that would have said so."""
 _log = logging.getLogger("wallet.page")
 Work = Callable[["Job"], Awaitable[dict[str, Any]]]
 
@@ -73,6 +75,7 @@ class Jobs:
         self._now_ms = now_ms
         self._after = after
         self._jobs: dict[str, Job] = {}
+        self._last: list[Job] | None = None
 
     @property
     def are_open(self) -> bool:
@@ -84,6 +87,16 @@ class Jobs:
         """Whether anything that she decided is not done yet."""
         return any(not job.is_over and job.kind in DECISIONS for job in self._jobs.values())
 
+    @property
+    def unfinished(self) -> list[Job]:
+        """Those of TOLD that came to nothing since the page began to end, or that were left before their end was known."""
+        return [job for job in self._last or [] if job.kind in TOLD and job.state != "done"]
+
+    def begin_to_end(self) -> None:
+        """From now on nobody is told on the page what becomes of a job: remember those that are open, or begin yet."""
+        if self._last is None:
+            self._last = [job for job in self._jobs.values() if not job.is_over]
+
     def start(self, kind: str, work: Work, *, stoppable: bool = False) -> Job:
         """Begin a job as soon as those before it have ended. Raises RATE_LIMITED if too many wait."""
         now = self._now_ms()
@@ -93,6 +106,8 @@ class Jobs:
             raise refusal("RATE_LIMITED", "page_too_much")
         job = Job(secrets.token_hex(8), kind, stoppable)
         self._jobs[job.name] = job
+        if self._last is not None:
+            self._last.append(job)
         job.task = asyncio.create_task(self._run(job, work))
         return job
 
@@ -149,6 +164,7 @@ class Jobs:
     async def close(self) -> None:
         """Stop what only looks; wait for what she decided, so that no half of it is taken for the whole."""
         self._after = _read_no_more
+        self.begin_to_end()
         open_jobs = [job for job in self._jobs.values() if job.task is not None and not job.is_over]
         for job in open_jobs:
             if job.task is not None and job.kind not in DECISIONS:

@@ -12,8 +12,9 @@ import logging
 import shutil
 import time
 from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from clients.wallet.language import refusal
 from clients.wallet.page.clips import Clips
@@ -45,11 +46,13 @@ def wall_clock_ms() -> int:
     return time.time_ns() // 1_000_000
 
 
-class KeptFile(NamedTuple):
-    """A file that the page is to fetch, held open, and where it can be read."""
+@dataclass
+class KeptFile:
+    """A file that the page is to fetch, held open, where it can be read, and whether it was fetched."""
 
     file: BinaryIO
     path: Path
+    was_fetched: bool = False
 
 
 class PageSession:
@@ -79,6 +82,8 @@ class PageSession:
         """Whether it ended because the passphrase was wrong too often."""
         self.clips = Clips()
         self.exports: dict[str, KeptFile] = {}
+        self.lost_export_count = 0
+        """How many files to take along were there when the page ended, and nobody had fetched them."""
         self.snapshot = Snapshot()
         self.state = "reading"
         self.problem: BlockRobotError | None = None
@@ -106,8 +111,17 @@ class PageSession:
                 await asyncio.gather(self._watching, return_exceptions=True)
             await self.jobs.close()
         finally:
+            self.lost_export_count = sum(not kept.was_fetched for kept in self.exports.values())
             self.clips.forget_all()
             self._clear_folder()
+
+    @property
+    def unfinished(self) -> list[tuple[str, BlockRobotError | None]]:
+        """What came to nothing since the page began to end, by its kind of job, and why (None: it was broken off).
+
+        A file to take along that was there and not fetched is among it.
+        """
+        return [(job.kind, job.error) for job in self.jobs.unfinished] + [("export", None)] * self.lost_export_count
 
     def _clear_folder(self) -> None:
         """Delete what a page left behind: exports hold pictures."""

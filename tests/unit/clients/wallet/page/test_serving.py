@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shlex
 import signal
 import threading
 import webbrowser
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from clients.wallet import serve_command
 from clients.wallet.cli import wallet as wallet_command
 from clients.wallet.language import LANGUAGE_VARIABLE, load
 from clients.wallet.page import passphrase as passphrases
+from clients.wallet.page.jobs import TOLD
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from clients.wallet.serve_command import ENDINGS
@@ -197,3 +200,97 @@ async def test_what_is_not_waited_for_any_more_never_begins_behind_what_was_said
     with pytest.raises(BlockRobotError) as refused:
         await asked
     assert refused.value.code == "PAGE_SESSION_REQUIRED"
+
+
+@pytest.fixture
+def ask_last(ward: SharedWard, monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Have something asked for on the page, and Ctrl-C pressed `at` that, so that it waits behind the page's reading."""
+
+    leaving: list[asyncio.Task[None]] = []
+
+    def prepare(path: str, wish: dict[str, Any], at: str = "while it waits") -> None:
+        async def ask_and_end(session: PageSession, _minutes: int) -> str:
+            await session.lock.acquire()
+            await session.read()
+            async with WalletPage(next(session.folder.glob("open-*.html"))) as page:
+                accepted = await page.post(path, wish)
+            task = session.jobs.find(accepted["job"]).task
+            assert task is not None
+            if at == "and once more":
+                leaving.append(asyncio.create_task(press_again_while_it_waits(session)))
+                return "The page is closed."
+            session.lock.release()
+            if at == "when it is there and not saved":
+                await task
+            return "The page is closed."
+
+        async def press_again_while_it_waits(session: PageSession) -> None:
+            assert session._watching is not None
+            await asyncio.wait([session._watching])
+            for _ in range(5):
+                await asyncio.sleep(0)
+            os.kill(os.getpid(), signal.SIGINT)
+
+        monkeypatch.setattr(serve_command, "_wait_until_over", ask_and_end)
+
+    return prepare
+
+
+@pytest.mark.parametrize("language", ["en", "pt"])
+def test_a_decision_that_fails_after_the_page_has_ended_is_said_to_have_failed_and_why(
+    run: Run, ask_last: Callable[..., None], tmp_path: Path, language: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LANGUAGE_VARIABLE, language)
+    ask_last("/api/consents/give", {"purposes": ["care"], "sensors": ["depth"], "notice_version": 7})
+    done = run("--no-browser")
+    assert done.exit_code == 1, done.output
+    assert load(language)["serve.unfinished.consent"] in done.output
+    assert "NOTICE_NOT_SHOWN. " in done.output
+    assert f"blockrobot wallet --profile ann --wallet-dir {shlex.quote(str(tmp_path))} serve" in done.output
+
+
+def test_a_program_is_told_of_a_decision_that_failed_after_the_page_has_ended(
+    run: Run, ask_last: Callable[..., None]
+) -> None:
+    ask_last("/api/consents/give", {"purposes": ["care"], "sensors": ["depth"], "notice_version": 7})
+    done = run("--no-browser", "--json")
+    opened, length = json.JSONDecoder().raw_decode(done.stdout)
+    ended = json.loads(done.stdout[length:])
+    assert (opened["ok"], ended["ok"], done.exit_code) == (True, False, 1)
+    ((kind, error),) = [(one["kind"], one["error"]) for one in ended["unfinished"]]
+    assert (kind, error["code"]) == ("consent", "NOTICE_NOT_SHOWN")
+
+
+@pytest.mark.parametrize("at", ["while it waits", "when it is there and not saved"])
+def test_a_file_to_take_along_that_nobody_saved_is_said_to_be_gone_and_no_part_of_it_stays(
+    run: Run, ask_last: Callable[..., None], ward: SharedWard, tmp_path: Path, at: str
+) -> None:
+    ward.record_visit()
+    ask_last("/api/exports", {"now": True, "identity": False, "passphrase": PASSPHRASE}, at)
+    done = run("--no-browser")
+    assert done.exit_code == 1, done.output
+    assert load("en")["serve.unfinished.export"] in done.output
+    assert not list((tmp_path / ".ann.page").iterdir())
+    assert not list(tmp_path.rglob("*.zip*"))
+
+
+def test_a_decision_that_is_left_by_a_second_ctrl_c_is_said_to_be_left(
+    run: Run, ask_last: Callable[..., None], ward: SharedWard
+) -> None:
+    height = ward.chain.head.height
+    ask_last("/api/consents/refuse", {"purposes": ["care"], "sensors": ["depth"]}, "and once more")
+    done = run("--no-browser")
+    assert (done.exit_code, ward.chain.head.height) == (1, height), done.output
+    assert load("en")["serve.unfinished.consent"] in done.output
+    assert "It was left as it is" in done.output
+
+
+def test_what_was_finished_in_time_is_not_called_unfinished(
+    run: Run, ask_last: Callable[..., None], ward: SharedWard
+) -> None:
+    height = ward.chain.head.height
+    ask_last("/api/consents/refuse", {"purposes": ["care"], "sensors": ["depth"]})
+    done = run("--no-browser")
+    assert done.exit_code == 0, done.output
+    assert ward.chain.head.height > height
+    assert not any(str(load("en")[f"serve.unfinished.{kind}"]) in done.output for kind in TOLD)
