@@ -37,6 +37,7 @@ from clients.wallet.serve_command import serve
 from clients.wallet.sharing import Share, Sharing
 from clients.wallet.sharing_commands import COMMANDS as SHARING_COMMANDS
 from clients.wallet.sharing_commands import share_json, tell_recipients
+from clients.wallet.spoken_help import SpokenGroup
 from clients.wallet.viewing_commands import COMMANDS as VIEWING_COMMANDS
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
@@ -46,7 +47,7 @@ from consensus.primitives.keys import PrivateKey
 ERASE_WAIT_S = 60.0
 
 
-@click.group()
+@click.group(cls=SpokenGroup)
 @wallet_options
 @click.pass_context
 def wallet(ctx: click.Context, profile: str, wallet_dir: Path | None, genesis: Path | None) -> None:

@@ -31,7 +31,7 @@ WALLET = Path(language.__file__).parent
 
 
 def own_keys(name: str) -> set[str]:
-    return {key for key in load(name) if not key.startswith(("errors.", "refusals."))}
+    return {key for key in load(name) if not key.startswith(("errors.", "refusals.", "help."))}
 
 
 def names_in(form: Form) -> set[str]:

@@ -1,0 +1,140 @@
+"""The wallet's help and what a shell completes of it, in the person's language. Must never change a word of the English.
+
+The English stands where click has it: in docstrings, in the help of options, in click itself. Translations are found by
+it (`help.` in the catalogue), paragraph by paragraph: what was changed in English since is said in English.
+"""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import re
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from clients.wallet.language import DEFAULT_LANGUAGE, LANGUAGES, choose_language, language_in_use, load
+
+EXAMPLE = "Example:"
+_PLACEHOLDER = re.compile(r"\b[A-Z]{2,}(?:[_ ][A-Z]+)*\b")
+
+
+def paragraphs(english: str) -> list[str]:
+    """Return the paragraphs of a help text, each in one line."""
+    return [" ".join(part.split()) for part in inspect.cleandoc(english).split("\n\n")]
+
+
+def placeholders(usage: str) -> list[str]:
+    """Return the words of a usage line or of an option's left column that stand for something (`FILE`)."""
+    return _PLACEHOLDER.findall(usage)
+
+
+def _said(english: str) -> str:
+    said = load(language_in_use()).get(f"help.{english}", english)
+    assert isinstance(said, str)
+    return said
+
+
+def _with_placeholders(usage: str) -> str:
+    return _PLACEHOLDER.sub(lambda found: _said(found.group()), usage)
+
+
+def _told(english: str | None) -> str:
+    """Return a help text in the language in use; of an example only what stands for something else."""
+    return "\n\n".join(
+        f"{_said(EXAMPLE)}{_with_placeholders(part.removeprefix(EXAMPLE))}" if part.startswith(EXAMPLE) else _said(part)
+        for part in paragraphs(english or "")
+    )
+
+
+def _told_short(command: click.Command, limit: int) -> str:
+    """Return a command's line in the list of its group, of so many letters at most."""
+    return click.Command(None, help=_told(command.short_help or command.help)).get_short_help_str(limit)
+
+
+def _told_copy(command: click.Command, ctx: click.Context) -> click.Command:
+    """Return a command that does the same, with its help, its options' and its commands' in the language in use."""
+    told = copy.copy(command)
+    told.help = _told(command.help)
+    told.params = [copy.copy(param) for param in command.get_params(ctx)]
+    told.add_help_option = False  # it is among them
+    for param in told.params:
+        if isinstance(param, click.Option):
+            param.help = _told(param.help)
+    if isinstance(told, click.Group):
+        told.commands = {name: _told_copy(each, ctx) for name, each in told.commands.items()}
+    return told
+
+
+class SpokenContext(click.Context):
+    """The context of a command whose help is told in the person's language."""
+
+    def get_help(self) -> str:
+        """Return the help, made as click makes it."""
+        if language_in_use() == DEFAULT_LANGUAGE:
+            return super().get_help()
+        command, formatter = self.command, self.make_formatter()
+        usage = _with_placeholders(" ".join(command.collect_usage_pieces(self)))
+        formatter.write_usage(self.command_path, usage, prefix=f"{_said('Usage:')} ")
+        formatter.write_paragraph()
+        with formatter.indentation():
+            formatter.write_text(_told(command.help))
+        with formatter.section(_said("Options")):
+            options = [param for param in command.get_params(self) if isinstance(param, click.Option)]
+            formatter.write_dl([self._option_row(option) for option in options if not option.hidden])
+        if isinstance(command, click.Group):
+            shown = {name: each for name, each in command.commands.items() if not each.hidden}
+            limit = formatter.width - 6 - max(map(len, shown))
+            with formatter.section(_said("Commands")):
+                formatter.write_dl([(name, _told_short(shown[name], limit)) for name in sorted(shown)])
+        return formatter.getvalue().rstrip("\n")
+
+    def _option_row(self, option: click.Option) -> tuple[str, str]:
+        record, extra = option.get_help_record(self), option.get_help_extra(self)
+        assert record is not None
+        told = [_said("default: {default}").format(default=extra["default"])] if "default" in extra else []
+        if "range" in extra:
+            told.append(extra["range"])
+        if "required" in extra:
+            told.append(_said(extra["required"]))
+        ending = f"[{'; '.join(told)}]" if told else ""
+        return _with_placeholders(record[0]), "  ".join(filter(None, (_told(option.help), ending)))
+
+
+class SpokenGroup(click.Group):
+    """The group of commands that tell their help in the language of its `--language`, or of the environment."""
+
+    context_class = SpokenContext
+
+    def add_command(self, cmd: click.Command, name: str | None = None) -> None:
+        """Add a command, and with it its own commands; see click.Group.add_command."""
+        super().add_command(cmd, name)
+        below = [cmd]
+        while below:
+            command = below.pop()
+            command.context_class = SpokenContext
+            below.extend(command.commands.values() if isinstance(command, click.Group) else ())
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Know the language before `--help` is answered, on whichever side of it that stands."""
+        if args:
+            given, _, _ = self.make_parser(ctx).parse_args(list(args))
+            if given.get("language") in LANGUAGES:
+                choose_language(ctx, given["language"])
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Let a shell complete a command that says itself in the language."""
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None and ctx.resilient_parsing:
+            command = _told_copy(command, ctx)
+        return name, command, rest
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete commands and options, with what each does in the language."""
+        told: Any = _told_copy(self, ctx)
+        ctx.command = told
+        return click.Group.shell_complete(told, ctx, incomplete)
