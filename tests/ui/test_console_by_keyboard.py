@@ -22,6 +22,8 @@ SPLIT = (
     " Nothing that was final is lost."
 )
 
+ONE_APART = "3 of 4 producers reach each other; a quorum is 3. node-4 stands apart."
+
 
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
 async def console(tmp_path_factory: pytest.TempPathFactory) -> AsyncIterator[ConsoleUnderTest]:
@@ -106,6 +108,20 @@ async def test_two_halves_of_a_quiet_network_are_told_to_have_no_quorum_until_th
     await expect(button(page, "Heal every fault")).to_be_focused()
 
 
+async def test_where_one_node_is_cut_off_those_are_counted_that_reach_each_other_and_it_is_named(
+    open_page: Page,
+) -> None:
+    page = open_page
+    await page.get_by_role("tab", name="Partition").click()
+    await page.get_by_role("group", name="node-4", exact=True).get_by_label("B").check()
+    await press_by_keyboard(page, "Cut it")
+    await expect_done(page, "partition node-1, node-2, node-3 | node-4")
+    await expect(page.locator(".seal")).to_have_text(f"Links are cut{ONE_APART}", timeout=LONG_MS)
+    await press_by_keyboard(page, "Heal every fault")
+    await expect_done(page, "heal everything")
+    await expect(page.locator(".seal")).to_contain_text("4 of 4 producers take part; a quorum is 3.", timeout=LONG_MS)
+
+
 async def test_a_leader_that_was_killed_is_not_said_to_lead(console: ConsoleUnderTest, open_page: Page) -> None:
     page = open_page
     leader = (await read_leader(page))["figure"]
@@ -153,6 +169,28 @@ async def test_no_quorum_is_told_of_groups_only_where_none_can_have_one(open_pag
     stuck = await open_page.evaluate(_ASK_WORDS, ["verdict", halves | {"stuck_since_ms": 4_000}, NETWORK])
     assert stuck["title"] == "Nothing becomes final"
     assert "no group has a quorum" in stuck["text"]
+
+
+async def test_who_takes_part_is_counted_among_those_that_reach_each_other(open_page: Page) -> None:
+    async def text(moment: dict[str, Any]) -> str:
+        said: dict[str, str] = await open_page.evaluate(_ASK_WORDS, ["verdict", moment, NETWORK])
+        return said["text"]
+
+    apart = moment_of((NAMES[:3], NAMES[3:]))
+    everybody = "4 of 4 producers take part; a quorum is 3."
+    assert await text(apart) == ONE_APART
+    assert await text(apart | {"links": [link for link in apart["links"] if link["from"] == "node-4"]}) == ONE_APART
+    pair = [link for link in apart["links"] if {link["from"], link["to"]} == {"node-1", "node-4"}]
+    assert await text(apart | {"links": pair}) == everybody, "each has the blocks of the other by way of the rest"
+    assert (
+        await text(moment_of((NAMES[:3], NAMES[3:]), node_4="paused")) == "3 of 4 producers take part; a quorum is 3."
+    )
+    assert await text(moment_of((NAMES,))) == everybody
+    halves = moment_of((NAMES[:2], NAMES[2:]))
+    one_way = [link for link in halves["links"] if link["from"] in NAMES[:2]]
+    assert await text(halves | {"links": one_way}) == (
+        "2 of 4 producers reach each other both ways; a quorum is 3. Perhaps nothing more becomes final."
+    )
 
 
 async def test_nobody_leads_while_the_leader_of_the_round_is_stopped(open_page: Page) -> None:

@@ -13,6 +13,7 @@ from playwright.async_api import Page, expect
 from tests.cluster.commands import agree, must
 from tests.cluster.network_under_test import find_base_port
 from tests.ui.accessible import find_accessibility_faults
+from tests.ui.console_page import row_of
 from tests.ui.console_under_test import ConsoleUnderTest
 from tests.ui.watched_page import Pages
 
@@ -90,8 +91,10 @@ async def test_a_run_in_which_a_node_joins_and_leaves_shows_each_moment_with_the
         await expect(page.locator(".topology .node")).to_have_count(4)
         await page.get_by_role("button", name="Back to now").click()
         await _expect_nodes(page, 5, FIVE)
+        await row_of(page, NEWCOMER).get_by_role("button").focus()
         await _let_go(console)
         await _expect_nodes(page, 4, FOUR)
+        await expect(row_of(page, "node-4").get_by_role("button")).to_be_focused()
         await _go_to(page, f"{NEWCOMER} is signing")
         await expect(page.locator(".topology .node")).to_have_count(5)
         await expect(page.locator("table.nodes tbody tr")).to_have_count(5)

@@ -2,6 +2,7 @@
 
 import { h, replace } from "./shared/dom.js";
 import { formatClock, plural } from "./shared/format.js";
+import { arrange } from "./keeping.js";
 import { KINDS, ROUTINE_KINDS } from "./words.js";
 
 const SHOWN_COUNT = 200;
@@ -64,17 +65,6 @@ function show(state, list, said, more, onPick) {
 function keep(rows, event, made) {
   rows.set(event, made);
   return made;
-}
-
-/** Put these rows into the list. Rows that stay are left where they are, and so is the focus in them. */
-function arrange(list, rows) {
-  const wanted = new Set(rows);
-  for (const child of [...list.children]) if (!wanted.has(child)) child.remove();
-  let place = list.firstElementChild;
-  for (const one of rows) {
-    if (one === place) place = place.nextElementSibling;
-    else list.insertBefore(one, place);
-  }
 }
 
 function row(event, onPick) {

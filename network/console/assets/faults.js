@@ -2,6 +2,7 @@
 
 import { announce, ask, h, isAtWork, replace, setAtWork } from "./shared/dom.js";
 import { fetchJson, keepOpen } from "./shared/fetching.js";
+import { arrange, createKept } from "./keeping.js";
 import { refusals } from "./offers.js";
 
 const GROUPS_MAX_COUNT = 4;
@@ -149,7 +150,15 @@ function createNodePanel({ network, choices, said, onSelect }) {
     element,
     select(name) { select.value = name; offer(); },
     update(moment) { state.moment = moment; offer(); },
-    setNetwork(changed) { state.network = changed; fillOptions(select, changed.nodes.map((node) => node.name)); offer(); },
+    setNetwork(changed) {
+      const before = select.value;
+      state.network = changed;
+      fillOptions(select, changed.nodes.map((node) => node.name));
+      offer();
+      if (select.value === before) return;
+      announce(`${before} is not in the network any more; ${select.value} is chosen now.`);
+      onSelect(select.value);
+    },
   };
 }
 
@@ -188,9 +197,17 @@ function createPartitionPanel({ names, said, onGroups }) {
   const list = h("div", { class: "groups" });
   const changed = () => { draw(); onGroups(groups); };
   const letters = Array.from({ length: GROUPS_MAX_COUNT }, (_, index) => String.fromCharCode(65 + index));
-  const draw = () => replace(list, [...groups].map(([name, group]) => h("fieldset", { class: "group-row" }, h("legend", {}, name),
-    letters.map((letter, index) => h("label", { class: `choice group-${index}` },
-      h("input", { type: "radio", name: `group-${name}`, checked: group === index, onchange: () => { groups.set(name, index); onGroups(groups); } }), letter)))));
+  const rows = createKept();
+  const make = (name) => h("fieldset", { class: "group-row" }, h("legend", {}, name), letters.map((letter, index) => h("label", { class: `choice group-${index}` },
+    h("input", { type: "radio", name: `group-${name}`, onchange: () => { groups.set(name, index); onGroups(groups); } }), letter)));
+  const draw = () => {
+    rows.keep(groups.keys());
+    arrange(list, [...groups].map(([name, group]) => {
+      const row = rows.get(name, () => make(name));
+      row.querySelectorAll("input")[group].checked = true;
+      return row;
+    }));
+  };
   const cut = async (event) => {
     const sides = letters.map((_, index) => [...groups].filter(([, group]) => group === index).map(([name]) => name)).filter((side) => side.length);
     await carryOut(said, { do: "partition", groups: sides.map((side) => side.join(",")).join(" | ") }, event.currentTarget);
@@ -274,8 +291,10 @@ function createPlanPanel({ said }) {
   const steps = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Steps of the plan" });
   const stop = h("button", { type: "button", hidden: true, onclick: () => fetchJson("./api/plans/stop", { method: "POST", body: {} }).catch((problem) => showProblem(said, problem)) }, "Stop it");
   let isShowingRun = false;
+  let shown = "";
   const check = async () => {
     replace(said);
+    shown = "";
     try {
       const plan = await fetchJson("./api/plans/check", { method: "POST", body: { text: text.value } });
       isShowingRun = false;
@@ -313,7 +332,9 @@ function createPlanPanel({ said }) {
       stop.hidden = isOver;
       if (plan && (isShowingRun || plan.state === "running")) {
         isShowingRun = true;
-        replace(steps, stepsTable(plan));
+        const now = JSON.stringify(plan);
+        if (now !== shown) replace(steps, stepsTable(plan));
+        shown = now;
       }
     },
   };

@@ -1,7 +1,9 @@
 // The network drawn: organisations as regions, nodes, both directions of each link, what flows. Elements are made once
-// and only changed afterwards, so that what moves keeps moving. Never the only way: a table stands beside it.
+// and only changed afterwards, so that what moves keeps moving; a node's own stays as long as the node, and the focus with
+// it. Never the only way: a table stands beside it.
 
 import { replace, s } from "./shared/dom.js";
+import { arrange, createKept } from "./keeping.js";
 import { allLinks, leaderOf, linkSentence, stateReason, stateWords, toneOf } from "./words.js";
 
 const WIDE = { width: 720, height: 440, rx: 250, ry: 185, radius: 29, region: 96 };
@@ -13,7 +15,8 @@ const GROUPS_MAX_COUNT = 4;
 /** {element, update(moment), setGroups(Map|null), setSelected(name)}; onNode(name), onLink(from, to). */
 export function createTopology({ network, onNode, onLink, isNarrow }) {
   const svg = s("svg", { class: "topology", role: "group", "aria-label": "The network: nodes and links. The table of nodes says the same." });
-  const state = { network, shape: null, nodes: new Map(), links: new Map(), groups: null, selected: null, moment: null };
+  const state = { network, shape: null, nodes: createKept(), links: new Map(), groups: null, selected: null, moment: null };
+  svg.append(s("g", {}), s("g", {}), s("g", {})); // regions, links and, on top, nodes
   const draw = (narrow) => {
     state.shape = shapeFor(state.network.nodes.length, narrow ? NARROW : WIDE);
     svg.classList.toggle("many", isMany(state.network));
@@ -79,7 +82,6 @@ function layOut(svg, state, onNode, onLink) {
   const { network, shape } = state;
   const { found, regions } = places(network, shape);
   svg.setAttribute("viewBox", `0 0 ${shape.width} ${shape.height}`);
-  state.nodes.clear();
   state.links.clear();
   const backs = regions.map((region) => drawRegion(shape, region));
   const lines = [];
@@ -93,12 +95,11 @@ function layOut(svg, state, onNode, onLink) {
       lines.push(link.group);
     }
   }
-  const dots = network.nodes.map((node) => {
-    const drawn = drawNode(node, found.get(node.name), shape, onNode);
-    state.nodes.set(node.name, drawn);
-    return drawn.group;
-  });
-  replace(svg, backs, lines, dots);
+  const dots = network.nodes.map((node) => drawNode(state.nodes.get(node.name, () => makeNode(node.name, onNode)), node, found.get(node.name), shape));
+  state.nodes.keep(names);
+  replace(svg.children[0], backs);
+  replace(svg.children[1], lines);
+  arrange(svg.children[2], dots);
 }
 
 function drawRegion(shape, { organisation, from, to }) {
@@ -131,9 +132,20 @@ function drawLink(a, b, radius, isBoth, onClick) {
   return { group, flow, mark, title };
 }
 
-function drawNode(node, { x, y }, shape, onNode) {
+/** What of a node stays, however it is drawn: what is pressed and has the focus. */
+function makeNode(name, onNode) {
+  const press = (event) => {
+    if (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") return;
+    event.preventDefault();
+    onNode?.(name);
+  };
+  const reacts = onNode ? { role: "button", tabindex: 0, onclick: press, onkeydown: press } : { role: "img" };
+  return { group: s("g", { class: "node", ...reacts }) };
+}
+
+/** Draw a node at its place; return its group. */
+function drawNode(drawn, node, { x, y }, shape) {
   const { radius } = shape;
-  const place = `translate(${x.toFixed(1)} ${y.toFixed(1)})`;
   const body = node.producer ? s("circle", { class: "body", r: radius })
     : s("rect", { class: "body", x: -radius, y: -radius, width: 2 * radius, height: 2 * radius, rx: 8 });
   const figure = s("text", { class: "figure-text", y: 5, "text-anchor": "middle" });
@@ -142,26 +154,21 @@ function drawNode(node, { x, y }, shape, onNode) {
     s("rect", { x: -22, y: -10, width: 44, height: 17, rx: 8 }), s("text", { y: 3, "text-anchor": "middle" }, "leads"));
   const group_mark = s("text", { class: "group-text", x: -radius - 4, y: -radius + 6, "text-anchor": "middle" });
   const title = s("title", {});
-  const press = (event) => {
-    if (event.type === "keydown" && event.key !== "Enter" && event.key !== " ") return;
-    event.preventDefault();
-    onNode?.(node.name);
-  };
-  const reacts = onNode ? { role: "button", tabindex: 0, onclick: press, onkeydown: press } : { role: "img" };
-  const group = s("g", { class: "node", transform: place, ...reacts }, title,
-    s("circle", { class: "halo", r: radius + 7 }), body, figure,
+  drawn.group.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
+  replace(drawn.group, title, s("circle", { class: "halo", r: radius + 7 }), body, figure,
     s("text", { class: "name-text", y: radius + 20, "text-anchor": "middle" }, node.name), below,
     node.custodian && s("g", { class: "safe", transform: `translate(${radius - 3} ${radius - 8})` },
       s("rect", { x: -9, y: -8, width: 18, height: 16, rx: 3 }), s("circle", { r: 3.5 })),
     crown, group_mark);
-  return { group, body, figure, below, title, crown, group_mark, facts: node };
+  Object.assign(drawn, { figure, below, title, group_mark, facts: node });
+  return drawn.group;
 }
 
 function show(state) {
   const { moment } = state;
   const leads = leaderOf(moment)?.leader;
   for (const node of moment.nodes) {
-    const drawn = state.nodes.get(node.name);
+    const drawn = state.nodes.find(node.name);
     if (drawn) showNode(drawn, node, leads === node.name, state);
   }
   const names = state.network.nodes.map((node) => node.name);

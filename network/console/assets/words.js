@@ -54,25 +54,43 @@ export function leaderOf(moment) {
   return best;
 }
 
-/** The most of these producers that can hear of each other, however indirectly and in whichever direction. */
-function largestGroup(moment, taking) {
+/** Groups of names that can reach each other along links that nobody cut, however indirectly; or `isBothWays` false: one way. */
+function groupsOf(names, isCut, isBothWays) {
+  const leads = (from, to) => !isCut(from, to) || (!isBothWays && !isCut(to, from));
+  const reached = new Map(names.map((first) => {
+    const found = new Set([first]);
+    for (const name of found) for (const other of names) if (leads(name, other)) found.add(other);
+    return [first, found];
+  }));
+  const groups = [];
+  for (const name of names) {
+    const own = groups.find((group) => reached.get(name).has(group[0]) && reached.get(group[0]).has(name));
+    if (own) own.push(name);
+    else groups.push([name]);
+  }
+  return groups;
+}
+
+/** How many of these producers can reach each other, where the most can; how many might, one way being enough; who stands apart. */
+function reachOf(moment, able) {
   const awake = moment.nodes.filter((node) => !["stopped", "paused"].includes(node.state)).map((node) => node.name);
   const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => `${link.from} ${link.to}`));
-  const left = new Set(awake);
-  let largest = 0;
-  for (const first of awake) {
-    if (!left.delete(first)) continue;
-    const group = [first];
-    for (const name of group) {
-      for (const other of left) {
-        if (cut.has(`${name} ${other}`) && cut.has(`${other} ${name}`)) continue;
-        left.delete(other);
-        group.push(other);
-      }
-    }
-    largest = Math.max(largest, group.filter((name) => taking.has(name)).length);
-  }
-  return largest;
+  const isCut = (from, to) => cut.has(`${from} ${to}`);
+  const countIn = (group) => group.filter((name) => able.has(name)).length;
+  const largest = (groups) => groups.reduce((best, group) => (countIn(group) > countIn(best) ? group : best), []);
+  const main = largest(groupsOf(awake, isCut, true));
+  return { isCut: cut.size > 0, together: countIn(main), perhaps: countIn(largest(groupsOf(awake, isCut, false))), apart: awake.filter((name) => !main.includes(name)) };
+}
+
+function listed(names) {
+  return names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0];
+}
+
+/** How many producers take part; where links are cut, how many reach each other, and who does not. */
+function shareWords({ apart, together }, taking, all, quorum) {
+  if (!apart.length) return `${taking} of ${all} producers take part; a quorum is ${quorum}.`;
+  if (together < quorum) return `${together} of ${all} producers reach each other both ways; a quorum is ${quorum}.`;
+  return `${together} of ${all} producers reach each other; a quorum is ${quorum}. ${listed(apart)} ${apart.length > 1 ? "stand" : "stands"} apart.`;
 }
 
 /** How the whole is: {tone, title, text}. */
@@ -80,18 +98,21 @@ export function verdict(moment, network) {
   const producers = new Set(network.nodes.filter((node) => node.producer).map((node) => node.name));
   const able = new Set(moment.nodes.filter((node) => producers.has(node.name) && ["signing", "suspended"].includes(node.state)).map((node) => node.name));
   const taking = able.size;
-  const share = `${taking} of ${producers.size} producers take part; a quorum is ${network.quorum}.`;
-  const cut = new Set(moment.links.filter((link) => link.state === "cut").map((link) => link.from));
-  const isSplit = cut.size > 0 && taking >= network.quorum && largestGroup(moment, able) < network.quorum;
+  const isEnough = taking >= network.quorum;
+  const reach = reachOf(moment, able);
+  const isSplit = reach.isCut && isEnough && reach.perhaps < network.quorum;
+  const isDoubtful = reach.isCut && isEnough && reach.together < network.quorum;
+  const share = isEnough ? shareWords(reach, taking, producers.size, network.quorum) : `${taking} of ${producers.size} producers take part; a quorum is ${network.quorum}.`;
   const split = `Links are cut, and no group has a quorum, ${network.quorum} of ${producers.size} producers: nothing can become final until they are healed.`;
   if (moment.stuck_since_ms !== null) {
-    const why = isSplit ? split : cut.size && taking >= network.quorum ? "Links are cut: perhaps no quorum hears of each other." : share;
+    const why = isSplit ? split : reach.isCut && isEnough ? "Links are cut: perhaps no quorum hears of each other." : share;
     return { tone: "bad", title: "Nothing becomes final", text: `Work has waited for ${formatDuration(moment.at_ms - moment.stuck_since_ms)}. ${why}` };
   }
-  if (taking < network.quorum) return { tone: "bad", title: "No quorum", text: `${share} Nothing can become final; nothing that was final is lost.` };
+  if (!isEnough) return { tone: "bad", title: "No quorum", text: `${share} Nothing can become final; nothing that was final is lost.` };
   if (isSplit) return { tone: "bad", title: "No quorum", text: `${split} Nothing that was final is lost.` };
+  if (isDoubtful) return { tone: "warn", title: "Links are cut", text: `${share} Perhaps nothing more becomes final.` };
   if (taking < producers.size) return { tone: "warn", title: "It goes on", text: share };
-  if (cut.size) return { tone: "warn", title: "Links are cut", text: share };
+  if (reach.isCut) return { tone: "warn", title: "Links are cut", text: share };
   const isIdle = moment.at_ms - moment.final_since_ms > IDLE_AFTER_MS && !moment.nodes.some((node) => node.waiting);
   return { tone: "good", title: "All is well", text: isIdle ? `${share} Nothing waits: give it work, such as a robot.` : share };
 }
