@@ -7,6 +7,7 @@ from playwright.async_api import Page, expect
 from network.cli.contract_signers import find_signers
 from network.cli.explore_command import find_entrance
 from tests.cluster.network_under_test import NetworkUnderTest
+from tests.ui.watched_page import move_to
 
 
 async def enter(page: Page, network: NetworkUnderTest, place: str = "live") -> None:
@@ -19,6 +20,5 @@ async def enter(page: Page, network: NetworkUnderTest, place: str = "live") -> N
 
 async def go(page: Page, place: str) -> None:
     """Go to a page by its address, and wait until it is shown."""
-    await page.evaluate("place => { location.hash = `#/${place}` }", place)
-    await page.wait_for_function("place => location.hash === `#/${place}`", arg=place)
+    await move_to(page, place)
     await expect(page.locator("main:not([aria-busy]) h1")).to_be_visible()

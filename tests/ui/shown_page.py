@@ -11,10 +11,11 @@ from playwright.async_api import Page, expect
 from clients.wallet.page.page import make_page
 from clients.wallet.page.session import PageSession
 from pages.local_page import LocalPage
+from tests.ui.watched_page import TIMEOUT_MS, move_to
 from tests.unit.clients.wallet.page.conftest import dress
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
-SOON_MS = 10_000
+SOON_MS = TIMEOUT_MS
 COMMAND = "blockrobot wallet --profile ann --wallet-dir '/srv/my wallets' serve"
 
 
@@ -39,8 +40,8 @@ class Shown:
 
     async def go(self, place: str) -> None:
         """Go to a view, as a link to it does, and wait until it stands."""
-        await self.page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
-        await expect(self.page.locator("h1")).to_be_focused(timeout=SOON_MS)
+        await move_to(self.page, place)
+        await expect(self.page.locator("#main:not([aria-busy]) h1")).to_be_focused(timeout=SOON_MS)
 
     async def watch(self, record_id: bytes) -> None:
         """Go to a record and open it; wait for the player and the seal."""

@@ -122,7 +122,7 @@ async def test_blocks_appear_live_and_can_be_held_still(page: Page, recorded_net
     await page.wait_for_timeout(600)
     assert await page.locator("#blocks tbody").inner_text() == before
     await page.get_by_role("button", name="Go on").click()
-    await expect(page.locator("#blocks tbody")).not_to_have_text(before)
+    await expect(page.locator("#blocks tbody")).not_to_have_text(before, use_inner_text=True)
 
 
 async def test_nothing_is_left_out_while_the_connection_was_broken(
@@ -286,13 +286,13 @@ async def test_a_round_that_a_dead_leader_lost_is_told_and_drawn(page: Page, rec
     finally:
         cluster.start("node-4")
         await cluster.wait_ready()
-    lost = page.locator("#blocks tbody tr", has_text="lost").last
-    await expect(lost).to_be_visible()
-    await expect(page.locator("main")).to_contain_text("which node-4 should have led")
-    await lost.get_by_role("link").click()
+    await expect(page.locator("#blocks tbody tr", has_text="lost").first).to_be_visible()
+    # On a busy machine other leaders are late too, alone or after it.
+    lost = page.locator("main li", has_text=re.compile(r"which (.*, )?node-4(, .*)? should have led"))
+    await lost.last.get_by_role("link").click()
     await expect(page.locator("main")).to_contain_text("A round was given up before it")
     assert await page.locator(".ring .seat.gave-up").count() == 3
-    await expect(page.locator("main")).to_contain_text("node-4 should have led")
+    await expect(page.locator("main")).to_contain_text(re.compile(r"node-4(, [^.]*)? should have led"))
     await go(page, "producers")
     missed = page.locator("tbody tr", has_text="node-4").locator("td").nth(4)
     assert int(await missed.inner_text()) > 0
@@ -362,7 +362,7 @@ async def test_an_erasure_is_told_with_the_receipt_of_each_custodian_and_with_no
 ) -> None:
     async with recorded_network.wallet() as ann:
         ((visit, ids),) = await Erasing(ann).request_each([recorded_network.records[-1]], [])
-        await Erasing(ann).wait_complete(visit, ids, 20.0)
+        await Erasing(ann).wait_complete(visit, ids, 60.0)
     await enter(page, recorded_network.network, "custody")
     await expect(page.get_by_text("receipt; complete")).to_be_visible()
     await page.get_by_role("link", name="1 record").first.click()

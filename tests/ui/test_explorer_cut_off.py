@@ -16,15 +16,15 @@ from node.config import CONFIG_FILE
 from tests.cluster.network_under_test import NetworkUnderTest
 from tests.ui.accessible import find_accessibility_faults
 from tests.ui.explorer_page import enter, go
-from tests.ui.watched_page import Watch
+from tests.ui.watched_page import SERVER_ENDED, Watch
 
 PRIVATE_NODE, PUBLIC_NODE = "node-1", "node-2"
 TRIES_COUNT = 5
 """So often that a pause which doubles each time would have grown to eight seconds."""
 PAUSE_MAX_S = 1.5
-PAUSE_SLACK_S = 1.5
-"""What a busy machine may take to begin a try and to notice that nobody answers it."""
-ANSWER_TIMEOUT_S = 20.0
+PAUSE_SLACK_S = 4.0
+"""What a busy machine may take to begin a try and to notice that nobody answers it; with it, still far from doubling."""
+ANSWER_TIMEOUT_S = 60.0
 
 
 @pytest_asyncio.fixture(scope="module", loop_scope="session")
@@ -53,7 +53,7 @@ async def bring_back(network: NetworkUnderTest, name: str) -> None:
             async with network.http.get(network.url(name) + "/v1/status") as answer:
                 await answer.read()
                 return
-        except aiohttp.ClientError:
+        except (aiohttp.ClientError, TimeoutError):
             await asyncio.sleep(0.02)
     raise AssertionError(f"{name} did not answer")
 
@@ -70,7 +70,7 @@ async def longest_pause_s(page: Page) -> float:
 async def test_a_view_that_could_not_be_shown_shows_itself_soon_after_its_node_is_back(
     page: Page, watch: Watch, network: NetworkUnderTest
 ) -> None:
-    watch.expect("ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET")
+    watch.expect(SERVER_ENDED)
     await page.goto(network.url(PUBLIC_NODE) + "/explorer/")
     await expect(page.locator("#state")).to_have_text("public explorer")
     await kill(network, PUBLIC_NODE)
@@ -92,7 +92,7 @@ async def test_a_view_that_could_not_be_shown_shows_itself_soon_after_its_node_i
 async def test_a_session_that_a_restart_ended_is_told_at_the_top_with_the_next_step(
     page: Page, watch: Watch, network: NetworkUnderTest
 ) -> None:
-    watch.expect("ERR_CONNECTION|ERR_EMPTY_RESPONSE|ERR_SOCKET|status of 401")
+    watch.expect(f"{SERVER_ENDED}|status of 401")
     await enter(page, network)
     await kill(network, PRIVATE_NODE)
     try:

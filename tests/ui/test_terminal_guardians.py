@@ -119,8 +119,7 @@ def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_
     answer_check(typed, words)
     typed.expect(rf"(?:\r?\n){{{ROWS + 1},}}")
     typed.expect("Enter: ")
-    typed.sendintr()
-    assert typed.ended() == 1
+    assert typed.ended_by_ctrl_c() == 1
     assert "\x1b" not in typed.rest()
 
 
@@ -151,8 +150,7 @@ def test_the_words_are_off_the_screen_when_they_are_asked_back_and_come_again_wh
         typed.expect(r"Word number (\d+): ")
         typed.sendline(words[int(typed.match[1]) - 1])
     typed.expect("Ben .2 of 2")
-    typed.sendintr()
-    assert typed.ended() == 1
+    assert typed.ended_by_ctrl_c() == 1
 
 
 def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(home: Path) -> None:
@@ -168,8 +166,7 @@ def test_ctrl_c_wipes_the_screen_and_the_wallet_says_that_the_set_is_not_whole(h
     typed.expect("Enter: ")
     typed.sendline("")
     typed.expect(WRITTEN)
-    typed.sendintr()
-    typed.expect_exact(WIPED)
+    typed.press_ctrl_c(re.escape(WIPED))
     typed.expect("Cut short after 1 of 3")
     assert typed.ended() == 1
     told = at_terminal(home, "guardians")
@@ -185,8 +182,7 @@ def test_ctrl_c_before_any_word_was_shown_leaves_nothing(home: Path) -> None:
     typed.sendline(PASSPHRASE)
     typed.expect("All 2 are needed")
     typed.expect("Enter: ")
-    typed.sendintr()
-    assert typed.ended() == 1
+    assert typed.ended_by_ctrl_c() == 1
     assert "Cut short" not in typed.rest()
     assert Keystore.open(home / "wallets" / "default.wallet", PASSPHRASE).content.guardian_sets == []
 
@@ -267,8 +263,7 @@ def test_ctrl_c_while_words_are_typed_wipes_them_and_makes_nothing(home: Path) -
     typed.expect("Word 1: ")
     typed.sendline("academic acid")
     typed.expect("Word 3: ")
-    typed.sendintr()
-    typed.expect_exact(WIPED)
+    typed.press_ctrl_c(re.escape(WIPED))
     assert typed.ended() == 1
     assert [path.name for path in (home / "wallets").iterdir() if "again" in path.name] == []
 

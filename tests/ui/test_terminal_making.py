@@ -8,15 +8,12 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import pexpect
 import pytest
 
 from clients.wallet.keystore import Keystore
 from tests.ui.typed import CONTROL, ROWS, WIPED, Typed, at_terminal
 
 ABANDON = " ".join(["abandon"] * 23 + ["art"])
-PRESS_AGAIN_S = 5
-PRESSES_MAX_COUNT = 4
 
 
 def type_passphrase(typed: Typed) -> None:
@@ -44,15 +41,6 @@ def write_down(typed: Typed) -> dict[int, str]:
     words = words_shown(typed)
     typed.sendline("")
     return words
-
-
-def press_ctrl_c_until_wiped(typed: Typed) -> None:
-    """Press it again while nothing happens: one that comes just before the terminal is read waits for the next key."""
-    for _ in range(PRESSES_MAX_COUNT):
-        typed.sendintr()
-        if typed.expect_exact([WIPED, pexpect.TIMEOUT], timeout=PRESS_AGAIN_S) == 0:
-            return
-    raise AssertionError("Ctrl-C wipes nothing")
 
 
 def answer_check(typed: Typed, words: dict[int, str]) -> None:
@@ -86,8 +74,7 @@ def test_before_a_new_wallet_is_made_it_says_how_a_lost_one_comes_back(
     typed.expect("blockrobot wallet --profile ann restore")
     typed.expect("blockrobot wallet --profile ann guardians recover")
     typed.expect("(?i)pass[^:]*: ")
-    typed.sendintr()
-    assert typed.ended() == 1
+    assert typed.ended_by_ctrl_c() == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
@@ -113,8 +100,7 @@ def test_whoever_wishes_sees_the_words_again_as_long_as_there_is_no_wallet(tmp_p
         assert write_down(typed) == words, "to look again is no wrong answer"
         typed.expect_exact(WIPED)
         typed.expect(f"Word number {number}: ")
-    typed.sendintr()
-    assert typed.ended() == 1
+    assert typed.ended_by_ctrl_c() == 1
     assert list(tmp_path.rglob("*.wallet")) == []
 
 
@@ -131,8 +117,7 @@ def test_a_terminal_that_cannot_wipe_gets_so_many_lines_that_no_word_is_left_on_
 def test_ctrl_c_while_the_words_stand_there_wipes_them_and_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     typed.expect("press Enter: ")
-    typed.sendintr()
-    typed.expect_exact(WIPED)
+    typed.press_ctrl_c(re.escape(WIPED))
     typed.expect("Stopped. No wallet was made, and no file is left.")
     assert typed.ended() == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
@@ -142,8 +127,7 @@ def test_ctrl_c_in_the_check_leaves_no_wallet(tmp_path: Path) -> None:
     typed = make(tmp_path, "new", "--fast-passphrase")
     write_down(typed)
     typed.expect(r"Word number (\d+): ")
-    typed.sendintr()
-    typed.expect("Stopped. No wallet was made, and no file is left.")
+    typed.press_ctrl_c("Stopped. No wallet was made, and no file is left.")
     assert typed.ended() == 1
     assert "Aborted" not in typed.rest()
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
@@ -153,8 +137,7 @@ def test_ctrl_c_at_the_passphrase_leaves_no_wallet_and_no_words_and_says_so_in_p
     words = tmp_path / "words.txt"
     typed = at_terminal(tmp_path, "--language", "pt", "new", "--words-file", str(words), "--fast-passphrase")
     typed.expect("Frase-passe: ")
-    typed.sendintr()
-    typed.expect("Interrompido. Não se fez nenhuma carteira")
+    typed.press_ctrl_c("Interrompido. Não se fez nenhuma carteira")
     assert typed.ended() == 1
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
@@ -162,8 +145,7 @@ def test_ctrl_c_at_the_passphrase_leaves_no_wallet_and_no_words_and_says_so_in_p
 def test_ctrl_c_while_it_is_restored_says_that_there_is_no_wallet(tmp_path: Path) -> None:
     typed = at_terminal(tmp_path, "restore", "--fast-passphrase")
     typed.expect("The 24 words: ")
-    typed.sendintr()
-    typed.expect("Stopped. No wallet was made")
+    typed.press_ctrl_c("Stopped. No wallet was made")
     assert typed.ended() == 1
 
 
@@ -264,7 +246,7 @@ def test_new_words_of_a_change_are_wiped_too_and_ctrl_c_says_that_they_wait(home
     typed.sendline("")
     typed.expect_exact(WIPED)
     typed.expect(r"Word number (\d+): ")
-    press_ctrl_c_until_wiped(typed)
+    typed.press_ctrl_c(re.escape(WIPED))
     typed.expect(
         "Stopped. Nothing is changed yet: your present words are in force. The next `blockrobot wallet rotate`"
     )

@@ -22,7 +22,7 @@ from consensus.records.metadata import NOTICE_SENSOR
 from consensus.records.notices import encode_notice
 from network.demo_notice import demo_notice
 from tests.ui.shown_page import COMMAND, SOON_MS, Shown, show_ward
-from tests.ui.watched_page import Watch
+from tests.ui.watched_page import SERVER_ENDED, Watch
 from tests.unit.clients.wallet.shared_ward import SharedWard
 
 
@@ -52,7 +52,7 @@ async def test_once_the_session_is_over_the_screen_is_cleared_and_says_how_to_co
 
 
 async def test_of_a_locked_page_no_reader_is_told_what_came_in_before(shown: Shown, watch: Watch) -> None:
-    watch.expect("status of 401|ERR_CONNECTION_REFUSED")
+    watch.expect(f"status of 401|{SERVER_ENDED}")
     page = shown.page
     await shown.record()
     aloud = page.locator("[role=status][aria-live=polite]")
@@ -238,8 +238,7 @@ async def test_every_view_stands_without_a_complaint_of_the_browser(shown: Shown
     page = shown.page
     day = shown.session.snapshot.visits[0].report.records[0]
     for place in ("story", "sharing", "erasing", "export", "inbox", f"record/{day.record_id.hex()}", "day/2026-11-22"):
-        await page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
-        await expect(page.locator("h1")).to_be_focused(timeout=SOON_MS)
+        await shown.go(place)
         assert await page.locator(".notice.bad").count() == 0, place
 
 

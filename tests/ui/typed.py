@@ -14,21 +14,42 @@ import pexpect
 WIPED = "\x1b[H\x1b[2J\x1b[3J"
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 ANSWER_MAX_S = 60
+PRESS_AGAIN_S = 10
+PRESSES_MAX_COUNT = 4
 ROWS = 40
 
 
 class Typed(pexpect.spawn):
     """A wallet's command behind a pseudo-terminal."""
 
+    def press_ctrl_c(self, until: Any) -> None:
+        """Press Ctrl-C, and again while what it must bring does not come: a pattern, or the end.
+
+        One that comes after a question was written and just before the terminal is read waits for the next key.
+        """
+        for _ in range(PRESSES_MAX_COUNT):
+            self.sendintr()
+            if self.expect([until, pexpect.TIMEOUT], timeout=PRESS_AGAIN_S) == 0:
+                return
+        raise AssertionError(f"Ctrl-C does nothing: {self.before}")
+
+    def ended_by_ctrl_c(self) -> int:
+        """Press Ctrl-C until the command ends; return the exit code."""
+        self.press_ctrl_c(pexpect.EOF)
+        return self._exit_code()
+
     def ended(self) -> int:
         """Wait for the end; return the exit code."""
         self.expect(pexpect.EOF)
+        return self._exit_code()
+
+    def _exit_code(self) -> int:
         self.close()
         assert self.exitstatus is not None, f"ended by signal {self.signalstatus}"
         return int(self.exitstatus)
 
     def rest(self) -> str:
-        """Return all that was still written, with its control sequences. `ended` has to come before."""
+        """Return all that was still written, with its control sequences. It has to have ended before."""
         return str(self.before)
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from playwright.async_api import Page, expect
 
 from tests.ui.recorded_network import PROFILE, RecordedNetwork
+from tests.ui.watched_page import move_to
 
 SETTLED_MS = 30_000
 END_S = 15.0
@@ -74,11 +75,8 @@ async def open_page(page: Page, served: ServedWallet) -> None:
 
 async def go(page: Page, place: str) -> None:
     """Go to a view, as a link to it does, and wait until it stands."""
-    await page.evaluate("(place) => { location.hash = `#/${place}`; }", place)
-    await expect(page.locator("#main")).not_to_have_attribute("aria-busy", "true", timeout=SETTLED_MS)
-    await page.wait_for_function(
-        "() => document.querySelector('#main h1') && !document.querySelector('#main[aria-busy]')", timeout=SETTLED_MS
-    )
+    await move_to(page, place)
+    await expect(page.locator("#main:not([aria-busy]) h1")).to_be_visible(timeout=SETTLED_MS)
 
 
 async def watch_first_meeting(page: Page) -> None:

@@ -16,6 +16,8 @@ ZOOMED = (320, 640)
 OWN_HOSTS = {"127.0.0.1", "localhost"}
 OWN_SCHEMES = {"about", "blob", "data", "file"}
 TIMEOUT_MS = 15_000
+SERVER_ENDED = "ERR_(CONNECTION|EMPTY_RESPONSE|SOCKET|INCOMPLETE|CONTENT_LENGTH)"
+"""What the browser complains of where a server ends: by the moment at which it does, each of these."""
 
 # A page's own complaints about its policy come as console errors too; this catches those of a policy in report mode.
 _WATCH_POLICY = """
@@ -23,6 +25,21 @@ document.addEventListener('securitypolicyviolation', (event) => {
   console.error(`securitypolicyviolation: ${event.violatedDirective} ${event.blockedURI}`);
 });
 """
+
+
+_MOVE = """(place) => new Promise((moved) => {
+  if (location.hash === place) { moved(); return; }
+  addEventListener('hashchange', moved, {once: true});
+  location.hash = place;
+})"""
+
+
+async def move_to(page: Page, place: str) -> None:
+    """Go to a place of the page, as a link to it does; return once the page knows of it, and is shown or busy.
+
+    An address that has changed is told to the page a moment later: until then the view before it looks finished.
+    """
+    await page.evaluate(_MOVE, f"#/{place}")
 
 
 @dataclass
