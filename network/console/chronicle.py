@@ -24,6 +24,8 @@ from network.console.rounds import Round
 
 Event = dict[str, Any]
 REPEATED_AFTER_MS = 10_000
+GAVE_UP_AWAITED_MS = 5_000
+"""How long after a round is over who gave it up is waited for: nodes are not all asked, nor answer, at one moment."""
 ROUTINE_KINDS = frozenset({"leader", "link"})
 _WELL = frozenset({"signing"})
 _WAITING = frozenset({"waiting", "paused", "suspended"})
@@ -40,6 +42,8 @@ class Chronicle:
     def __init__(self) -> None:
         self._before: Moment | None = None
         self._waiting: dict[tuple[int, int], Round] = {}
+        self._newest: tuple[int, int] = (-1, -1)
+        self._over_ms: dict[tuple[int, int], int] = {}
         self._told: tuple[int, int] = (-1, -1)
         self._lost: dict[str, _LostRounds] = {}
 
@@ -56,17 +60,21 @@ class Chronicle:
         return events + _of_leader(before, moment) + _of_finality(before, moment)
 
     def _of_rounds(self, at_ms: int, rounds: Sequence[Round]) -> list[Event]:
-        """Tell of a round that was given up once a quorum has, or once later rounds are under way."""
+        """Tell of a round once a quorum is known to have given it up, or some time after later rounds are under way."""
         for entry in rounds:
             place = (entry.epoch, entry.number)
             if entry.gave_up and place > self._told:
                 self._waiting[place] = entry
-        newest = max([(entry.epoch, entry.number) for entry in rounds], default=self._told)
+            self._newest = max(self._newest, place)
         told = []
         for place in sorted(self._waiting):
             entry = self._waiting[place]
-            if len(entry.gave_up) >= entry.quorum or place < newest:
+            if place < self._newest:
+                self._over_ms.setdefault(place, at_ms)
+            is_awaited = at_ms - self._over_ms.get(place, at_ms) < GAVE_UP_AWAITED_MS
+            if len(entry.gave_up) >= entry.quorum or not is_awaited:
                 del self._waiting[place]
+                self._over_ms.pop(place, None)
                 self._told = max(self._told, place)
                 told += self._tell_of_lost(entry, at_ms)
         for leader, lost in list(self._lost.items()):
@@ -104,7 +112,8 @@ class _LostRounds:
     def summary(self, leader: str, at_ms: int) -> list[Event]:
         if not self.numbers:
             return []
-        rounds = f"{self.numbers[0]}" if len(self.numbers) == 1 else f"{self.numbers[0]} to {self.numbers[-1]}"
+        first, last = min(self.numbers), max(self.numbers)
+        rounds = f"{first}" if len(self.numbers) == 1 else f"{first} to {last}"
         text = f"{len(self.numbers)} more of {leader}'s rounds were given up ({rounds})."
         return [make_event(at_ms, "timeout", text, "warn", [leader])]
 

@@ -52,16 +52,23 @@ export function setAtWork(button, isNow) {
   else button?.removeAttribute("aria-busy");
 }
 
+const SPOKEN_MS = 3000;
 let liveRegion = null;
+let spoken = [];
 
-/** Say something to who listens to the page: politely, without moving the focus. */
+/**
+ * Say something to who listens to the page: politely, without moving the focus. What was said a moment before stays beside
+ * it, or nobody would hear it; an empty text takes everything back.
+ */
 export function announce(text) {
   if (!liveRegion) {
-    liveRegion = h("div", { class: "visually-hidden", role: "status", "aria-live": "polite" });
+    liveRegion = h("div", { class: "visually-hidden", role: "status", "aria-live": "polite", "aria-atomic": "false" });
     document.body.append(liveRegion);
   }
-  liveRegion.textContent = "";
-  setTimeout(() => { liveRegion.textContent = text; }, 50);
+  const now = performance.now();
+  for (const one of spoken) if (!text || now - one.at > SPOKEN_MS) one.line.remove();
+  spoken = text ? [...spoken.filter((one) => now - one.at <= SPOKEN_MS), { at: now, line: h("div", {}, text) }] : [];
+  setTimeout(() => { liveRegion.append(...spoken.map((one) => one.line).filter((line) => !line.isConnected)); }, 50); // a region that is new is known by then
 }
 
 let dialogCount = 0;

@@ -131,3 +131,21 @@ async def test_a_node_that_was_chosen_and_left_is_not_silently_another(page: Pag
     assert await page.evaluate("() => window.chosen") == "node-1"
     said = page.get_by_role("status").filter(has_text="node-4 is not in the network any more; node-1 is chosen now.")
     await expect(said).to_be_attached()
+
+
+async def test_what_is_said_aloud_is_not_lost_by_what_is_said_a_moment_later_and_can_be_taken_back(page: Page) -> None:
+    await open_stage(page)
+    await page.evaluate(
+        """async () => {
+          const { announce } = await import('./shared/dom.js');
+          window.announce = announce;
+          announce('node-2 is stopped already.');
+          announce('node-3 does not answer.');
+        }"""
+    )
+    aloud = page.locator("[role=status][aria-live=polite]")
+    await expect(aloud.locator("div")).to_have_text(["node-2 is stopped already.", "node-3 does not answer."])
+    await page.evaluate("() => { announce('Not to be heard.'); announce(''); }")
+    await expect(aloud).to_have_text("")
+    await page.evaluate("() => announce('node-2 is signing.')")
+    await expect(aloud.locator("div")).to_have_text(["node-2 is signing."])

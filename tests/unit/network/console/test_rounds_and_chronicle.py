@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from network.console.chronicle import REPEATED_AFTER_MS, Chronicle, Event, leader_of
+from network.console.chronicle import GAVE_UP_AWAITED_MS, REPEATED_AFTER_MS, Chronicle, Event, leader_of
 from network.console.moments import MomentMaker
 from network.console.rounds import RoundBook
 from tests.unit.network.console.sights import said, sights, stopped
@@ -131,12 +131,37 @@ def test_a_lost_round_is_told_with_its_leader_and_who_gave_it_up() -> None:
     assert "timeout: Round 9 (leader node-2) was given up by node-1, node-3, node-4." in _texts(events)
 
 
-def test_a_round_that_few_gave_up_is_told_once_later_rounds_are_under_way() -> None:
+def test_a_round_that_few_gave_up_is_told_some_time_after_later_rounds_are_under_way() -> None:
     watcher = _Watcher()
     watcher.look()
     assert watcher.look(node_1={"status": {"rounds": [said(9, "gave-up")]}}) == []
-    events = watcher.look(node_1={"status": {"rounds": [said(9, "gave-up"), said(10, "voted")]}})
+    passed = {"node_1": {"status": {"rounds": [said(9, "gave-up"), said(10, "voted")]}}}
+    assert watcher.look(**passed) == []
+    assert watcher.look(GAVE_UP_AWAITED_MS // 1_000 - 1, **passed) == []
+    events = watcher.look(**passed)
     assert _texts(events) == ["timeout: Round 9 (leader node-1) was given up by node-1."]
+    assert watcher.look(**passed) == []
+
+
+def test_who_gave_a_round_up_and_was_asked_too_early_or_answered_too_late_is_told_too() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    gone = {"status": {"rounds": [said(9, "gave-up", leader="node-2"), said(10, "voted", leader="node-3")]}}
+    early = {"status": {"rounds": []}}
+    assert "timeout" not in {event["kind"] for event in watcher.look(node_2=stopped(), node_3=gone, node_1=early)}
+    events = watcher.look(node_2=stopped(), node_1=gone, node_3=gone, node_4=gone)
+    assert "timeout: Round 9 (leader node-2) was given up by node-1, node-3, node-4." in _texts(events)
+
+
+def test_a_round_that_is_told_late_stands_in_order_among_the_leaders_next_ones() -> None:
+    watcher = _Watcher()
+    watcher.look()
+    few = {"node_1": {"status": {"rounds": [said(13, "gave-up", leader="node-2"), said(14, "voted")]}}}
+    watcher.look(**_all_say(said(9, "gave-up", leader="node-2")))
+    watcher.look(**few)
+    watcher.look(**_all_say(said(17, "gave-up", leader="node-2")))
+    later = [text for _ in range(REPEATED_AFTER_MS // 1_000) for text in _texts(watcher.look())]
+    assert later == ["timeout: 2 more of node-2's rounds were given up (13 to 17)."]
 
 
 def test_the_next_lost_rounds_of_a_dead_leader_are_told_together() -> None:
