@@ -31,6 +31,7 @@ from clients.bundle.proving import (
     tell_all,
     walk_visits,
 )
+from clients.sdk.counting import counted
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis, genesis_from_json, genesis_to_json
 from consensus.primitives.keys import recover
@@ -297,6 +298,22 @@ class _Check:
         )
 
 
+_GONE = (
+    (ERASED, "is erased, and gone", "are erased, and gone"),
+    (
+        ABSENT,
+        "could not be had, or was changed at the custodians, and is not in the bundle",
+        "could not be had, or were changed at the custodians, and are not in the bundle",
+    ),
+    (
+        UNDRAWABLE,
+        "is as the robot committed to it, and cannot be shown as a picture",
+        "are as the robot committed to them, and cannot be shown as pictures",
+    ),
+)
+"""What became of pictures of which nothing is proved, as it is said of one and of several."""
+
+
 def unproved(verdict: Verdict) -> list[str]:
     """Return, in plain sentences, what a sound bundle leaves open."""
     lines = []
@@ -309,22 +326,23 @@ def unproved(verdict: Verdict) -> list[str]:
     )
     partial = [visit for visit in verdict.visits if not visit.is_whole]
     if partial:
-        lines.append(f"that nothing else happened in {len(partial)} visits of which only a part was exported")
+        lines.append(
+            f"that nothing else happened in {counted(len(partial), 'visit')} of which only a part was exported"
+        )
     open_metadata = [record for record in verdict.records if record.sensor and not record.metadata_proved]
     if open_metadata:
-        lines.append(f"sensor, times and counts of {len(open_metadata)} records, which are the exporter's word")
+        lines.append(
+            f"sensor, times and counts of {counted(len(open_metadata), 'record')}, which are the exporter's word"
+        )
     known = [record for record in verdict.records if record.metadata_proved and record.frames]
     miscounted = sum(len(record.frames) != record.frame_count for record in known)
     if miscounted:
-        lines.append(f"which pictures {miscounted} records should hold: the robot counted others than it committed to")
-    for status, sentence in (
-        (ERASED, "are erased, and gone"),
-        (ABSENT, "could not be had, or were changed at the custodians, and are not in the bundle"),
-        (UNDRAWABLE, "are as the robot committed to them, and cannot be shown as pictures"),
-    ):
+        records = counted(miscounted, "record")
+        lines.append(f"which pictures {records} should hold: the robot counted others than it committed to")
+    for status, of_one, of_many in _GONE:
         count = sum(frame.status == status for frame in verdict.frames)
         if count:
-            lines.append(f"anything of {count} pictures, which {sentence}")
+            lines.append(f"anything of {counted(count, f'picture, which {of_one}', f'pictures, which {of_many}')}")
     consents = verdict.consents
     if consents.member:
         shown = set(verdict.visits_of_member)
@@ -337,7 +355,9 @@ def unproved(verdict: Verdict) -> list[str]:
             lines.append(f"what was said last about consent, in block {consents.last_word_height}")
     missing = sum(max(0, visit.missing) for visit in verdict.visits)
     if missing:
-        lines.append(f"anything of {missing} records that the robot numbered and never brought to the ledger")
+        lines.append(
+            f"anything of {counted(missing, 'record')} that the robot numbered and never brought to the ledger"
+        )
     lines.append(
         "when the bundle was made, what was asked for, and why anything is missing: the exporter's word, signed"
     )
@@ -353,5 +373,6 @@ def _unsigned(verdict: Verdict) -> list[str]:
     words = [word for word in verdict.consents.history if word.kind in RECEIPTED]
     count = sum(word.transaction not in receipted for word in words)
     if count:
-        lines.append(f"under which notice {count} of her words on consent were said: no receipt by both sides is here")
+        said = f"{count} of her words on consent {'was' if count == 1 else 'were'} said"
+        lines.append(f"under which notice {said}: no receipt by both sides is here")
     return lines

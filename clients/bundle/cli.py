@@ -17,6 +17,7 @@ from clients.bundle.checking import Verdict, name_visits, printable, unproved, v
 from clients.bundle.consent_receipts import CheckedFile, CheckedReceipt, check_file, is_receipt_file
 from clients.bundle.frames import count_pictures
 from clients.bundle.progress import show_progress
+from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, load_genesis, plain_errors, print_json
 from consensus.errors import BlockRobotError
 from consensus.genesis import Genesis
@@ -126,18 +127,19 @@ def _lines(verdict: Verdict) -> list[str]:
         f"  chain id      {manifest.chain_id}",
         f"  genesis hash  {manifest.genesis_id}",
         f"Up to which block: {verdict.as_of_height}, of {_moment(verdict.as_of_ms)}"
-        f" (the newest proof is of block {verdict.newest_height}; {verdict.epochs} epochs followed)",
+        f" (the newest proof is of block {verdict.newest_height}; {counted(verdict.epochs, 'epoch')} followed)",
         *_as_of(verdict),
         "Proved:",
-        f"  - {told['visits']} visits with {told['records']} records are on the ledger as told, "
-        f"and {told['metadata_proved']} of them opened as the robot sealed them",
-        f"  - {told['pictures']} pictures, sounds or labels are what the robot committed to",
-        f"  - {told['audit_entries']} events, {told['accesses']} requests for access and {told['erasures']} erasures, "
-        "with what custodians answered",
-        f"  - the file is as it was exported, by who holds the keys of these visits ({len(verdict.signers)} signatures)",
+        f"  - {_recorded(told)}",
+        f"  - {counted(told['pictures'], 'picture, sound or label is', 'pictures, sounds or labels are')} "
+        "what the robot committed to",
+        f"  - {counted(told['audit_entries'], 'event')}, {counted(told['accesses'], 'request')} for access and "
+        f"{counted(told['erasures'], 'erasure')}, with what custodians answered",
+        "  - the file is as it was exported, by who holds the keys of these visits "
+        f"({counted(len(verdict.signers), 'signature')})",
     ]
     if verdict.consents.member:
-        words = f"{told['consent_receipts']} words on consent with their receipts"
+        words = counted(told["consent_receipts"], "word on consent with its receipt", "words on consent with receipts")
         lines.append(f"  - the consents of member {verdict.consents.member} are as told; {words}")
         lines += _signed_lines(told["signed_consent_receipts"])
         if verdict.visits_of_member:
@@ -149,6 +151,18 @@ def _lines(verdict: Verdict) -> list[str]:
         lines.append("Missing, as its exporter says:")
         lines += [f"  - {_plain(each.record_id) or 'all'}: {_plain(each.sentence)}" for each in manifest.problems]
     return lines
+
+
+def _recorded(told: dict[str, Any]) -> str:
+    visits, records = counted(told["visits"], "visit"), counted(told["records"], "record")
+    are = "is" if told["visits"] == 1 else "are"
+    if told["records"] == 1:
+        opened = "opened" if told["metadata_proved"] else "did not open"
+        return f"{visits} with {records} {are} on the ledger as told, and the record {opened} as the robot sealed it"
+    return (
+        f"{visits} with {records} {are} on the ledger as told, "
+        f"and {told['metadata_proved']} of them opened as the robot sealed them"
+    )
 
 
 def _signed_lines(rows: list[dict[str, Any]]) -> list[str]:

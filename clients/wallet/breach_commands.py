@@ -10,9 +10,9 @@ from typing import Any, TypeVar
 
 import click
 
+from clients.sdk.counting import counted
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.breaches import Breach, Breaches, breach_json
-from clients.wallet.counting import counted
 from clients.wallet.lost_keys_commands import lost_keys
 from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
 from clients.wallet.rights import read_correction, write_correction

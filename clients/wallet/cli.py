@@ -124,12 +124,12 @@ def audit(ctx: click.Context, as_json: bool) -> None:
 
 def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
     """Say what will be gone and what remains, and ask. Raises Abort for no."""
-    visits = len({entry.visit.owner for entry in entries})
     if frames:
         console.print(text("erase.frames", count=len(frames), name=entries[0].record_id.hex()[:12]))
     else:
-        pictures = sum(picture_count(entry) for entry in entries)
-        console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
+        pictures = text("records.pictures", count=sum(picture_count(entry) for entry in entries))
+        of = text("count.visits", count=len({entry.visit.owner for entry in entries}))
+        console.print(text("erase.records", count=len(entries), visits=of, pictures=pictures))
     console.print(text("erase.remains"))
     ask(text("erase.ask"))
 

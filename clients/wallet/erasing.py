@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from clients.wallet.counting import counted
+from clients.sdk.counting import counted
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.wallet import RecordEntry, Wallet

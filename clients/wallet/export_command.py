@@ -184,7 +184,7 @@ def _print(out: Path, verdict: Verdict) -> None:
             visits=text("count.visits", count=told["visits"]),
             records=text("count.records", count=told["records"]),
             pictures=text("records.pictures", count=told["pictures"]),
-            events=told["audit_entries"],
+            events=text("count.events", count=told["audit_entries"]),
             megabytes=f"{told['bytes'] / 1e6:.1f}",
             height=told["proved_until_height"],
         )

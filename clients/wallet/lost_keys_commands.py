@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
+from clients.sdk.counting import counted
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json
-from clients.wallet.counting import counted
 from clients.wallet.lost_keys import LostKeys, Ordered, Preview, Proposal
 from clients.wallet.opening import reads_only, run_opened, show_moment
 from consensus.errors import BlockRobotError

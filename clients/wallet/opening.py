@@ -227,7 +227,7 @@ def member_gone_line(opened: Wallet, language: str | None = None) -> list[str]:
         return []
     told, lost = [text("former.gone", language=language)], len(opened.out_of_reach)
     if lost:
-        told.append(text("former.lost", language=language, number=lost))
+        told.append(text("former.lost", language=language, count=lost))
     next_key = "former.finish" if opened.store.content.next_words else "former.to_desk"
     return [" ".join([*told, text(next_key, language=language, page=STOLEN_PAGE)])]
 

@@ -183,7 +183,7 @@ async def _wait_until_over(session: PageSession, idle_minutes: int) -> str:
         except TimeoutError:
             if not session.is_idle(idle_minutes):
                 continue
-            return text("serve.idle", minutes=idle_minutes)
+            return text("serve.idle", count=idle_minutes)
         if session.was_given_up:
             return text("serve.given_up", tries=ATTEMPTS_MAX_COUNT)
         return text("serve.closed")

@@ -353,7 +353,7 @@ class Sharing:
                 held.append(name)
         needed = min(UPLOADED_MIN_COUNT, len(custodians))
         if len(held) < needed:
-            counts = {"held": len(held), "total": len(custodians), "needed": needed}
+            counts = {"held": len(held), "count": len(custodians), "needed": needed}
             raise refusal("SHARE_CUSTODIANS_MISSING", "share_parts", **counts, absent=", ".join(failures))
         return tuple(held), tuple(absent)
 

@@ -65,7 +65,7 @@ def standing_lines(standing: VisitRights, language: str | None = None) -> list[s
     if standing.objections:
         lines.append(say("standing.objected", purposes=purposes_text(standing.objections, language=language)))
     if standing.corrections_count:
-        lines.append(say("standing.corrections", number=standing.corrections_count))
+        lines.append(say("standing.corrections", count=standing.corrections_count))
     return lines
 
 

@@ -68,7 +68,7 @@ export async function showExport(context) {
       if (!address) address = URL.createObjectURL(new Blob([(await getBytes(`exports/${done.export}/file`, {}, context.signal)).bytes], { type: "application/zip" }));
       h("a", { href: address, download: done.name }).click();
     } }, t("export.save", { name: done.name, size: formatBytes(done.bytes) }));
-    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: done.records, height: done.proved_until_height })),
+    replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: t("export.what", { count: done.records }), height: done.proved_until_height })),
       done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0 }, h("code", {}, done.check))));
     result.querySelector("h2").focus();
     announce(t("export.done"));

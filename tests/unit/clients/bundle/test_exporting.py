@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import zipfile
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,9 +13,11 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from clients.bundle import documents, layout
 from clients.bundle.checking import Verdict, unproved, verify_bundle
+from clients.bundle.cli import verify
 from clients.bundle.documents import read_document
 from clients.bundle.telling import open_corrections
 from clients.bundle.writing import write_bundle
@@ -191,6 +194,22 @@ async def test_chosen_records_go_along_and_the_others_are_not_told_of(ward: Ward
     assert ids[0].hex().encode() not in content
     assert other.owner.hex().encode() not in content
     assert [visit.is_whole for visit in verdict.visits] == [False]
+
+
+async def test_one_visit_and_one_record_are_told_in_the_singular(ward: Ward, tmp_path: Path) -> None:
+    visit = ward.open_visit()
+    chosen = ward.record(visit, frames=1)
+    ward.record(visit)
+    ward.close_visit(visit)
+    await export(ward, tmp_path / "one.zip", Wanted(records=(chosen,)))
+    told = CliRunner().invoke(verify, [str(tmp_path / "one.zip")])
+    assert told.exit_code == 0, told.output
+    said = " ".join(told.output.split())
+    assert "1 visit with 1 record is on the ledger as told, and the record opened as the robot sealed it" in said
+    assert "nothing else happened in 1 visit of which" in said
+    assert "(1 signature)" in said or "(2 signatures)" in said
+    plurals = {"visits", "records", "pictures", "events", "requests", "erasures", "signatures", "words", "epochs"}
+    assert not plurals.intersection(re.findall(r"(?<![\d.])1 (\w+)", said)), said
 
 
 async def test_a_span_of_time_chooses_by_when_it_was_recorded(ward: Ward, tmp_path: Path) -> None:

@@ -188,9 +188,7 @@ def test_a_record_without_pictures_is_said_to_have_none_and_a_changed_one_which(
     noted = RecordView(entry(5, 2), (FrameView(0, "notice", None),), ("node-1",))
     _print_views([short, noted])
     said = " ".join(capsys.readouterr().out.split())
-    assert (
-        "1 of 1 pictures are as the robot took them; the robot's own count is 5, and it put 1 into the ledger;" in said
-    )
+    assert "1 of 1 picture is as the robot took it; the robot's own count is 5, and it put 1 into the ledger;" in said
     assert "the robot's own count is 2, and it put 1 into the ledger; ask the hospital why." in said
     _print_views([])
     assert "There is nothing to show." in capsys.readouterr().out

@@ -95,7 +95,7 @@ def test_what_stands_of_a_visit_is_said_in_the_language_that_is_asked_for() -> N
     assert restricted.startswith("O uso de 2 gravações deste encontro está limitado (não está certo): só você as vê, e")
     assert (objected, corrected) == (
         "Opôs-se a que seja entregue para: investigação (research).",
-        "Correções suas sobre ele: 2.",
+        "Tem 2 correções suas.",
     )
     assert standing_lines(STANDING, "en")[3:] == [
         "You objected to its release for: research.",
