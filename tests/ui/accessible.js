@@ -41,6 +41,18 @@
     faults.push(`reflow: the page is ${root.scrollWidth} px wide in a window of ${root.clientWidth} px`);
   }
 
+  // A table that is wider than its place scrolls there, alone, where a keyboard comes and a reader hears what it is.
+  for (const table of all('table').filter(isSpoken)) {
+    const isCut = (one) => getComputedStyle(one).overflowX !== 'visible' && one.scrollWidth > one.clientWidth + 1;
+    let holder = table;
+    while (holder && !isCut(holder)) holder = holder.parentElement;
+    if (!holder || holder === root || holder === document.body) continue;
+    const isScrolled = ['auto', 'scroll'].includes(getComputedStyle(holder).overflowX);
+    if (!isScrolled || holder.tabIndex < 0 || holder.getAttribute('role') !== 'region' || !isNamed(holder)) {
+      faults.push(`scroll: ${say(table)} is wider than its place, which is no named region that Tab reaches and that scrolls`);
+    }
+  }
+
   // Labels and references.
   for (const element of all('input:not([type=hidden]), select, textarea').filter(isSpoken)) {
     if (['button', 'submit', 'reset', 'image'].includes(element.type)) continue;

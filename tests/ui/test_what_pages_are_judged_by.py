@@ -17,6 +17,7 @@ GOOD = """<!doctype html><html lang=en><meta name=viewport content="width=device
 <button style="min-height:30px">Play</button><svg role=img aria-label="a line" width=10 height=10></svg>
 <table><tr><th>Day</th></tr><tr><td>1</td></tr></table></main></body></html>"""
 ONE = "<html lang=en><title>x</title><main><h1>x</h1>"
+WIDE_TABLE = "<table><tr><th><div style='width:3000px'>Day</div></th></tr><tr><td>1</td></tr></table>"
 BAD = {
     "html-has-lang": "<html><title>x</title><main><h1>x</h1></main>",
     "button-name": ONE + "<button style='width:40px;height:40px'></button></main>",
@@ -29,6 +30,7 @@ BAD = {
     "target": ONE + "<button style='padding:0;font-size:8px'>a</button></main>",
     "id": "<html lang=en><title>x</title><main><h1 id=a>x</h1><p id=a>y</p></main>",
     "reflow": ONE + "<div style='width:3000px'>wide</div></main>",
+    "scroll": ONE + f"<div tabindex=0 style='overflow-x:auto'>{WIDE_TABLE}</div></main>",
     "focus": ONE + "<button style='outline:none;min-height:30px;min-width:30px'>a</button></main>",
     "keyboard": ONE + "<span role=button style='display:block;height:30px'>do</span></main>",
     "reference": "<html lang=en><title>x</title><main aria-labelledby=gone><h1>x</h1></main>",
@@ -53,6 +55,16 @@ async def test_every_kind_of_fault_is_found_and_named(page: Page) -> None:
             for fault in await find_accessibility_faults(page)
         ]
     assert found == {kind: [kind] for kind in BAD}
+
+
+async def test_a_table_that_is_cut_off_is_found_and_one_that_scrolls_in_its_own_region_is_not(page: Page) -> None:
+    async def found(attributes: str) -> list[str]:
+        await page.set_content(f"<!doctype html>{ONE}<div {attributes}>{WIDE_TABLE}</div></main>")
+        return [fault.partition(":")[0] for fault in await find_accessibility_faults(page)]
+
+    assert await found('tabindex=0 role=region aria-label="Days" style="overflow-x:auto"') == []
+    assert await found('tabindex=0 role=region aria-label="Days" style="overflow-x:hidden"') == ["scroll"]
+    assert await found('tabindex=0 role=region style="overflow-x:auto"') == ["scroll"]
 
 
 async def test_pale_words_on_a_dark_ground_of_an_outer_element_are_found(pages: Pages) -> None:

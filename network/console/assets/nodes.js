@@ -73,7 +73,7 @@ export function createLinks({ network }) {
   const rows = createKept();
   let names = network.nodes.map((node) => node.name);
   const element = h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "All links" },
-    h("table", { class: "list" }, h("caption", { class: "visually-hidden" }, "All links, one direction a row"),
+    h("table", { class: "list links" }, h("caption", { class: "visually-hidden" }, "All links, one direction a row"),
       h("thead", {}, h("tr", {}, ["from", "to", "state"].map((name) => h("th", { scope: "col" }, name)),
         ["sent /s", "arrive /s", "kB/s"].map((name) => h("th", { scope: "col", class: "number" }, name)), h("th", { scope: "col" }, "what arrives, frames /s"))), body));
   const make = () => h("tr", {}, LINK_CELLS.map((kind) => h("td", { class: kind || undefined })));
