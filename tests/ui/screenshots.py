@@ -33,14 +33,14 @@ async def shoot_all_ways(page: Page, name: str) -> list[Path]:
     return taken
 
 
-async def shoot_for_docs(page: Page, folder: Path, name: str) -> None:
+async def shoot_for_docs(page: Page, folder: Path, name: str, height_max_px: int = HEIGHT_MAX_PX) -> None:
     """Take a page all four ways as small files, FOLDER/NAME-light-wide.png and so on, in a folder that is there."""
     for scheme in ("dark", "light"):
         await page.emulate_media(color_scheme="dark" if scheme == "dark" else "light")
         for width_name, (width, height) in (("narrow", NARROW), ("wide", WIDE)):
             await page.set_viewport_size({"width": width, "height": height})
             path = folder / f"{name}-{scheme}-{width_name}.png"
-            tall = min(HEIGHT_MAX_PX, await page.evaluate("() => document.documentElement.scrollHeight"))
+            tall = min(height_max_px, await page.evaluate("() => document.documentElement.scrollHeight"))
             clip = {"x": 0, "y": 0, "width": width, "height": max(height, tall)}
             await page.screenshot(path=path, full_page=True, clip=clip, animations="disabled", scale="css")
             with Image.open(path) as taken:

@@ -24,6 +24,7 @@ from tests.ui.screenshots import shoot_all_ways
 from tests.ui.watched_page import NARROW, WIDE, ZOOMED, Pages, Watch
 
 PUBLIC_NODE = "node-2"
+SHOWN_COUNT = 8  # transactions, so that the page has something to draw
 PLACES = ("live", "producers", "block/1", "contracts", "contract/identity", "members", "custody", "governance")
 VALUES = [
     {"a": [1, -1, 127, 128, 65_536, 1 << 40], "b": b"\x00\xff", "c": None, "d": True, "e": "žluťoučký"},
@@ -424,7 +425,8 @@ async def test_a_session_that_ends_is_told_and_another_lets_the_page_go_on(
 async def test_a_public_explorer_shows_headers_producers_and_counts_and_nothing_else(
     page: Page, recorded_network: RecordedNetwork, public_url: str
 ) -> None:
-    place = await refuse_something(recorded_network)
+    for _ in range(SHOWN_COUNT):
+        place = await refuse_something(recorded_network)
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url.partition("/v1/")[2]))
     await page.goto(public_url)
@@ -449,6 +451,7 @@ async def test_a_public_explorer_shows_headers_producers_and_counts_and_nothing_
                 assert await find_accessibility_faults(page, by_keyboard=False) == []
     await shoot_all_ways(page, "explorer-public")
     assert not [path for path in asked if path and not path.startswith("explorer/")]
+    await page.get_by_role("button", name="Hold still").click()  # Tab cannot reach what comes in behind it
     assert await find_accessibility_faults(page) == []
 
 
