@@ -42,7 +42,7 @@ def build_report(title: str, lead: str, sections: Sequence[Section], *, lead_is_
     digest = base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()
     policy = f"default-src 'none'; img-src data:; style-src 'sha256-{digest}'; base-uri 'none'; form-action 'none'"
     links = "".join(f'<li><a href="#part-{n}">{text(one.heading)}</a></li>' for n, one in enumerate(sections, 1))
-    contents = f'<nav class="card contents no-print" aria-label="Contents"><ol>{links}</ol></nav>' if links else ""
+    contents = f'<nav class="card contents no-print" aria-label="Contents"><ol>{links}</ol></nav>'
     body = "".join(_section(number, one) for number, one in enumerate(sections, 1))
     seal = "" if lead_is_good is None else f' class="seal {"good" if lead_is_good else "bad"}"'
     return (
@@ -52,7 +52,7 @@ def build_report(title: str, lead: str, sections: Sequence[Section], *, lead_is_
         f"<title>{text(title)}</title><style>{style}</style></head>"
         '<body><a class="skip-link" href="#report">To the report</a>'
         f'<main class="page" id="report"><h1>{text(title)}</h1><div{seal}><div>{lead}</div></div>'
-        f"{contents}{body}</main></body></html>\n"
+        f"{contents if len(sections) > 1 else ''}{body}</main></body></html>\n"
     )
 
 
@@ -82,7 +82,7 @@ def table(
     body = "".join(f"<tr>{line}</tr>" for line in lines)
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{text(caption)}">'
-        f'<table class="list{" stacked" if stacked else ""}"><caption>{text(caption)}</caption>'
+        f'<table class="list{" stacked" if stacked else ""}"><caption><span>{text(caption)}</span></caption>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )
 

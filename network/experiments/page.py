@@ -27,7 +27,7 @@ _IN_MS = '<span class="visually-hidden">in milliseconds</span>'
 def build_page(outcome: Outcome, refusal: BlockRobotError | None, drawn: str | None = None) -> str:
     """Return an experiment's page. `drawn` is Graphviz's process map as SVG; `refusal` says why it drew none."""
     experiment = outcome.experiment
-    sections = [Section("What was checked", _checks(outcome.checks.checks) + _conditions(outcome.conditions))]
+    sections = [Section("What was checked", _checks(outcome.checks.checks) + quiet(_told(outcome.conditions)))]
     if outcome.reading is not None:
         figures = outcome.reading.figures
         sections += [
@@ -61,20 +61,23 @@ def build_index(outcomes: Sequence[Outcome], result: dict[str, Any]) -> str:
             ]
         )
     headings = ["Experiment", "Claims", "Checks", "Frames", "Covered", "Kept", "Withheld", "Lost"]
-    conditions = ", ".join(f"{key} {value}" for key, value in result["conditions"].items() if key != "scenarios")
+    seconds = result["figures"]["seconds"]
     note = quiet(
         "Covered, kept, withheld and lost count a frame once for each owner. "
-        f"{result['figures']['seconds']} s in all; {text(conditions)}."
+        f"All of it took {seconds:,.0f} s. {_told(result['conditions'])}"
     )
     held = bool(outcomes) and all(outcome.ok for outcome in outcomes)
+    checks = [check for outcome in outcomes for check in outcome.checks.checks]
     lead = "<p><strong>Every claim held.</strong></p>" if held else "<p><strong>Not every claim held.</strong></p>"
+    lead += f"<p>{sum(check.ok for check in checks)} of {len(checks)} checks held. A name leads to its experiment.</p>"
     body = table("Each experiment, and what became of its frames", headings, rows, numbers_from=3) + note
     return build_report("The experiments", lead, [Section("What was run", body)], lead_is_good=held)
 
 
-def _conditions(conditions: dict[str, Any]) -> str:
-    told = ", ".join(f"{key} {value}" for key, value in conditions.items() if value is not None)
-    return quiet(f"Measured with: {text(told)}. A load above the cores means that others worked too.")
+def _told(conditions: dict[str, Any]) -> str:
+    shown = {key: value for key, value in conditions.items() if value is not None and key != "scenarios"}
+    told = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in shown.items())
+    return f"Measured with: {text(told)}. A load above the cores means that others worked too."
 
 
 def _verdict(outcome: Outcome) -> str:

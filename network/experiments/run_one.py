@@ -194,7 +194,7 @@ class ExperimentRun:
         self._checks.add(
             "the frames around each registered tag's readings were paired, and no others",
             ok=are_covered_frames(tags.values(), expected),
-            detail=f"{len(tags)} tags with {covered} frames, {total(expected.values())} by the scenario's own readings",
+            detail=f"{covered} frames, {total(expected.values())} by the scenario's own readings; tags: {len(tags)}",
         )
         self._checks.add(
             "no frame that should be kept is lost",

@@ -122,6 +122,10 @@ async def test_the_page_over_all_experiments_leads_to_each(page: Page, tmp_path:
     index = build_index([made], {"figures": {"seconds": 5}, "conditions": {"nodes": 4}})
     (tmp_path / "report.html").write_text(index, encoding="utf-8")
     await look_all_ways(page, tmp_path / "report.html", "report-experiments")
+    await page.set_viewport_size({"width": NARROW[0], "height": NARROW[1]})
+    shown = await page.locator("caption span").bounding_box()
+    assert shown is not None
+    assert shown["x"] + shown["width"] <= NARROW[0], "what the table shows is read without moving it sideways"
     await page.get_by_role("link", name=re.compile("^1: ")).click()
     assert (await page.title()).startswith("Experiment 1")
 

@@ -221,6 +221,19 @@ def test_a_failed_check_is_on_both_pages_and_in_the_figures(tmp_path: Path) -> N
     index = build_index([failed], {"figures": {"seconds": 5}, "conditions": {"nodes": 4}})
     assert "FAILED" in index
     assert "experiment-1/report.html" in index
+    assert "Not every claim held." in index
+
+
+def test_the_page_over_all_says_in_words_how_many_checks_held_and_how_it_was_measured(tmp_path: Path) -> None:
+    made = outcome(tmp_path, ok=True)
+    conditions = {"nodes": 4, "seed": None, "scenarios": {"experiment-1": "ab"}, "drawn_by": "graphviz"}
+    index = build_index([made], {"figures": {"seconds": 1092.5}, "conditions": conditions})
+    count = len(made.checks.checks)
+    assert f"{count} of {count} checks held." in index
+    assert "All of it took 1,092 s. Measured with: nodes 4, drawn by graphviz." in index
+    assert "None" not in index
+    assert "<nav" not in index, "one part needs no contents"
+    assert "<nav" in build_page(made, None)
 
 
 def test_an_experiment_that_never_recorded_has_a_page_and_did_not_hold(tmp_path: Path) -> None:
