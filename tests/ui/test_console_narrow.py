@@ -23,7 +23,7 @@ _OUTSIDE = """() => [...document.body.querySelectorAll('*')].filter((one) => {
 
 async def faults_of(page: Page, name: str) -> list[str]:
     """What of the page, as it stands, cannot be read or used in a window as narrow as this."""
-    await shoot(page, f"console-320-{name}")
+    await shoot(page, f"zoomed-console-{name}")
     found = await find_accessibility_faults(page, by_keyboard=False)
     outside: list[str] = await page.evaluate(_OUTSIDE)
     return [*found, *outside]
