@@ -6,7 +6,7 @@ import datetime
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +31,8 @@ _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
 _SAID_COLUMNS = 4
+_DEPTH = "depth"
+"""By this sensor a robot tells people apart: without a yes to it, it keeps nothing of any other."""
 
 
 def read_time(written: str | None, now_ms: int) -> int:
@@ -109,7 +111,7 @@ def give(
     """
     if not purposes:
         raise WrongUsage("consent_what", known=", ".join(PURPOSES))
-    chosen = sensors or ("depth",)
+    chosen = sensors or (_DEPTH,)
     now_ms = round(time.time() * 1000)
     from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
     if ends is not None and until_ms <= max(from_ms, now_ms):
@@ -122,6 +124,8 @@ def give(
         "sensors": _named(chosen, "sensor", SENSORS, ""),
     }
     line = text("consent.given", **named) + period
+    if _DEPTH not in chosen:
+        line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
     more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
     more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
 
@@ -223,6 +227,18 @@ def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[s
         console.print(text("consent.none"))
     for row in rows:
         console.print(_line(row, found.height))
+    for line in _without_depth(found.rows, {row.purpose for row in rows}):
+        console.print(line)
+
+
+def _without_depth(rows: Sequence[Choice], purposes: Collection[str]) -> list[str]:
+    """Return, for each purpose, by which sensors nothing is kept although she said yes to them: depth is missing."""
+    lines = []
+    for purpose in sorted(purposes):
+        held = {row.sensor for row in rows if row.purpose == purpose and row.holds}
+        if held and _DEPTH not in held:
+            lines.append(text("consent.without_depth", purpose=purpose, sensors=", ".join(sorted(held))))
+    return lines
 
 
 def _line(row: Choice, height: int) -> str:

@@ -63,6 +63,8 @@ async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_gre
         )
         assert pixels > 20, "a picture in colours is on the stage"
         await expect(player.locator("svg.colour-legend")).to_contain_text("8 m")
+        grey = player.locator(".grey-legend")
+        await expect(grey).to_have_text("not measured")
         before = int(await player.get_attribute("data-place") or 0)
         await player.get_by_role("button", name="Play").click()
         await page.wait_for_function(f"() => Number(document.querySelector('.player').dataset.place) > {before} + 3")
@@ -70,6 +72,7 @@ async def test_she_opens_it_by_the_file_watches_what_was_recorded_and_sees_a_gre
         await player.get_by_role("slider").fill("0")
         await expect(player.locator(".where")).to_contain_text("Picture 1 of")
         await player.get_by_label("Without the room").check()
+        await expect(grey).to_have_text("not measured, or not you")
         await player.get_by_role("button", name="One picture on").click()
         await expect(player.locator(".where")).to_contain_text("Picture 2 of")
 
@@ -200,6 +203,14 @@ async def test_consent_shows_the_notice_first_and_a_no_is_one_press(
         await expect(page.locator("#main")).to_contain_text("You said yes. It holds from block", timeout=SETTLED_MS)
         await expect(yes).to_have_attribute("aria-pressed", "true")
         await expect(yes).to_be_focused()
+
+        microphone = page.get_by_role("group", name="Microphone, Care and treatment")
+        await expect(microphone).to_have_accessible_description(
+            re.compile("the other sensors keep nothing of you unless")
+        )
+        await expect(microphone).to_contain_text("Nothing is kept by this")
+        await page.get_by_role("button", name="Yes: Depth camera (distances, no colours), Care and treatment").click()
+        await expect(microphone).not_to_contain_text("Nothing is kept by this", timeout=SETTLED_MS)
         await no.click()
         await expect(page.locator("#main")).to_contain_text("You took it back. It holds from block", timeout=SETTLED_MS)
         await expect(no).to_have_attribute("aria-pressed", "true")

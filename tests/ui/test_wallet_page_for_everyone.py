@@ -20,6 +20,22 @@ from tests.ui.watched_page import NARROW, WIDE, ZOOMED
 from tests.ui.weights import PAGE_MAX_BYTES
 
 TABS_MAX_COUNT = 60
+LEGEND_FAULTS = """() => {
+  const card = document.querySelector('.stage-frame').getBoundingClientRect();
+  const words = [...document.querySelectorAll('.colour-legend text, .grey-legend span')];
+  const boxes = words.map((one) => one.getBoundingClientRect());
+  const faults = words.filter((one, place) => boxes[place].left < card.left - 1 || boxes[place].right > card.right + 1)
+    .map((one) => `cut off: ${one.textContent}`);
+  boxes.forEach((box, place) => {
+    if (box.height < 12) faults.push(`too small: ${words[place].textContent}`);
+    boxes.slice(place + 1).forEach((other, after) => {
+      if (box.left < other.right && other.left < box.right && box.top < other.bottom && other.top < box.bottom) {
+        faults.push(`${words[place].textContent} lies over ${words[place + 1 + after].textContent}`);
+      }
+    });
+  });
+  return faults;
+}"""
 FRAMES_HELD_MAX_COUNT = 48
 
 
@@ -103,6 +119,19 @@ async def test_nothing_stands_in_the_way_of_anybody_on_any_view(recorded_network
         await page.get_by_role("button", name="Erase for good").click()
         await judge("question")
     assert faults == {}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+async def test_the_legend_of_distances_is_whole_and_legible_on_a_phone_and_zoomed_in(
+    recorded_network: RecordedNetwork, page: Page, language: str
+) -> None:
+    async with serve_wallet(recorded_network, language=language) as served:
+        await open_page(page, served)
+        await watch_first_meeting(page)
+        await expect(page.locator(".grey-legend")).to_be_visible(timeout=SETTLED_MS)
+        for width, height in (ZOOMED, NARROW, WIDE):
+            await page.set_viewport_size({"width": width, "height": height})
+            assert await page.evaluate(LEGEND_FAULTS) == [], width
 
 
 async def test_it_speaks_portuguese_when_the_wallet_does_and_changes_on_a_wish(

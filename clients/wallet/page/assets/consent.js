@@ -1,10 +1,14 @@
 // Consent: what the organisation tells first, then a yes or a no for each purpose and sensor. A no is as near as a yes.
-// Must never offer a yes before the notice in force was on the screen, nor to what it does not name.
+// Must never offer a yes before the notice in force was on the screen, nor to what it does not name, nor let a yes pass for
+// one by which something is kept when it is none without depth.
 
 import { announce, h, replace } from "./shared/dom.js";
 import { follow, get, post } from "./api.js";
 import { moment, problemCard, progressOf, purposeName, redraw, sensorName, sentences } from "./pieces.js";
 import { locale, t } from "./texts.js";
+
+/** By this one a robot tells people apart: without a yes to it, it keeps nothing of any other sensor. */
+const DEPTH = "depth";
 
 /** Show the notice and the switches. */
 export async function showConsent(context) {
@@ -34,10 +38,18 @@ export async function showConsent(context) {
     node.querySelector(".choices button")?.focus();
   };
 
-  const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => h("section", { class: "card choices", "aria-labelledby": `purpose-${purpose}` },
-    h("h2", { id: `purpose-${purpose}` }, purposeName(purpose, sentence)),
-    groundOf(purpose),
-    Object.keys(data.sensors).filter((sensor) => isAskable(purpose, sensor) || choiceOf(purpose, sensor) !== undefined).map((sensor) => choiceRow(purpose, sensor))));
+  const switches = () => Object.entries(data.purposes).map(([purpose, sentence]) => {
+    const sensors = sensorsOf(purpose);
+    return h("section", { class: "card choices", "aria-labelledby": `purpose-${purpose}` },
+      h("h2", { id: `purpose-${purpose}` }, purposeName(purpose, sentence)),
+      groundOf(purpose),
+      sensors.some((sensor) => sensor !== DEPTH) && h("p", { class: "quiet", id: `depth-${purpose}` }, t("consent.needsDepth")),
+      sensors.map((sensor) => choiceRow(purpose, sensor)));
+  });
+
+  const sensorsOf = (purpose) => Object.keys(data.sensors)
+    .filter((sensor) => isAskable(purpose, sensor) || choiceOf(purpose, sensor) !== undefined)
+    .sort((one, other) => Number(other === DEPTH) - Number(one === DEPTH));
 
   const isAskable = (purpose, sensor) => data.askable[purpose]?.includes(sensor) === true;
 
@@ -55,8 +67,10 @@ export async function showConsent(context) {
     const isYes = choice?.status === "given";
     const isNo = choice !== undefined && !isYes;
     const name = `${sensorName(sensor)}, ${purposeName(purpose)}`;
-    return h("div", { class: "choice", role: "group", "aria-label": name },
+    const isWithoutDepth = isYes && sensor !== DEPTH && choiceOf(purpose, DEPTH)?.status !== "given";
+    return h("div", { class: "choice", role: "group", "aria-label": name, "aria-describedby": sensor === DEPTH ? null : `depth-${purpose}` },
       h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height)),
+        isWithoutDepth && h("div", { class: "without-depth" }, t("consent.withoutDepth")),
         data.askable[purpose] !== undefined && !isAskable(purpose, sensor) && h("div", { class: "quiet" }, t("consent.unnamedSensor", { organisation: data.notice.organisation }))),
       h("div", { class: "row yes-no" },
         isAskable(purpose, sensor) && h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking, onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),

@@ -27,7 +27,7 @@ export class FrameWindow {
     this.waiting.clear();
   }
 
-  /** Return a frame's content: {depth, width, height} | {bitmap} | {label} | {sound: Blob} | {nothing: status}. */
+  /** Return a frame's content: {depth, width, height, isAlone} | {bitmap} | {label} | {sound: Blob} | {nothing: status}. */
   async at(place) {
     const content = await this.#fetch(place);
     this.next = [];
@@ -90,7 +90,7 @@ export class FrameWindow {
     const path = `clips/${this.clip.clip}/frames/${frame.number}`;
     if (frame.kind === "depth") {
       const { bytes, headers } = await getBytes(`${path}/depth`, { own: onlyOwner ? 1 : undefined }, this.signal);
-      return { depth: new Uint16Array(bytes), width: Number(headers.get("X-BlockRobot-Width")), height: Number(headers.get("X-BlockRobot-Height")) };
+      return { depth: new Uint16Array(bytes), width: Number(headers.get("X-BlockRobot-Width")), height: Number(headers.get("X-BlockRobot-Height")), isAlone: onlyOwner };
     }
     const { bytes, headers } = await getBytes(`${path}/file`, {}, this.signal);
     const type = headers.get("Content-Type") ?? "";

@@ -2,7 +2,7 @@
 // Must never show a picture that failed a check: in its place stands what is wrong.
 
 import { h, replace } from "./shared/dom.js";
-import { legend, paint } from "./colour-map.js";
+import { greyWords, legend, paint } from "./colour-map.js";
 import { FrameWindow } from "./frames.js";
 import { clock } from "./pieces.js";
 import { locale, t } from "./texts.js";
@@ -160,7 +160,8 @@ function makeStage(kind, shownMm) {
   const words = h("p", { class: "stage-words", hidden: true });
   const probe = h("p", { class: "probe quiet", "aria-hidden": "true" });
   let drawn = null;
-  const node = h("figure", { class: "stage-frame" }, h("div", { class: "stage-box" }, canvas, words), h("figcaption", {}, kind === "depth" ? [legend(shownMm), probe] : t("stage.picture")));
+  const colours = kind === "depth" ? legend(shownMm) : null;
+  const node = h("figure", { class: "stage-frame" }, h("div", { class: "stage-box" }, canvas, words), h("figcaption", {}, colours ? [colours.node, probe] : t("stage.picture")));
   const surface = canvas.getContext("2d", { willReadFrequently: false });
   const size = (width, height) => {
     if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
@@ -171,7 +172,7 @@ function makeStage(kind, shownMm) {
     const x = Math.floor(((event.clientX - box.left) / box.width) * drawn.width);
     const y = Math.floor(((event.clientY - box.top) / box.height) * drawn.height);
     const mm = drawn.depth[y * drawn.width + x];
-    replace(probe, mm ? t("stage.probe", { metres: (mm / 1000).toLocaleString(locale(), { minimumFractionDigits: 2, maximumFractionDigits: 2 }) }) : t("legend.unmeasured"));
+    replace(probe, mm ? t("stage.probe", { metres: (mm / 1000).toLocaleString(locale(), { minimumFractionDigits: 2, maximumFractionDigits: 2 }) }) : greyWords(drawn.isAlone));
   });
   return {
     kind, node,
@@ -182,7 +183,7 @@ function makeStage(kind, shownMm) {
       if (content.depth) {
         size(content.width, content.height);
         const image = surface.createImageData(content.width, content.height);
-        paint(content.depth, image, shownMm);
+        colours.show(paint(content.depth, image, shownMm), content.isAlone);
         surface.putImageData(image, 0, 0);
         canvas.setAttribute("aria-label", tellDepth(content, frame));
       } else {

@@ -19,6 +19,7 @@ from clients.wallet import consent_commands
 from clients.wallet.consent_commands import consent, read_time
 from clients.wallet.consenting import Consenting, round_period
 from clients.wallet.keystore import Keystore
+from clients.wallet.language import LANGUAGE_VARIABLE
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.limits import TIME_BUCKET_MS
@@ -203,6 +204,22 @@ def test_the_commands_tell_a_story_in_plain_words(house: House, run: Callable[..
     assert "care by depth: withdrawn" in run("list").output
     assert "You refuse: research" in run("refuse", "--purpose", "research").output
     assert "You consented to nothing of this." in run("list", "--purpose", "teaching").output
+
+
+@pytest.mark.parametrize(("language", "sign"), [("en", "tells people apart"), ("pt", "distingue as pessoas")])
+def test_a_yes_to_other_sensors_says_that_without_one_to_depth_nothing_is_kept(
+    house: House, run: Callable[..., Any], language: str, sign: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(LANGUAGE_VARIABLE, language)
+    assert sign in " ".join(run("give", "--purpose", "care", "--sensor", "rgb", "--sensor", "audio").output.split())
+    house.hospital.block([])
+    listed = " ".join(run("list", "--purpose", "care", "--sensor", "rgb").output.split())
+    assert sign in listed
+    assert "audio, rgb" in listed
+    assert "wallet consent give --purpose care" in listed
+    assert sign not in run("give", "--purpose", "care").output
+    house.hospital.block([])
+    assert sign not in " ".join(run("list").output.split())
 
 
 def test_a_program_gets_one_object_and_an_exit_code(house: House, run: Callable[..., Any]) -> None:
