@@ -20,6 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import aiohttp
 import numpy as np
 
 from clients.registrar.desk import Desk
@@ -62,7 +63,7 @@ SCENE_FILE = "scene.toml"
 _KNOWN_FILES = ("robot.keys", "roster.sealed", "client.pin", "events.jsonl", "open-visits", "robot.lock")
 _HEARTBEAT_S = 0.4
 _PIECE_PX = 320
-_FOLLOW_S = 20.0
+_FOLLOW_S = 60.0
 _NOT_YET = frozenset({"ACCESS_NOT_GRANTED", "CLIP_NOT_CONFIRMED", "NOT_FOUND"})
 
 
@@ -299,5 +300,6 @@ async def killed_robot(network: NetworkUnderTest, folder: Path) -> AsyncIterator
 
 async def _keep_going(network: NetworkUnderTest) -> None:
     while True:
-        await network.submit(network.names[0], [network.transaction()])
+        with contextlib.suppress(aiohttp.ClientError, TimeoutError):
+            await network.submit(network.names[0], [network.transaction()])
         await asyncio.sleep(_HEARTBEAT_S)

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import atexit
 import secrets
 import socket
 import time
+from collections import deque
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,14 @@ from network.cluster import Cluster
 from network.layout import PORTS_PER_NODE, create_network
 from node.config import load_config
 
-_BASE_PORT_MIN, _BASE_PORT_MAX = 20_000, 32_000
-FINAL_TIMEOUT_S = 30.0
+_BASE_PORT_MIN, _BASE_PORT_MAX, _BASE_PORT_STEP = 20_000, 32_000, 100
+_CLAIMS_KEPT_COUNT = 20
+_claims: deque[socket.socket] = deque()
+"""What holds the last port of each of the newest ranges, so that no other run of tests takes it before its nodes start."""
+FINAL_TIMEOUT_S = 60.0
+HTTP_TIMEOUT_S = 60.0
+PLACE_WAIT_MS = 30_000
+_POLL_S = 0.05
 
 
 def _is_free(port: int) -> bool:
@@ -31,12 +40,38 @@ def _is_free(port: int) -> bool:
     return True
 
 
+@atexit.register
+def _drop_claims() -> None:
+    while _claims:
+        _claims.popleft().close()
+
+
+def _claim(port: int) -> socket.socket | None:
+    claim = socket.socket()
+    try:
+        claim.bind(("127.0.0.1", port))
+    except OSError:
+        claim.close()
+        return None
+    return claim
+
+
 def find_base_port(nodes: int) -> int:
-    """Return a base port whose range is free: below the ports that the system hands out by itself."""
+    """Return a base port whose range is free: below the ports that the system hands out by itself.
+
+    Nobody else who asks this is given it for a while, in this process or another.
+    """
     while True:
-        base = secrets.choice(range(_BASE_PORT_MIN, _BASE_PORT_MAX, 100))
+        base = secrets.choice(range(_BASE_PORT_MIN, _BASE_PORT_MAX, _BASE_PORT_STEP))
+        claim = _claim(base + _BASE_PORT_STEP - 1)
+        if claim is None:
+            continue
         if all(_is_free(base + PORTS_PER_NODE * node + offset) for node in range(nodes) for offset in range(3)):
+            _claims.append(claim)
+            if len(_claims) > _CLAIMS_KEPT_COUNT:
+                _claims.popleft().close()
             return base
+        claim.close()
 
 
 class NetworkUnderTest:
@@ -59,7 +94,7 @@ class NetworkUnderTest:
         self.names = self.cluster.names
         registrar = folder / "organisations" / self.genesis.organisations[0].name / "registrar.key"
         self.registrar = PrivateKey(registrar.read_bytes())
-        self.http = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=15))
+        self.http = aiohttp.ClientSession(timeout=aiohttp.ClientTimeout(total=HTTP_TIMEOUT_S))
 
     async def start(self) -> None:
         self.cluster.start_all()
@@ -106,10 +141,11 @@ class NetworkUnderTest:
         return self.url(name) + path
 
     async def submit(self, name: str, transactions: list[Transaction]) -> list[dict[str, Any]]:
-        """Send transactions to one node; return its answer for each."""
+        """Send transactions to one node; return its answer for each. Raises ClientResponseError if it takes none."""
         body = msgspec.msgpack.encode([transaction.wire for transaction in transactions])
         headers = {"Content-Type": "application/msgpack"}
         async with self.http.post(self._url(name, "/v1/transactions"), data=body, headers=headers) as response:
+            response.raise_for_status()
             answer: dict[str, Any] = await response.json()
             return answer["results"]
 
@@ -138,23 +174,40 @@ class NetworkUnderTest:
                 answer = await self.place(name, transaction.txid)
                 if answer["status"] == "finalized":
                     return answer
-            except aiohttp.ClientError:
+            except (aiohttp.ClientError, TimeoutError):
                 await asyncio.sleep(0.1)
             assert time.monotonic() < deadline, "the transaction was not final in time"
 
     async def status(self, name: str) -> dict[str, Any]:
-        """What one node says of itself."""
-        return next(report.status for report in await self.cluster.status() if report.name == name) or {}
+        """What one node says of itself, however long it takes; nothing if it is down or paused, or does not answer."""
+        deadline = time.monotonic() + FINAL_TIMEOUT_S
+        while True:
+            report = next(report for report in await self.cluster.status() if report.name == name)
+            may_answer = report.running and not self.cluster.is_paused(name)
+            if report.status is not None or not may_answer or time.monotonic() > deadline:
+                return report.status or {}
+            await asyncio.sleep(_POLL_S)
+
+    async def same_height(self, names: Sequence[str]) -> list[dict[str, Any]]:
+        """Wait until these nodes are at one height; return what they say of themselves there."""
+        deadline = time.monotonic() + FINAL_TIMEOUT_S
+        while True:
+            said = [await self.status(name) for name in names]
+            heights = {status.get("finalized_height") for status in said}
+            if len(heights) == 1:
+                return said
+            assert time.monotonic() < deadline, f"the nodes stay at different heights: {heights}"
+            await asyncio.sleep(_POLL_S)
 
     async def wait_height(self, name: str, height: int) -> None:
         """Wait until one node has stored a height."""
         deadline = time.monotonic() + FINAL_TIMEOUT_S
         while (await self.status(name)).get("finalized_height", -1) < height:
             assert time.monotonic() < deadline, f"{name} did not reach height {height}"
-            await asyncio.sleep(0.05)
+            await asyncio.sleep(_POLL_S)
 
     async def block_id(self, name: str, txid: bytes) -> str:
         """The block that holds a final transaction, as one node sees it."""
-        answer = await self.place(name, txid, wait_ms=10_000)
+        answer = await self.place(name, txid, wait_ms=PLACE_WAIT_MS)
         assert answer["status"] == "finalized"
         return str(answer["block_id"])

@@ -33,6 +33,8 @@ from tests.cluster.network_under_test import NetworkUnderTest
 WORK_TIMEOUT_S = 60.0
 SAME_TIMEOUT_S = 60.0
 _POLL_S = 0.1
+_IN_FLIGHT_S = 1.5
+"""Longer than what was said before a link was cut is on its way, on a busy machine."""
 _PROOF_KEYS_COUNT = 100
 _WRITES_A_READ_COUNT = 5
 _PAUSE_S = 0.02
@@ -257,16 +259,27 @@ class Story:
         return max(set(said), key=said.count)
 
     async def status(self, name: str) -> dict[str, Any]:
-        """What one node says of itself; nothing if it does not answer."""
-        rows = await self.cluster.status(timeout_s=1.0)
-        return next((row.status or {} for row in rows if row.name == name), {})
+        """What one node says of itself; nothing if it is down or paused."""
+        return await self.network.status(name)
 
-    async def wait_until(self, name: str, is_so: Callable[[dict[str, Any]], bool], timeout_s: float = 30.0) -> None:
-        """Wait until a node says something of itself."""
+    async def wait_until(
+        self, name: str, is_so: Callable[[dict[str, Any]], bool], timeout_s: float = WORK_TIMEOUT_S
+    ) -> dict[str, Any]:
+        """Wait until a node says something of itself; return all that it says then."""
         deadline_s = time.monotonic() + timeout_s
         while not is_so(said := await self.status(name)):
             assert time.monotonic() < deadline_s, f"{name} says {said}"
             await asyncio.sleep(_POLL_S)
+        return said
+
+    async def until_still(self, *names: str) -> dict[str, int]:
+        """Wait until nothing that was on its way becomes final at these nodes any more; return their heights."""
+        deadline_s, seen = time.monotonic() + WORK_TIMEOUT_S, dict.fromkeys(names, -2)
+        while (heights := {name: (await self.status(name))["finalized_height"] for name in names}) != seen:
+            assert time.monotonic() < deadline_s, f"blocks go on becoming final: {heights}"
+            seen = heights
+            await asyncio.sleep(_IN_FLIGHT_S)
+        return heights
 
     # Figures
 

@@ -9,8 +9,10 @@ from network.faults.profiles import link_profile
 from node.p2p.shaping import LinkFault
 from tests.cluster.story import Story
 
-CUT_S = 4.0
-"""Several rounds of the default timeout (500 ms)."""
+CUT_S = 8.0
+"""Many rounds of the default timeout (500 ms)."""
+GAP_MAX_S = 5.0
+"""For a machine that is busy with other tests."""
 
 
 async def test_a_node_that_is_paused_longer_than_the_timeout_costs_its_turns_and_comes_back(story: Story) -> None:
@@ -19,7 +21,7 @@ async def test_a_node_that_is_paused_longer_than_the_timeout_costs_its_turns_and
     paused_s = await story.do(Pause("node-4"))
     await asyncio.sleep(CUT_S)
     resumed_s = await story.do(Resume("node-4"))
-    assert story.report_gap("paused", paused_s, resumed_s) < CUT_S / 2
+    assert story.report_gap("paused", paused_s, resumed_s) < GAP_MAX_S
     await story.until_told()
     await story.end()
 
@@ -41,11 +43,11 @@ async def test_three_nodes_go_on_without_the_one_that_is_cut_off_which_catches_u
     await story.work("node-1", "node-2", "node-3")
     await story.until_told()
     cut_s = await story.do(story.control.reader.partition("node-4"))
-    before = (await story.status("node-4"))["finalized_height"]
+    before = (await story.until_still("node-4"))["node-4"]
     await asyncio.sleep(CUT_S)
-    assert (await story.status("node-4"))["finalized_height"] <= before + 1
+    assert (await story.status("node-4"))["finalized_height"] == before
     healed_s = await story.do(Heal())
-    assert story.report_gap("cut_3_1", cut_s, healed_s) < CUT_S / 2
+    assert story.report_gap("cut_3_1", cut_s, healed_s) < GAP_MAX_S
     await story.until_told()
     await story.end()
 
@@ -54,10 +56,9 @@ async def test_two_and_two_decide_nothing_and_go_on_together_when_healed(story: 
     await story.work()
     await story.until_told()
     await story.do(story.control.reader.partition("node-1,node-2 | node-3,node-4"))
-    await asyncio.sleep(0.5)
+    heights = await story.until_still(*story.names)
     before = story.told_count
-    heights = {name: (await story.status(name))["finalized_height"] for name in story.names}
-    await asyncio.sleep(CUT_S)
+    await asyncio.sleep(CUT_S / 2)
     assert story.told_count == before
     assert {name: (await story.status(name))["finalized_height"] for name in story.names} == heights
     healed_s = await story.do(Heal())
@@ -72,7 +73,7 @@ async def test_one_direction_that_is_cut_stops_nobody(story: Story) -> None:
     await story.until_told()
     one_way = [SetLink("node-1", name, LinkFault(cut=True)) for name in ("node-2", "node-3")]
     cut_s = await story.do(*one_way)
-    await asyncio.sleep(CUT_S)
+    await asyncio.sleep(CUT_S / 2)
     story.report_gap("one_way", cut_s)
     await story.do(Heal())
     await story.end()

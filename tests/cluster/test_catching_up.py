@@ -14,7 +14,7 @@ import pytest
 from network.cli.main import main as command_line
 from node.journal import Journal
 from node.snapshot.form import SnapshotFolder, read_manifest
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 
 BLOCKS_COUNT = 600
 KEPT_COUNT = 256
@@ -94,7 +94,7 @@ async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where
         status = await wait_caught_up(network, "node-4", 60)
         assert status["earliest_height"] == 0
         await loading
-        await wait_caught_up(network, "node-4", 20)
+        await wait_caught_up(network, "node-4", FINAL_TIMEOUT_S)
         await assert_same(network, "node-2", "node-3", "node-4")
 
         network.cluster.stop("node-4")
@@ -107,14 +107,14 @@ async def test_a_new_node_takes_blocks_where_there_are_some_and_a_snapshot_where
         assert status["earliest_height"] > BLOCKS_COUNT - KEPT_COUNT
         assert "snapshot_ready" in {line["event"] for line in log_of(network, "node-4")}
         await network.finalize("node-4", network.transaction())
-        await wait_caught_up(network, "node-4", 20)
+        await wait_caught_up(network, "node-4", FINAL_TIMEOUT_S)
         await assert_same(network, "node-2", "node-3", "node-4")
     finally:
         await network.close()
 
 
 async def _wait_pruned(network: NetworkUnderTest, name: str) -> None:
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + FINAL_TIMEOUT_S
     while (await network.status(name))["earliest_height"] < BLOCKS_COUNT - 2 * KEPT_COUNT:
         assert time.monotonic() < deadline
         await asyncio.sleep(0.1)
@@ -140,9 +140,9 @@ async def test_a_custodian_is_restored_from_a_snapshot_of_another_node_that_runs
     network.cluster.start("node-2")
     await network.cluster.wait_ready(["node-2"])
     await network.finalize("node-2", network.transaction())
-    status = await wait_caught_up(network, "node-2", 20)
+    status = await wait_caught_up(network, "node-2", FINAL_TIMEOUT_S)
     assert status["earliest_height"] == made["height"]
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + FINAL_TIMEOUT_S
     while (status := await network.status("node-2"))["custody_checkpoint"] != status["finalized_height"]:
         assert time.monotonic() < deadline, status
         await asyncio.sleep(0.1)
@@ -177,7 +177,7 @@ async def test_a_snapshot_that_was_damaged_or_is_of_another_network_is_refused_b
     await run_command(network, "snapshot", "restore", "node-4", str(place))
     assert read_manifest(SnapshotFolder(place).manifest()).height > 0
     network.cluster.start("node-4")
-    await wait_caught_up(network, "node-4", 30)
+    await wait_caught_up(network, "node-4", FINAL_TIMEOUT_S)
 
 
 @pytest.mark.long

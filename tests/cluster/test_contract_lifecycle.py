@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from contracts.execution.registry import read_source
-from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.network_under_test import FINAL_TIMEOUT_S, NetworkUnderTest
 from tests.cluster.test_catching_up import assert_same, make_blocks, run_command, wait_caught_up
 from tests.cluster.test_governance import blockrobot, must
 from tests.unit.contracts.system.deploying import VISITORS, VISITORS_2
@@ -80,7 +80,7 @@ async def test_a_contract_is_deployed_upgraded_disabled_and_rolled_back_under_lo
         load.cancel()
         await asyncio.gather(load, return_exceptions=True)
     for name in ("node-2", "node-3", "node-4"):
-        await wait_caught_up(network, name, 20)
+        await wait_caught_up(network, name, FINAL_TIMEOUT_S)
     await assert_same(network, "node-2", "node-3", "node-4")
 
     network.cluster.stop_all()
@@ -100,7 +100,7 @@ async def test_a_contract_is_deployed_upgraded_disabled_and_rolled_back_under_lo
     network.cluster.start("node-4")
     await wait_caught_up(network, "node-4", 60)
     assert (await enter(network, "node-4", "Fay"))["ok"]
-    await wait_caught_up(network, "node-4", 20)
+    await wait_caught_up(network, "node-4", FINAL_TIMEOUT_S)
     await assert_same(network, "node-4")
 
 
@@ -123,5 +123,5 @@ async def test_settings_are_upgraded_on_running_nodes_and_go_back_to_what_shippe
     await asyncio.wait_for(make_blocks(network, height + 1), 60)
     assert (await blockrobot(network, *refused))[1]["error"]["code"] == "GOVERNANCE_SETTING_REFUSED"
     for name in ("node-2", "node-3", "node-4"):
-        await wait_caught_up(network, name, 20)
+        await wait_caught_up(network, name, FINAL_TIMEOUT_S)
     await assert_same(network, "node-2", "node-3", "node-4")

@@ -77,6 +77,17 @@ async def _settled(cluster: Cluster) -> None:
         await asyncio.sleep(0.2)
 
 
+async def _waits_for(cluster: Cluster, name: str, receipts: dict[str, int]) -> None:
+    """Wait until a custodian, which follows the chain a moment later, waits for so many receipts of others."""
+    deadline = time.monotonic() + SETTLE_MAX_S
+    while True:
+        waiting = (await ask_status(cluster.config(name)))["waiting_for"]
+        if {key: row["receipts"] for key, row in waiting.items()} == receipts:
+            return
+        assert time.monotonic() < deadline, waiting
+        await asyncio.sleep(0.2)
+
+
 async def _trace(cluster: Cluster, *clips: SealedClip) -> list[Trace]:
     traces = await asyncio.to_thread(gather, cluster, [clip.record_id for clip in clips])
     for trace, clip in zip(traces, clips, strict=True):
@@ -178,12 +189,12 @@ async def test_a_custodian_that_was_down_during_an_erasure_carries_it_out_when_i
     await asyncio.to_thread(cluster.kill, asleep)
     erasure_id = await robot.request_erasure(owner, [gone.record_id])
     key = cluster.genesis.custodians[1].custodian_key.hex()
-    assert (await ask_status(cluster.config(awake)))["waiting_for"][key]["receipts"] == 1
+    await _waits_for(cluster, awake, {key: 1})
     cluster.start(asleep)
     await cluster.wait_ready([asleep])
     await robot.wait_erased(owner, erasure_id)
     assert (await _hunt(cluster, traces)).is_clean
-    assert (await ask_status(cluster.config(awake)))["waiting_for"] == {}
+    await _waits_for(cluster, awake, {})
 
 
 async def test_two_custodians_that_disagree_are_found_out_and_mended_from_each_other(

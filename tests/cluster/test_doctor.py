@@ -14,6 +14,7 @@ from aiohttp import web
 from node.storage.lmdb_store import DATA_FILE_NAME
 from tests.cluster.commands import blockrobot, must
 from tests.cluster.network_under_test import NetworkUnderTest
+from tests.cluster.test_membership import linked
 
 
 async def _diagnosis(network: NetworkUnderTest) -> tuple[int, set[tuple[str, str]]]:
@@ -30,10 +31,12 @@ def _pid(network: NetworkUnderTest, name: str) -> int:
 
 async def test_a_sound_network_has_nothing_wrong(network: NetworkUnderTest) -> None:
     await network.finalize("node-1", network.transaction())
+    await linked(network, *network.names)
     assert await _diagnosis(network) == (0, set())
 
 
 async def test_a_killed_node_and_whoever_took_its_port(network: NetworkUnderTest) -> None:
+    await linked(network, *network.names)
     network.cluster.kill("node-2")
     assert await _diagnosis(network) == (1, {("NODE_DOWN", "node-2")})
     config = network.cluster.config("node-2")
@@ -59,6 +62,7 @@ async def test_a_wrong_clock_is_named_with_its_node(network: NetworkUnderTest) -
 
 
 async def test_keys_that_others_can_read(network: NetworkUnderTest) -> None:
+    await linked(network, *network.names)
     path = network.cluster.config("node-1").producer_key_path
     assert path is not None
     path.chmod(0o644)

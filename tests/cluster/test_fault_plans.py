@@ -6,12 +6,14 @@ import asyncio
 import json
 import sys
 import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.cluster.story import Story
+from tests.cluster.story import WORK_TIMEOUT_S, Story
 from tests.json_answers import differences
 
 PLAN = """
@@ -65,6 +67,38 @@ def _said_of(pictures: list[dict[str, Any]], words: str) -> bool:
     return any(words in line for picture in pictures for line in picture["changes"])
 
 
+class Watcher:
+    """`blockrobot status --watch` as somebody leaves it on: `pictures` is what it has shown."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.process = process
+        self.pictures: list[dict[str, Any]] = []
+
+    async def until(self, is_so: Callable[[list[dict[str, Any]]], bool]) -> None:
+        """Wait until what was shown is so."""
+        assert self.process.stdout is not None
+        async with asyncio.timeout(WORK_TIMEOUT_S):
+            while not is_so(self.pictures):
+                line = await self.process.stdout.readline()
+                assert line, "nothing more is shown"
+                self.pictures.append(json.loads(line))
+
+
+@asynccontextmanager
+async def watching(folder: str) -> AsyncIterator[Watcher]:
+    """Watch a network until the end of the block."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, "-m", "network.cli.main", "status", "--watch", "--json", "--dir", folder),
+        stdout=asyncio.subprocess.PIPE,
+        limit=1 << 20,
+    )
+    try:
+        yield Watcher(process)
+    finally:
+        process.terminate()
+        await process.communicate()
+
+
 async def test_a_plan_is_carried_out_under_load_and_the_watcher_sees_it(story: Story, tmp_path: Path) -> None:
     plan = tmp_path / "plan.toml"
     plan.write_text(PLAN, encoding="utf-8")
@@ -72,9 +106,11 @@ async def test_a_plan_is_carried_out_under_load_and_the_watcher_sees_it(story: S
     await story.work("node-1", "node-2", "node-4")
     await story.until_told()
     started_s = time.monotonic()
-    watching = asyncio.create_task(_blockrobot("status", "--watch", "--json", "--seconds", "14", "--dir", folder))
-    await asyncio.sleep(2.0)
-    code, output = await _blockrobot("fault", "run", str(plan), "--json", "--dir", folder)
+    async with watching(folder) as watcher:
+        await watcher.until(bool)
+        planned = asyncio.create_task(_blockrobot("fault", "run", str(plan), "--json", "--dir", folder))
+        await watcher.until(lambda pictures: _said_of(pictures, "node-1 faults: none"))
+        code, output = await planned
     done = json.loads(output)
     assert [(step["do"], (step["error"] or {}).get("code")) for step in done["steps"]] == [
         ("link node-1 <-> node-2: 3-15 ms, 1.0% lost, 2500 kB/s", None),
@@ -84,7 +120,7 @@ async def test_a_plan_is_carried_out_under_load_and_the_watcher_sees_it(story: S
         ("heal everything", None),
     ]
     assert (code, done["ok"]) == (1, False)
-    pictures = [json.loads(line) for line in (await watching)[1].splitlines()]
+    pictures = watcher.pictures
     assert [line for picture in pictures for line in differences("status --watch", picture)] == []
     assert _said_of(pictures, "node-3 is stopped")
     assert _said_of(pictures, "node-1 faults: -> node-2: 3-15 ms")

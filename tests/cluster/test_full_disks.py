@@ -10,6 +10,9 @@ from network.faults.actions import FillDisk, Kill, Restart
 from tests.cluster.story import Story
 
 FULL_S = 3.0
+SILENT_S = 8.0
+GAP_MAX_S = 5.0
+"""For a machine that is busy with other tests."""
 
 
 @pytest.mark.parametrize("disk", ["journal", "ledger"])
@@ -18,9 +21,9 @@ async def test_one_full_disk_silences_its_node_until_it_is_freed(story: Story, d
     await story.until_told()
     full_s = await story.do(FillDisk("node-3", disk))
     await story.wait_until("node-3", lambda said: bool(said.get("fault")))
-    await asyncio.sleep(FULL_S)
+    await asyncio.sleep(SILENT_S)
     freed_s = await story.do(FillDisk("node-3", disk, is_full=False))
-    assert story.report_gap(f"full_{disk}", full_s, freed_s) < FULL_S / 2 + 1
+    assert story.report_gap(f"full_{disk}", full_s, freed_s) < GAP_MAX_S
     await story.wait_until("node-3", lambda said: said.get("fault") == "" and bool(said.get("ready")))
     await story.until_told()
     await story.end()

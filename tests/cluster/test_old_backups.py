@@ -26,9 +26,11 @@ RETURN_TIMEOUT_S = 60.0
 @pytest.fixture
 async def network(tmp_path: Path) -> AsyncIterator[NetworkUnderTest]:
     under_test = NetworkUnderTest(tmp_path / "network", nodes=4)
-    await under_test.start()
-    yield under_test
-    await under_test.close()
+    try:
+        await under_test.start()
+        yield under_test
+    finally:
+        await under_test.close()
 
 
 async def _work(network: NetworkUnderTest, name: str, count: int) -> None:

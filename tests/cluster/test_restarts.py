@@ -27,5 +27,5 @@ async def test_all_four_stop_cleanly_and_start_again(network: NetworkUnderTest) 
     first = await network.finalize("node-1", transaction)
     await asyncio.to_thread(network.cluster.stop_all)
     await network.start()
-    assert (await network.place("node-4", transaction.txid))["block_id"] == first["block_id"]
+    assert await network.block_id("node-4", transaction.txid) == first["block_id"]
     await network.finalize("node-4", network.transaction())

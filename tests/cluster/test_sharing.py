@@ -65,6 +65,7 @@ class Sides:
 
     async def received(self, shared: Shared) -> Receipt:
         """Return what the doctor's wallet knows of it, once the node that it asks has followed: one may lag."""
+        await self.ward.told_everywhere()
         for _ in range(FOLLOW_MAX_COUNT):
             found = [each for each in await self.receiving.inbox() if each.grant.grant_id == shared.grant_id]
             if found:
@@ -74,6 +75,7 @@ class Sides:
         raise AssertionError("the grant did not come into the doctor's inbox")
 
     async def own(self, shared: Shared) -> Share:
+        await self.ward.told_everywhere()
         (share,) = [each for each in await self.sharing.shares() if each.grant.grant_id == shared.grant_id]
         return share
 

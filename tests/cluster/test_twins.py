@@ -52,7 +52,7 @@ def _running(config: NodeConfig) -> Iterator[None]:
         assert process.poll() is None, "the twin stopped by itself"
     finally:
         process.terminate()
-        process.wait(timeout=15)
+        process.wait(timeout=60)
 
 
 async def _status(config: NodeConfig) -> dict[str, Any]:
