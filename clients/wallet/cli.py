@@ -24,7 +24,7 @@ from clients.wallet.export_command import export
 from clients.wallet.guardians_commands import guardians
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
-from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
+from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, language_in_use, refusal, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
@@ -134,6 +134,12 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
     ask(text("erase.ask"))
 
 
+def _require_there(entries: list[RecordEntry], frames: list[int]) -> None:
+    """Raise REQUEST_INVALID if the record has fewer pictures than were named (`frames`: indexes, in order)."""
+    if frames and entries and frames[-1] >= entries[0].metadata.frame_count:
+        raise refusal("REQUEST_INVALID", "erase_pictures", count=entries[0].metadata.frame_count)
+
+
 def _ignore(_: Sequence[ErasureReport]) -> None:
     """Tell nobody."""
 
@@ -155,7 +161,7 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @wallet.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
-@click.option("--frames", default="", help="Only these pictures of one record, counted from 0, as 0,3,4.")
+@click.option("--frames", default="", help="Only these pictures of one record, counted from 1, as 1,4,5.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
@@ -166,14 +172,17 @@ def erase(
 ) -> None:
     """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.
 
-    Example: blockrobot wallet erase 3fa2c19b07de --frames 0,3 --wait
+    Example: blockrobot wallet erase 3fa2c19b07de --frames 1,4 --wait
     """
     if not record_ids and not everything:
         raise WrongUsage("erase_what")
     try:
-        frame_indexes = sorted({int(part) for part in frames.split(",") if part})
+        numbers = sorted({int(part) for part in frames.split(",") if part})
     except ValueError:
         raise WrongUsage("frames") from None
+    if numbers and numbers[0] < 1:
+        raise WrongUsage("frames")
+    frame_indexes = [number - 1 for number in numbers]
     if frame_indexes and (everything or len(record_ids) != 1):
         raise WrongUsage("frames_of_one")
     if not yes and not sys.stdin.isatty():
@@ -184,6 +193,7 @@ def erase(
         chosen = await choose_records(opened, () if everything else record_ids)
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = tell_visits_linked(active, as_json=as_json)
+        _require_there(entries, frame_indexes)
         if entries and not yes:
             _ask_to_erase(entries, frame_indexes)
         erasing, recipients = Erasing(opened), await Sharing(opened).recipients(active)

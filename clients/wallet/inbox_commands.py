@@ -313,7 +313,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
             {
                 "record_id": view.record_id.hex(),
                 "custodians": list(view.custodians),
-                "frames": [{"index": frame.index, "status": frame.status} for frame in view.frames],
+                "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
             }
             for view in views
         ]

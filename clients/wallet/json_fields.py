@@ -32,7 +32,7 @@ _FRAMES = Field(
     Kind.ROWS,
     "each picture, label or sound",
     fields=(
-        Field("index", Kind.COUNT, "its place in the record, from 0"),
+        Field("number", Kind.COUNT, "its place in the record, from 1, as `wallet erase --frames` takes it"),
         Field("status", Kind.TEXT, "`ok`, `corrupted`, `erased`, or `notice` (a note of what was withheld)"),
     ),
 )
@@ -58,7 +58,7 @@ _RECORD = (
     Field("started_at_ms", Kind.TIME_MS, "its beginning, by the robot's clock"),
     Field("ended_at_ms", Kind.TIME_MS, "its end, by the robot's clock"),
     Field("frames", Kind.COUNT, "how many pictures, labels or sounds it has"),
-    Field("erased_frames", Kind.COUNTS, "indexes of those that are erased"),
+    Field("erased_numbers", Kind.COUNTS, "places in the record of those that are erased, from 1"),
     Field("index_in_visit", Kind.COUNT, "its place in the visit, from 0"),
     Field("expires_at_ms", Kind.TIME_MS, "when its time is over"),
     Field("withheld", Kind.COUNTS_BY_NAME, "how many frames the robot kept back, by reason"),

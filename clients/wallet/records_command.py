@@ -40,7 +40,7 @@ def _entry_json(entry: RecordEntry) -> dict[str, Any]:
         "started_at_ms": meta.started_at_ms,
         "ended_at_ms": meta.ended_at_ms,
         "frames": picture_count(entry),
-        "erased_frames": list(entry.state["erased_frames"]),
+        "erased_numbers": [index + 1 for index in entry.state["erased_frames"]],
         "index_in_visit": meta.index_in_visit,
         "expires_at_ms": entry.state["expires_at_ms"],
         "withheld": dict(meta.withheld),

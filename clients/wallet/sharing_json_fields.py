@@ -195,7 +195,7 @@ _GRANTEE = (
                         Kind.ROWS,
                         "each picture, label or sound",
                         fields=(
-                            Field("index", Kind.COUNT, "its place in the record, from 0"),
+                            Field("number", Kind.COUNT, "its place in the record, from 1"),
                             Field("status", Kind.TEXT, "`ok`, `corrupted`, `erased` or `notice`"),
                         ),
                     ),

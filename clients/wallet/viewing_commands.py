@@ -47,7 +47,7 @@ def _view_json(view: RecordView) -> dict[str, Any]:
         "frames_counted": view.frames_counted,
         "frames_committed": len(view.frames),
         "custodians": list(view.custodians),
-        "frames": [{"index": frame.index, "status": frame.status} for frame in view.frames],
+        "frames": [{"number": frame.index + 1, "status": frame.status} for frame in view.frames],
     }
 
 

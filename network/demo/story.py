@@ -269,12 +269,12 @@ class Demo:
             )
         answer = await self.stage.wallet("patient-a", "verify", record["record_id"])
         (verdict,) = answer["records"]
-        statuses = {frame["index"]: frame["status"] for frame in verdict["frames"]}
+        statuses = {frame["number"] - 1: frame["status"] for frame in verdict["frames"]}
         rest = {status for place, status in statuses.items() if place != index}
         self.checks.add(
             "a changed byte is found, named, and put on the chain",
             ok=verdict["verdict"] == "corrupted" and statuses[index] == "corrupted" and rest == {"ok"},
-            detail=f"picture {index} of record {record['record_id'][:8]} is corrupted; "
+            detail=f"picture {index + 1} of record {record['record_id'][:8]} is corrupted; "
             f"the other {len(statuses) - 1} open",
         )
 
@@ -283,7 +283,7 @@ class Demo:
         records = self.state.records["patient-a"]
         traces = await asyncio.to_thread(self._trace, records)
         chosen = next(row for row in records if int(row["frames"]) >= 4)
-        first = await self.stage.wallet("patient-a", "erase", chosen["record_id"], "--frames", "0,1", "--yes", "--wait")
+        first = await self.stage.wallet("patient-a", "erase", chosen["record_id"], "--frames", "1,2", "--yes", "--wait")
         out = self.options.out / "pictures" / "after-two"
         seen = await self.stage.wallet("patient-a", "view", chosen["record_id"], "--out", str(out))
         statuses = [frame["status"] for frame in seen["records"][0]["frames"]]

@@ -147,8 +147,8 @@ class PostStage:
         self._checks.add(
             "corruption off-chain is detected, and the frame named",
             ok=bad == [(record_id, index)],
-            detail=f"frame {index} of record {record_id[:8]} was changed; corrupted by the wallet's verdict: "
-            + (", ".join(f"{name[:8]}/{place}" for name, place in bad) or "none"),
+            detail=f"picture {index + 1} of record {record_id[:8]} was changed; corrupted by the wallet's verdict: "
+            + (", ".join(f"{name[:8]}/{place + 1}" for name, place in bad) or "none"),
         )
         rest = {status for place, status in verdicts.items() if place != (record_id, index)}
         self._checks.add(
@@ -179,7 +179,7 @@ class PostStage:
         self._tell(f"post-stage: {name_person(alias)} verifies her records")
         answer = await self._stage.wallet(alias, "verify", *record_ids)
         return {
-            (str(record["record_id"]), int(frame["index"])): str(frame["status"])
+            (str(record["record_id"]), int(frame["number"]) - 1): str(frame["status"])
             for record in answer["records"]
             for frame in record["frames"]
         }

@@ -202,7 +202,7 @@ function makeStage(kind, shownMm) {
     },
     save(frame) {
       canvas.toBlob((blob) => {
-        const link = h("a", { href: URL.createObjectURL(blob), download: `blockrobot-${frame.record_id.slice(0, 12)}-${frame.index}.png` });
+        const link = h("a", { href: URL.createObjectURL(blob), download: `blockrobot-${frame.record_id.slice(0, 12)}-${frame.index + 1}.png` });
         link.click();
         setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
       });

@@ -34,7 +34,7 @@ class House:
     async def wallet(self, alias: str, *arguments: str) -> dict[str, Any]:
         record = {"record_id": alias.encode().hex(), "frames": len(self.pictures[alias])}
         frames = [
-            {"index": index, "status": self.status.get(f"{alias}/{index}", "ok")}
+            {"number": index + 1, "status": self.status.get(f"{alias}/{index}", "ok")}
             for index in range(len(self.pictures[alias]))
         ]
         if arguments[0] == "records":
