@@ -20,6 +20,7 @@ from tests.ui.watched_page import NARROW, WIDE, ZOOMED
 from tests.ui.weights import PAGE_MAX_BYTES
 
 TABS_MAX_COUNT = 60
+STAFF_UID = "B0B"
 LEGEND_FAULTS = """() => {
   const card = document.querySelector('.stage-frame').getBoundingClientRect();
   const words = [...document.querySelectorAll('.colour-legend text, .grey-legend span')];
@@ -84,6 +85,62 @@ async def test_by_keyboard_alone_she_comes_from_the_calendar_to_the_pictures_and
         await expect(page.locator("dialog input")).to_be_focused()
         await page.keyboard.press("Escape")
         await expect(page.get_by_role("button", name="Erase for good")).to_be_focused()
+
+
+async def test_by_keyboard_alone_she_takes_along_what_she_has_and_saves_the_file(
+    recorded_network: RecordedNetwork, page: Page
+) -> None:
+    async with serve_wallet(recorded_network) as served:
+        await open_page(page, served)
+        await _press_until(page, "^Take along$")
+        await page.keyboard.press("Enter")
+        await expect(page.get_by_role("heading", level=1)).to_be_focused(timeout=SETTLED_MS)
+        await _press_until(page, "^See what")
+        await page.keyboard.press("Enter")
+        await expect(page.locator("#main h2:focus")).to_be_visible(timeout=SETTLED_MS)
+        await page.keyboard.press("Tab")
+        await page.keyboard.press("Enter")
+        await expect(page.locator("dialog input")).to_be_focused()
+        await page.keyboard.type(recorded_network.passphrase_file.read_text().strip())
+        await page.keyboard.press("Enter")
+        await expect(page.locator("#main pre")).to_be_visible(timeout=SETTLED_MS)
+        await expect(page.locator("#main h2:focus")).to_be_visible()
+        async with page.expect_download() as saved:
+            await page.keyboard.press("Tab")
+            await page.keyboard.press("Enter")
+        assert (await saved.value).suggested_filename.endswith(".zip")
+        await page.set_viewport_size({"width": ZOOMED[0], "height": ZOOMED[1]})
+        assert await find_accessibility_faults(page) == []
+
+
+async def test_by_keyboard_alone_she_shares_a_meeting_up_to_the_question_and_says_no(
+    recorded_network: RecordedNetwork, page: Page
+) -> None:
+    async with recorded_network.wallet("nurse") as nurse:
+        await nurse.register(recorded_network.issue_card(STAFF_UID, "staff"), [])
+        handle = nurse.store.content.handle.hex()
+    async with serve_wallet(recorded_network) as served:
+        await open_page(page, served)
+        await page.evaluate("() => document.querySelector('.latest a').focus()")
+        await page.keyboard.press("Enter")
+        await expect(page.locator("input[data-visit]").first).to_be_visible(timeout=SETTLED_MS)
+        while not await page.evaluate("() => document.activeElement.matches('input[data-visit]')"):
+            await page.keyboard.press("Tab")
+        await page.keyboard.press("Space")
+        await _press_until(page, "^Share…$")
+        await page.keyboard.press("Enter")
+        await expect(page.get_by_role("heading", level=1)).to_be_focused(timeout=SETTLED_MS)
+        while not await page.evaluate("() => document.activeElement.id === 'share-with'"):
+            await page.keyboard.press("Tab")
+        await page.keyboard.type(handle)
+        await _press_until(page, "^See what that means$")
+        await page.keyboard.press("Enter")
+        await expect(page.get_by_role("heading", name="What that means")).to_be_focused(timeout=SETTLED_MS)
+        await _press_until(page, "^Share$")
+        await page.keyboard.press("Enter")
+        await expect(page.locator("dialog input")).to_be_focused()
+        await page.keyboard.press("Escape")
+        await expect(page.get_by_role("button", name="Share", exact=True)).to_be_focused()
 
 
 async def test_nothing_stands_in_the_way_of_anybody_on_any_view(recorded_network: RecordedNetwork, page: Page) -> None:

@@ -69,7 +69,7 @@ export async function showExport(context) {
       h("a", { href: address, download: done.name }).click();
     } }, t("export.save", { name: done.name, size: formatBytes(done.bytes) }));
     replace(result, h("section", { class: "card" }, h("h2", { tabindex: -1 }, t(done.is_complete ? "export.done" : "export.partly")), h("p", {}, t("export.has", { count: done.pictures, records: t("export.what", { count: done.records }), height: done.proved_until_height })),
-      done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0 }, h("code", {}, done.check))));
+      done.problems.length > 0 && sentences(done.problems.map((one) => one.sentence)), h("p", {}, save), h("p", { class: "quiet" }, t("export.check")), h("pre", { tabindex: 0, role: "region", "aria-label": t("export.check") }, h("code", {}, done.check))));
     result.querySelector("h2").focus();
     announce(t("export.done"));
   };
