@@ -11,7 +11,6 @@ import fcntl
 import hashlib
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -22,6 +21,8 @@ from pathlib import Path
 
 from pymongo import MongoClient
 from pymongo.errors import PyMongoError
+
+from tests.cluster.network_under_test import find_base_port
 
 ROOT = Path(__file__).resolve().parents[2]
 USER_DATA = Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share")
@@ -59,11 +60,8 @@ def install() -> Path:
 
 
 def choose_port() -> int:
-    """Return a port of the loopback interface that is free now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-    return port
+    """Return a free port of the loopback interface, below those that the system gives to connections by itself."""
+    return find_base_port(1)
 
 
 def _log_of(storage: Path) -> str:

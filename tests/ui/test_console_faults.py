@@ -24,7 +24,7 @@ from tests.ui.watched_page import Watch
 
 CLOCK_SLACK_MS = 10_000
 """What an answer may take on its way on a busy machine."""
-IN_FLIGHT_S = 1.0
+IN_FLIGHT_S = 2.0
 """Between two looks at what arrives: a node that is not cut off says more than one thing in it."""
 POLL_S = 0.1
 PLAN = """seed = 5
@@ -107,8 +107,9 @@ async def until_true(is_so: Callable[[], Awaitable[bool]]) -> None:
 
 
 def newest_vote(status: dict[str, Any]) -> tuple[int, int]:
-    """The newest round that a node voted in."""
-    return max((said["epoch"], said["round"]) for said in status["rounds"] if "voted" in said["said"])
+    """The newest round that a node voted in; one that has just started has voted in none."""
+    voted = ((said["epoch"], said["round"]) for said in status["rounds"] if "voted" in said["said"])
+    return max(voted, default=(-1, -1))
 
 
 async def expect_votes_after(console: ConsoleUnderTest, name: str, place: tuple[int, int]) -> None:

@@ -58,15 +58,23 @@ def differences(cells: Cells, place: tuple[int, int], before: Said, after: Said)
     return wrong
 
 
-async def looked_again(page: Page) -> dict[tuple[int, int], Cells]:
+async def looked_again(console: ConsoleUnderTest, page: Page) -> dict[tuple[int, int], Cells]:
     """Return the rounds that are shown once the console has looked at the nodes anew, from the first node to the last."""
     shown, news_count = await read_rounds(page), 0
     while news_count < NEWS_COUNT:
         await asyncio.sleep(LOOK_S)
+        missed = await missed_by_a_look(console, page)
         later = await read_rounds(page)
-        news_count += max(later) > max(shown)
-        shown = later
+        missed |= await missed_by_a_look(console, page)
+        if not missed:  # what such a look did not hear is shown by the next one
+            news_count += max(later) > max(shown)
+            shown = later
     return shown
+
+
+async def missed_by_a_look(console: ConsoleUnderTest, page: Page) -> set[str]:
+    """Return the nodes that run and did not answer the console in time, as the table of nodes says."""
+    return {name for name in (await read_leader(page))["unsaid"] if console.network.cluster.is_running(name)}
 
 
 async def compare_rounds(console: ConsoleUnderTest, page: Page) -> dict[tuple[int, int], Cells]:
@@ -76,7 +84,7 @@ async def compare_rounds(console: ConsoleUnderTest, page: Page) -> dict[tuple[in
     async with asyncio.timeout(LONG_MS / 1000):
         while len(compared) < ROUNDS_COMPARED_COUNT:
             before = await ask_nodes(console)
-            shown = await looked_again(page)
+            shown = await looked_again(console, page)
             after = await ask_nodes(console)
             if not (before.keys() == after.keys() == {name for name in cluster.names if cluster.is_running(name)}):
                 continue  # who did not answer in time cannot be compared

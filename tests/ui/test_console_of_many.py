@@ -14,7 +14,7 @@ from tests.ui.watched_page import NARROW, WIDE
 NODES_COUNT = 7
 A4_PX = (690, 1000)
 """A4 without its margins, in CSS pixels."""
-LONG_MS = 20_000
+LONG_MS = 60_000
 _HIDDEN = """() => {
   const box = (element) => element.getBoundingClientRect();
   const meet = (a, b) => a.left < b.right && b.left < a.right && a.top < b.bottom && b.top < a.bottom;
