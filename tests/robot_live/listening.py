@@ -14,7 +14,7 @@ from clients.robot.sources.live import LiveSource
 from clients.robot.sources.source import StoppableClock
 from clients.robot.sources.topics import Topics
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 
 
 @dataclass

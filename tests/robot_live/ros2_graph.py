@@ -15,7 +15,7 @@ from typing import Any
 from tests.robot_live.ros2_wheels import ROOT, install, sourced
 from tests.robot_live.ward import TOPICS_FILE, kill_all
 
-ANSWER_TIMEOUT_S = 20.0
+ANSWER_TIMEOUT_S = 60.0
 DEPTH, RFID = "/kinect/depth/image", "/rfid"
 TAG_TYPE = "ward_msgs/msg/TagArray"
 

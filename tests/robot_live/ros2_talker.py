@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from clients.robot.sources import ros2_types
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 FLUSH_S = 0.5
 WIDTH, HEIGHT = 640, 480
 TAGS = "ward_msgs/msg/TagArray"

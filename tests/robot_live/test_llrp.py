@@ -19,6 +19,8 @@ from tests.robot_live.tag_readers import ANN, BEN, TagReaders
 from tests.robot_live.ward import free_port
 
 NO_TOPICS = Topics(tags=())
+LATE_MAX_MS = 10_000
+"""How late a busy machine may hear of a tag; the wrong clocks here are wrong by hours."""
 
 
 def age_ms(heard: Heard) -> list[int]:
@@ -65,7 +67,7 @@ async def test_of_two_readers_one_may_be_gone_and_each_has_its_own_clock(tag_rea
         before = len(heard.sightings)
         await heard.until(lambda: len(heard.sightings) > before + 5)
     assert heard.told_of(right.address) == []
-    assert all(0 <= age < 1_000 for age in age_ms(heard))
+    assert all(0 <= age < LATE_MAX_MS for age in age_ms(heard))
 
 
 async def test_a_storm_of_ten_thousand_reports_a_second_is_as_few_sightings_as_there_are_tags(
@@ -93,7 +95,7 @@ async def test_a_reader_whose_clock_is_wrong_tells_when_tags_were_seen_all_the_s
     reader = await tag_readers.start(clock_off_s=clock_off_s)
     async with listening([LlrpFeed([reader])], NO_TOPICS) as heard:
         await heard.until(lambda: len(heard.sightings) > 10)
-    assert all(0 <= age < 1_000 for age in age_ms(heard))
+    assert all(0 <= age < LATE_MAX_MS for age in age_ms(heard))
     assert heard.refused == []
 
 

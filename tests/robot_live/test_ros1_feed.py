@@ -271,16 +271,18 @@ async def test_a_message_larger_than_any_image_ends_its_connection_and_not_the_r
 async def test_topics_are_listed_and_drafted_from_what_is_on_the_air(scene: Path, tmp_path: Path) -> None:
     async with ros1_graph(tmp_path) as graph:
         await drivers(graph, scene)
-        await asyncio.sleep(1)
+        async with asyncio.timeout(WAIT_S):
+            while not {"/kinect/depth/image", "/rfid"} <= await asyncio.to_thread(_advertised, graph.uri):
+                pass
         draft = tmp_path / "draft.toml"
         process = await asyncio.create_subprocess_exec(
             *(sys.executable, "-m", "network.cli.main", "robot", "topics", "--source", "ros1"),
-            *("--ros-master", graph.uri, "--seconds", "2", "--draft", str(draft), "--json"),
+            *("--ros-master", graph.uri, "--seconds", "4", "--draft", str(draft), "--json"),
             env={**os.environ, "HOME": str(tmp_path), "BLOCKROBOT_HOME": str(tmp_path)},
             cwd=ROOT,
             stdout=asyncio.subprocess.PIPE,
         )
-        output, _ = await asyncio.wait_for(process.communicate(), WAIT_S)
+        output, _ = await asyncio.wait_for(process.communicate(), 2 * WAIT_S)
         listed = {row["topic"]: row for row in json.loads(output)["topics"]}
         depth, tags = listed["/kinect/depth/image"], listed["/rfid"]
         assert (depth["encoding"], depth["could_be"], depth["type"]) == ("16UC1", ["depth"], "sensor_msgs/msg/Image")
@@ -338,6 +340,12 @@ async def test_a_robot_whose_node_somebody_shuts_down_says_so_and_ends(scene: Pa
         assert said["code"] == "FEED_LOST"
         assert "rosnode kill" in said["detail"]
         assert await asyncio.wait_for(heard.process.wait(), WAIT_S) == 0
+
+
+def _advertised(master_uri: str) -> set[str]:
+    with xmlrpc.client.ServerProxy(master_uri) as master:
+        _, _, (publishers, _, _) = master.getSystemState("/test")  # type: ignore[misc]
+    return {str(topic) for topic, _ in publishers}  # type: ignore[union-attr]
 
 
 def _rosnode_kill(master_uri: str) -> None:

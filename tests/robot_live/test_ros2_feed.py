@@ -48,9 +48,9 @@ def test_every_frame_and_every_reading_of_reliable_drivers_arrives_within_a_fram
             graph.talk(seconds=3, rate=30, tags="ward", reads_per_s=10), graph.listen({DEPTH: "", RFID: ""})
         )
         published = await published_counts(drivers)
-        state = await ear.ask("state")
-
         assert published == {"frames": 90, "tag_messages": 30}
+        state = await ear.until("state", lambda state: sum(state["events"].values()) >= 120)
+
         assert state["heard"] == {f"{DEPTH} {IMAGE}": 90, f"{RFID} {TAG_TYPE}": 30}
         assert state["events"] == {"Frame": 90, "Sighting": 30}
         assert (state["lost"], state["failures"]) == ({}, [])
@@ -142,6 +142,8 @@ def test_of_large_frames_best_effort_loses_many_and_tells_unless_both_sides_use_
             graph.environment["FASTDDS_BUILTIN_TRANSPORTS"] = "LARGE_DATA"
         ear, drivers = await asyncio.gather(graph.listen({DEPTH: ""}), graph.talk(seconds=2, rate=30, reliable=False))
         published = (await published_counts(drivers))["frames"]
+        if is_large_data:
+            await ear.until("state", heard(DEPTH, IMAGE, published))
         state = await ear.ask("close")
 
         came, lost = state["heard"].get(f"{DEPTH} {IMAGE}", 0), state["lost"].get(DEPTH, 0)
@@ -170,9 +172,10 @@ def test_frames_that_cannot_be_used_are_refused_one_by_one_and_the_good_between_
         ]
         ear, drivers = await asyncio.gather(graph.listen({DEPTH: IMAGE}), graph.talk(seconds=0.2, rate=20, acts=acts))
         published = await published_counts(drivers)
+        assert published["frames"] == 4 * len(acts)
+        await ear.until("state", lambda state: sum(state["events"].values()) >= published["frames"])
         state = await ear.ask("close")
 
-        assert published["frames"] == 4 * len(acts)
         refused = {"frame: encoding": 4, "frame: step": 4, "frame: size": 8, "frame: undecodable": 8}
         assert state["events"] == {**refused, "Frame": 8}
         assert state["failures"] == []

@@ -18,7 +18,7 @@ from clients.robot.sources.sampling import Sample
 from clients.robot.sources.topics import Topics, parse_topics
 from clients.robot.sources.zenoh import ZenohFeed
 from consensus.errors import BlockRobotError
-from tests.robot_live.listening import listening
+from tests.robot_live.listening import WAIT_S, listening
 from tests.robot_live.ward import free_port, make_scene
 from tests.robot_live.zenoh_graph import ZenohGraph, zenoh_graph
 from tests.walking_alone import UID, walking_alone
@@ -83,7 +83,7 @@ async def test_a_robot_opens_no_port_by_listening(graph: ZenohGraph) -> None:
 async def test_topics_are_listed_as_publishers_announce_them(graph: ZenohGraph, scene: Path) -> None:
     await graph.start_drivers(scene, seconds=20, wait=False)
     listed: dict[str, str] = {}
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(WAIT_S):
         while len(listed) < 3:
             listed = await asyncio.to_thread(feed(graph).topics)
     assert listed == {
@@ -98,7 +98,7 @@ async def test_topics_of_publishers_that_do_not_announce_themselves_are_listed_a
 ) -> None:
     await graph.start_drivers(scene, seconds=20, wait=False, announce=False, only=["depth", "tags"])
     listed: dict[str, str] = {}
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(WAIT_S):
         while len(listed) < 2:
             listed = await asyncio.to_thread(feed(graph).topics)
     assert listed == {DEPTH: "sensor_msgs/msg/Image", TAGS: "blockrobot_msgs/msg/RfidDetection"}
@@ -113,9 +113,9 @@ async def test_a_type_that_is_not_known_or_differs_keeps_nothing_else_from_being
 ) -> None:
     told = {"types": {"tags": WARD_TYPE}, "hashes": {"info": OTHER_HASH}}
     await graph.start_drivers(scene, seconds=20, wait=False, **told)
-    await until_listed(graph, DEPTH)
+    await until_listed(graph, DEPTH, TAGS, "/camera/depth/camera_info")
     sample = Sample(feed(graph))
-    await asyncio.to_thread(sample.listen, 1.5)
+    await asyncio.to_thread(sample.listen, 3.0)
     assert {topic: figures.type for topic, figures in sample.topics.items()} == {
         DEPTH: "sensor_msgs/msg/Image",
         TAGS: WARD_TYPE,
@@ -246,10 +246,10 @@ async def test_a_router_that_hangs_does_not_keep_a_robot_from_leaving(graph: Zen
     opened.close()
 
 
-async def until_listed(graph: ZenohGraph, topic: str) -> None:
-    """Return once a topic is announced."""
-    async with asyncio.timeout(10):
-        while topic not in await asyncio.to_thread(feed(graph).topics):
+async def until_listed(graph: ZenohGraph, *topics: str) -> None:
+    """Return once topics are announced."""
+    async with asyncio.timeout(WAIT_S):
+        while not {*topics} <= (await asyncio.to_thread(feed(graph).topics)).keys():
             pass
 
 

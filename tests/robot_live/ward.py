@@ -8,7 +8,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import socket
 from asyncio.subprocess import Process
 from pathlib import Path
 
@@ -17,8 +16,9 @@ from clients.robot.events import Depth, Frame
 from clients.robot.scenario import parse_scenario
 from clients.robot.sources.rosbag import BagSource
 from clients.robot.synthetic.render import Renderer
+from tests.cluster.network_under_test import find_base_port
 
-START_TIMEOUT_S = 20.0
+START_TIMEOUT_S = 60.0
 END_TIMEOUT_S = 60.0
 TOPICS_FILE = """
 [depth]
@@ -39,10 +39,8 @@ first_seen = "tags[].seen"
 
 
 def free_port() -> int:
-    """A port of the loopback address that nobody uses just now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """A port of the loopback address that nobody uses, and that the system gives to no connection by itself meanwhile."""
+    return find_base_port(1)
 
 
 async def wait_for_port(port: int) -> None:
