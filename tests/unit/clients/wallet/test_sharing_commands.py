@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, inbox_commands, records_command, sharing_commands, viewing_commands
+from clients.wallet import cli, inbox_commands, sharing_commands
 from clients.wallet.language import LANGUAGE_VARIABLE, LANGUAGES, section
 from clients.wallet.received import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.rights import Chosen, Rights
@@ -136,32 +136,6 @@ def test_only_what_look_wrote_is_deleted_and_a_folder_with_other_files_stays_and
     assert not (out / second.hex()).exists()
     assert f"{note.parent} stays" in done.output.replace("\n", "")
     assert "mynote.txt" in done.output
-
-
-def test_the_picture_that_is_erased_is_the_one_that_has_this_number_wherever_she_reads_it(
-    people: People, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Numbers count from 1: in what `verify` says, in both commands' JSON, and in what `erase --frames` takes."""
-    for module, command in ((viewing_commands, viewing_commands.verify), (records_command, records_command.records)):
-        monkeypatch.setattr(module, "run_opened", people._run_opened)
-        monkeypatch.setitem(NAMES, str(command.name), command)
-    _, (record_id,) = people.ward.record_visit(1)
-    wallet = people.ward.wallet
-
-    def pictures() -> list[tuple[int, str]]:
-        (told,) = people.told(wallet, "verify", record_id.hex())["records"]
-        return [(frame["number"], frame["status"]) for frame in told["frames"]]
-
-    assert pictures() == [(1, "ok"), (2, "ok")]
-    none = people.run(wallet, "erase", record_id.hex(), "--frames", "0", "--yes")
-    assert (none.exit_code, "counted from 1" in none.output) == (2, True)
-    beyond = people.run(wallet, "erase", record_id.hex(), "--frames", "3", "--yes")
-    assert (beyond.exit_code, "The record has 2 pictures." in beyond.output) == (1, True)
-    assert pictures() == [(1, "ok"), (2, "ok")]
-    (asked,) = people.told(wallet, "erase", record_id.hex(), "--frames", "2", "--yes")["erasures"]
-    people.ward.chain.receipts_of_all(bytes.fromhex(asked["erasure_id"]))
-    (visit,) = people.told(wallet, "records")["visits"]
-    assert visit["records"][0]["erased_numbers"] == [2]
 
 
 def test_an_erasure_that_is_late_names_who_had_received_it_all_the_same(

@@ -1,0 +1,37 @@
+"""A picture has one number, from 1, wherever a person or a program reads it, and that is the one to erase it by."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from clients.wallet import records_command, viewing_commands
+from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
+
+
+def test_the_picture_that_is_erased_is_the_one_that_has_this_number_wherever_she_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Numbers count from 1: in what `verify` says, in both commands' JSON, and in what `erase --frames` takes."""
+    people = People(tmp_path, monkeypatch)
+    for module, command in ((viewing_commands, viewing_commands.verify), (records_command, records_command.records)):
+        monkeypatch.setattr(module, "run_opened", people._run_opened)
+        monkeypatch.setitem(NAMES, str(command.name), command)
+    _, (record_id,) = people.ward.record_visit(1)
+    wallet = people.ward.wallet
+
+    def pictures() -> list[tuple[int, str]]:
+        (told,) = people.told(wallet, "verify", record_id.hex())["records"]
+        return [(frame["number"], frame["status"]) for frame in told["frames"]]
+
+    assert pictures() == [(1, "ok"), (2, "ok")]
+    none = people.run(wallet, "erase", record_id.hex(), "--frames", "0", "--yes")
+    assert (none.exit_code, "counted from 1" in none.output) == (2, True)
+    beyond = people.run(wallet, "erase", record_id.hex(), "--frames", "3", "--yes")
+    assert (beyond.exit_code, "The record has 2 pictures." in beyond.output) == (1, True)
+    assert pictures() == [(1, "ok"), (2, "ok")]
+    (asked,) = people.told(wallet, "erase", record_id.hex(), "--frames", "2", "--yes")["erasures"]
+    people.ward.chain.receipts_of_all(bytes.fromhex(asked["erasure_id"]))
+    (visit,) = people.told(wallet, "records")["visits"]
+    assert visit["records"][0]["erased_numbers"] == [2]
