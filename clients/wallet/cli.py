@@ -122,6 +122,22 @@ def audit(ctx: click.Context, as_json: bool) -> None:
         console.print(escape(f"{show_moment(entry.time_ms)}  {block}  {sentence} ({about})"))
 
 
+def _read_frames(written: str | None) -> list[int]:
+    """Return the indexes of the pictures that were named by numbers from 1, in order; none if the option was not given.
+
+    Raises WrongUsage for anything else: an option that names no picture must not stand for the whole record.
+    """
+    if written is None:
+        return []
+    try:
+        numbers = sorted({int(part) for part in written.split(",") if part.strip()})
+    except ValueError:
+        raise WrongUsage("frames") from None
+    if not numbers or numbers[0] < 1:
+        raise WrongUsage("frames")
+    return [number - 1 for number in numbers]
+
+
 def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
     """Say what will be gone and what remains, and ask. Raises Abort for no."""
     if frames:
@@ -161,14 +177,20 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @wallet.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
-@click.option("--frames", default="", help="Only these pictures of one record, counted from 1, as 1,4,5.")
+@click.option("--frames", "written_frames", help="Only these pictures of one record, counted from 1, as 1,4,5.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
 @click.pass_context
 @plain_errors
 def erase(
-    ctx: click.Context, record_ids: tuple[str, ...], everything: bool, frames: str, wait: bool, yes: bool, as_json: bool
+    ctx: click.Context,
+    record_ids: tuple[str, ...],
+    everything: bool,
+    written_frames: str | None,
+    wait: bool,
+    yes: bool,
+    as_json: bool,
 ) -> None:
     """Erase records, or single pictures of one. Keys are destroyed first; this cannot be undone.
 
@@ -176,13 +198,7 @@ def erase(
     """
     if not record_ids and not everything:
         raise WrongUsage("erase_what")
-    try:
-        numbers = sorted({int(part) for part in frames.split(",") if part})
-    except ValueError:
-        raise WrongUsage("frames") from None
-    if numbers and numbers[0] < 1:
-        raise WrongUsage("frames")
-    frame_indexes = [number - 1 for number in numbers]
+    frame_indexes = _read_frames(written_frames)
     if frame_indexes and (everything or len(record_ids) != 1):
         raise WrongUsage("frames_of_one")
     if not yes and not sys.stdin.isatty():

@@ -68,9 +68,14 @@ class Asked:
         return list(dict.fromkeys(value))
 
     def numbers(self, name: str) -> list[int]:
-        """Return a list of whole numbers from 0 on, in order, empty if there is none."""
-        value = self._fields.pop(name, None) or []
-        if not isinstance(value, list) or len(value) > IDS_MAX_COUNT:
+        """Return a list of whole numbers from 0 on, in order, empty if the field is not there.
+
+        One that is there and names none is refused: left out, it stands for all.
+        """
+        if name not in self._fields:
+            return []
+        value = self._fields.pop(name)
+        if not isinstance(value, list) or not 0 < len(value) <= IDS_MAX_COUNT:
             raise _refuse(f"{name} is no list of numbers.")
         if not all(isinstance(each, int) and not isinstance(each, bool) and 0 <= each < NUMBER_MAX for each in value):
             raise _refuse(f"{name} is no list of numbers.")

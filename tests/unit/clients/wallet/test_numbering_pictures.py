@@ -35,3 +35,15 @@ def test_the_picture_that_is_erased_is_the_one_that_has_this_number_wherever_she
     people.ward.chain.receipts_of_all(bytes.fromhex(asked["erasure_id"]))
     (visit,) = people.told(wallet, "records")["visits"]
     assert visit["records"][0]["erased_numbers"] == [2]
+
+
+@pytest.mark.parametrize("written", ["", ",", " , ", "0", "1,-1", "one"])
+def test_frames_that_name_no_picture_erase_nothing_rather_than_the_whole_record(
+    written: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    people = People(tmp_path, monkeypatch)
+    _, (record_id,) = people.ward.record_visit(1)
+    height = people.ward.chain.height
+    refused = people.run(people.ward.wallet, "erase", record_id.hex(), "--frames", written, "--yes")
+    assert (refused.exit_code, "counted from 1" in refused.output) == (2, True)
+    assert people.ward.chain.height == height, "nothing was asked for"

@@ -301,6 +301,9 @@ async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they
     one = {"records": ids[:1], "frames": [1]}
     assert (await desk.page.post("/api/erasures/plan", one))["kinds"] == {"depth": 1}
     assert await desk.page.refused("POST", "/api/erasures/plan", one | {"frames": [2]}) == "REQUEST_INVALID"
+    for none in ([], None, ""):
+        asked = one | {"frames": none, "passphrase": PASSPHRASE}
+        assert await desk.page.refused("POST", "/api/erasures", asked) == "REQUEST_INVALID", "not the whole record"
     assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids, "frames": [0]}) == "REQUEST_INVALID"
     assert await desk.page.refused("POST", "/api/erasures", {"records": ids}) == "REQUEST_INVALID"
     job = await desk.page.follow(await desk.page.post("/api/erasures", {"records": ids, "passphrase": PASSPHRASE}))
