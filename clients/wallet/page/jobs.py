@@ -89,8 +89,11 @@ class Jobs:
 
     @property
     def unfinished(self) -> list[Job]:
-        """Those of TOLD that came to nothing since the page began to end, or that were left before their end was known."""
-        return [job for job in self._last or [] if job.kind in TOLD and job.state != "done"]
+        """Those of TOLD that came to nothing since the page began to end, or that were left before their end was known.
+
+        What is done and only read over is not among them.
+        """
+        return [job for job in self._last or [] if job.kind in TOLD and job.result is None]
 
     def begin_to_end(self) -> None:
         """From now on nobody is told on the page what becomes of a job: remember those that are open, or begin yet."""
@@ -117,11 +120,11 @@ class Jobs:
                 job.state = "running"
                 job.note()
                 try:
-                    result = await work(job)
+                    job.result = await work(job)
                     job.is_stoppable = False  # it is done: what came of it is kept, and told
                 finally:
                     await self._after()
-            job.state, job.result = "done", result
+            job.state = "done"
         except asyncio.CancelledError:
             job.state = "cancelled"
         except BlockRobotError as error:

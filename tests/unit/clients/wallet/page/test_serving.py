@@ -32,6 +32,7 @@ from tests.unit.clients.wallet.shared_ward import SharedWard
 from tests.wallet_page_client import WalletPage
 
 Run = Any
+READ_OVER = "when it is done and the lists are read again"
 
 
 @pytest.fixture
@@ -212,6 +213,9 @@ def ask_last(ward: SharedWard, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
         async def ask_and_end(session: PageSession, _minutes: int) -> str:
             await session.lock.acquire()
             await session.read()
+            reading = asyncio.Event()
+            if at == READ_OVER:
+                monkeypatch.setattr(session.jobs, "_after", lambda: read_for_long(reading))
             async with WalletPage(next(session.folder.glob("open-*.html"))) as page:
                 accepted = await page.post(path, wish)
             task = session.jobs.find(accepted["job"]).task
@@ -222,7 +226,15 @@ def ask_last(ward: SharedWard, monkeypatch: pytest.MonkeyPatch) -> Callable[...,
             session.lock.release()
             if at == "when it is there and not saved":
                 await task
+            if at == READ_OVER:
+                await reading.wait()
+            if at == READ_OVER and session.jobs.are_decisions_open:
+                leaving.append(asyncio.create_task(press_again_while_it_waits(session)))
             return "The page is closed."
+
+        async def read_for_long(begun: asyncio.Event) -> None:
+            begun.set()
+            await asyncio.Event().wait()
 
         async def press_again_while_it_waits(session: PageSession) -> None:
             assert session._watching is not None
@@ -272,6 +284,25 @@ def test_a_file_to_take_along_that_nobody_saved_is_said_to_be_gone_and_no_part_o
     assert load("en")["serve.unfinished.export"] in done.output
     assert not list((tmp_path / ".ann.page").iterdir())
     assert not list(tmp_path.rglob("*.zip*"))
+
+
+def test_a_file_that_nobody_saved_is_told_once_though_the_lists_were_still_read_again(
+    run: Run, ask_last: Callable[..., None], ward: SharedWard
+) -> None:
+    ward.record_visit()
+    ask_last("/api/exports", {"now": True, "identity": False, "passphrase": PASSPHRASE}, READ_OVER)
+    done = run("--no-browser")
+    assert (done.exit_code, done.output.count(load("en")["serve.unfinished.export"])) == (1, 1), done.output
+
+
+def test_a_decision_that_is_on_the_ledger_is_not_called_unfinished_though_the_lists_were_still_read_again(
+    run: Run, ask_last: Callable[..., None], ward: SharedWard
+) -> None:
+    height = ward.chain.head.height
+    ask_last("/api/consents/refuse", {"purposes": ["care"], "sensors": ["depth"]}, READ_OVER)
+    done = run("--no-browser")
+    assert ward.chain.head.height > height
+    assert load("en")["serve.unfinished.consent"] not in done.output
 
 
 def test_a_decision_that_is_left_by_a_second_ctrl_c_is_said_to_be_left(
