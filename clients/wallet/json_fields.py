@@ -190,10 +190,17 @@ _MADE = (
                     ),
                 ),
             ),
+            Field(
+                "not_begun",
+                Kind.BOOL,
+                "whether something was asked for last on the page that was not begun",
+                absent="when it begins",
+            ),
         ),
         not_ok="at its end, if something that was asked for last on the page came to nothing",
         lines="Printed once the page is there; the command then runs until it is stopped. "
-        "A second object is printed when it ends only if something was left unfinished; the exit code is 1 then.",
+        "A second object is printed when it ends only if something was left unfinished, or not begun; "
+        "the exit code is 1 then.",
     ),
 )
 

@@ -76,15 +76,15 @@ def serve(ctx: click.Context, no_browser: bool, idle_minutes: int, as_json: bool
                 console.print(why)
         finally:
             _tell_unfinished(session, as_json=as_json)
-    if session.unfinished:
+    if session.unfinished or session.was_not_begun:
         ctx.exit(EXIT_FAILED)
 
 
 def _tell_unfinished(session: PageSession, *, as_json: bool) -> None:
     """Say what was asked for last on the page and came to nothing, why, and the next step: no page is left to say it."""
-    if as_json and session.unfinished:
+    if as_json and (session.unfinished or session.was_not_begun):
         told = [{"kind": kind, "error": error and problem_json(error)} for kind, error in session.unfinished]
-        print_json({"ok": False, "unfinished": told})
+        print_json({"ok": False, "unfinished": told, "not_begun": session.was_not_begun})
         return
     for kind, error in session.unfinished:
         is_left = error is None and kind in DECISIONS
@@ -119,11 +119,11 @@ async def _serve(wallet: Wallet, session: PageSession, idle_minutes: int, *, no_
 
 async def _let_begin(session: PageSession, *, as_json: bool) -> None:
     """Let begin what waits for its passphrase to be checked: the page stays until then. Say so if it does not begin."""
-    has_begun = False
+    session.was_not_begun = True
     try:
-        has_begun = await session.gate.settle()
+        session.was_not_begun = not await session.gate.settle()
     finally:
-        if not has_begun and not as_json:
+        if session.was_not_begun and not as_json:
             console.print(text("serve.not_begun", command=session.command))
 
 

@@ -80,6 +80,8 @@ class PageSession:
         self.gate = PassphraseGate(wallet.store, now_ms, self._give_up)
         self.was_given_up = False
         """Whether it ended because the passphrase was wrong too often."""
+        self.was_not_begun = False
+        """Whether something was asked for when the page ended that did not begin: its passphrase was not taken in time."""
         self.clips = Clips()
         self.exports: dict[str, KeptFile] = {}
         self.lost_export_count = 0

@@ -16,7 +16,6 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from clients.sdk.terminal import console
 from clients.wallet import serve_command
 from clients.wallet.cli import wallet as wallet_command
 from clients.wallet.language import LANGUAGE_VARIABLE, load
@@ -130,18 +129,13 @@ async def test_it_ends_when_nobody_uses_it_and_when_it_is_told_to(desk: Desk, mo
     assert signal.getsignal(ENDINGS[0]) is signal.default_int_handler
 
 
+@pytest.mark.parametrize("options", [(), ("--json",)], ids=["a person", "a program"])
 @pytest.mark.parametrize("passphrase", [PASSPHRASE, "coffee"])
 def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_said_not_to_have(
-    run: Run, ward: SharedWard, passphrase: str, monkeypatch: pytest.MonkeyPatch
+    run: Run, ward: SharedWard, passphrase: str, options: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, ids = ward.record_visit()
     go_on, answers, asking = threading.Event(), [], []
-    say = console.print
-
-    def say_and_go_on(words: str) -> None:
-        say(words)
-        if words == load("en")["serve.finishing"]:
-            go_on.set()
 
     async def ask_and_end(session: PageSession, _minutes: int) -> str:
         """Ask for an erasure, and return as by Ctrl-C while the passphrase is checked."""
@@ -157,6 +151,12 @@ def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_sa
                 wish = {"records": [each.hex() for each in ids], "passphrase": passphrase}
                 answers.append((await page.ask("POST", "/api/erasures", wish))[0])
 
+        async def settle_and_go_on() -> bool:
+            go_on.set()
+            return await settle()
+
+        settle = session.gate.settle
+        monkeypatch.setattr(session.gate, "settle", settle_and_go_on)
         monkeypatch.setattr(session.wallet.store, "opens_with", check_late)
         async with session.lock:
             await session.read()
@@ -165,16 +165,21 @@ def test_an_erasure_whose_passphrase_is_still_checked_at_the_end_begins_or_is_sa
         session.ended.set()
         return "The page is closed."
 
-    monkeypatch.setattr(console, "print", say_and_go_on)
     monkeypatch.setattr(serve_command, "_wait_until_over", ask_and_end)
     height = ward.chain.head.height
-    done = run("--no-browser")
+    done = run("--no-browser", *options)
     go_on.set()
-    assert done.exit_code == 0, done.output
     is_right = passphrase == PASSPHRASE
+    assert done.exit_code == (0 if is_right else 1), done.output
     assert answers == [202 if is_right else 403]
     assert (ward.chain.head.height > height) == is_right, "what was asked for is on the chain, or nothing is"
-    assert ("was not begun" in done.output) != is_right
+    if options:
+        _, length = json.JSONDecoder().raw_decode(done.stdout)
+        ended = done.stdout[length:].strip()
+        assert (ended and json.loads(ended)) == ("" if is_right else {"ok": False, "unfinished": [], "not_begun": True})
+    else:
+        assert load("en")["serve.finishing"] in done.output
+        assert ("was not begun" in done.output) != is_right
 
 
 @pytest.mark.parametrize("is_left", [True, False], ids=["left by a second Ctrl-C", "checked for too long"])
