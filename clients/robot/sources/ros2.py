@@ -25,7 +25,7 @@ LOOK_EVERY_S = 0.5
 """How often the graph is looked at: so late may a topic be subscribed that appears, or whose publisher has changed."""
 
 SPIN_MAX_S = 0.1
-LOOK_AGAIN_S = 0.05
+DISCOVERY_POLL_S = 0.05
 SUBSCRIBE_MAX_S = 1.0
 DETAIL_MAX_CHARS = 200
 IMAGE_QUEUE_MAX_COUNT = 16
@@ -94,7 +94,7 @@ class Ros2Feed:
                     _tell_unusable(listener, topic, error)
                 if not told - self._heard.keys() or time.monotonic() > deadline_s:
                     break
-                time.sleep(LOOK_AGAIN_S)
+                time.sleep(DISCOVERY_POLL_S)
         except BaseException:
             joined.leave()
             raise
@@ -280,7 +280,7 @@ class _Joined:
         """Return what is advertised once nothing new is heard of."""
         discovery = Discovery(time.monotonic())
         while not discovery.is_known(self.advertised(), time.monotonic()):
-            time.sleep(LOOK_AGAIN_S)
+            time.sleep(DISCOVERY_POLL_S)
         return discovery.found
 
     def publishers(self, topic: str) -> list[_Publisher]:

@@ -156,7 +156,7 @@ function createNodePanel({ network, choices, said, onSelect }) {
       fillOptions(select, changed.nodes.map((node) => node.name));
       offer();
       if (select.value === before) return;
-      announce(`${before} is not in the network any more; ${select.value} is chosen now.`);
+      if (before) announce(`${before} is not in the network any more${select.value ? `; ${select.value} is chosen now` : ""}.`);
       onSelect(select.value);
     },
   };

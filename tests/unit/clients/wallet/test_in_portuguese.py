@@ -231,7 +231,7 @@ def test_who_was_too_late_is_warned_in_portuguese(desk: Desk) -> None:
     asyncio.run(thief.rotate())
     told = " ".join(desk.run("records").stderr.split())
     assert told.startswith("AVISO: as palavras desta carteira já não fazem de ninguém um membro.")
-    assert "vá já ao balcão de registo. Veja docs/how-to/when-your-wallet-is-stolen.md." in told
+    assert "vá já ao balcão de inscrições. Veja docs/how-to/when-your-wallet-is-stolen.md." in told
 
 
 def test_former_words_are_spoken_of_in_the_language_that_the_page_asks_for(desk: Desk) -> None:

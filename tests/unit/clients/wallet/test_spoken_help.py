@@ -218,4 +218,12 @@ def test_a_patient_whose_system_speaks_portuguese_reads_the_help_so() -> None:
 
 def test_the_reference_is_the_same_whatever_the_system_speaks() -> None:
     told = CliRunner(env={"LANG": "pt_PT.UTF-8", "BLOCKROBOT_LANGUAGE": "pt"}).invoke(main, ["reference", "--check"])
+    assert told.exit_code == 0
     assert told.output == CliRunner(env={"LANG": "C.UTF-8"}).invoke(main, ["reference", "--check"]).output
+
+
+def test_no_command_uses_what_click_would_show_and_the_help_in_another_language_would_not() -> None:
+    for words, command in commands():
+        options = [param for param in command.params if isinstance(param, click.Option)]
+        assert [option.name for option in options if option.show_envvar or option.deprecated] == [], words
+        assert (command.epilog, command.deprecated) == (None, False), words
