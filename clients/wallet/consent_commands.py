@@ -6,7 +6,7 @@ import datetime
 import json
 import re
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from clients.bundle.consent_receipts import CheckedReceipt, encode_file
 from clients.sdk.terminal import console, json_option, plain_errors, print_json
 from clients.wallet.calling import verify_command
 from clients.wallet.consent_receipts import ConsentReceipts, Receipts
-from clients.wallet.consenting import Choice, Choices, Consenting, Word, choice_json, round_period
+from clients.wallet.consenting import DEPTH, Choice, Choices, Consenting, Word, choice_json, round_period
 from clients.wallet.language import WrongUsage, code_text, describe_error, purposes_text, refusal, text
 from clients.wallet.notice_commands import require_said, take_receipt, tell_first
 from clients.wallet.notices import Notices
@@ -31,7 +31,6 @@ _SPAN = re.compile(r"\+(\d{1,6})([mhd])", re.ASCII)
 _SPAN_MS = {"m": 60_000, "h": 3_600_000, "d": 24 * 3_600_000}
 _NO_BOUND = 0
 _SAID_COLUMNS = 4
-_DEPTH = "depth"
 """By this sensor a robot tells people apart: without a yes to it, it keeps nothing of any other."""
 
 
@@ -111,7 +110,7 @@ def give(
     """
     if not purposes:
         raise WrongUsage("consent_what", known=", ".join(PURPOSES))
-    chosen = sensors or (_DEPTH,)
+    chosen = sensors or (DEPTH,)
     now_ms = round(time.time() * 1000)
     from_ms, until_ms = round_period(read_time(begins, now_ms), read_time(ends, now_ms))
     if ends is not None and until_ms <= max(from_ms, now_ms):
@@ -124,7 +123,7 @@ def give(
         "sensors": _named(chosen, "sensor", SENSORS, ""),
     }
     line = text("consent.given", **named) + period
-    if _DEPTH not in chosen:
+    if DEPTH not in chosen:
         line += "\n  " + text("consent.needs_depth", purpose=" --purpose ".join(purposes))
     more: dict[str, Any] = {"status": GIVEN, "purposes": list(purposes), "sensors": list(chosen)}
     more |= {"period_from_ms": from_ms or None, "period_until_ms": until_ms or None}
@@ -227,17 +226,17 @@ def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[s
         console.print(text("consent.none"))
     for row in rows:
         console.print(_line(row, found.height))
-    for line in _without_depth(found.rows, {row.purpose for row in rows}):
+    for line in _without_depth(found, {row.purpose for row in rows}):
         console.print(line)
 
 
-def _without_depth(rows: Sequence[Choice], purposes: Collection[str]) -> list[str]:
+def _without_depth(found: Choices, purposes: Collection[str]) -> list[str]:
     """Return, for each purpose, by which sensors nothing is kept although she said yes to them: depth is missing."""
     lines = []
     for purpose in sorted(purposes):
-        held = {row.sensor for row in rows if row.purpose == purpose and row.holds}
-        if held and _DEPTH not in held:
-            lines.append(text("consent.without_depth", purpose=purpose, sensors=", ".join(sorted(held))))
+        lacking = sorted(row.sensor for row in found.lacking_depth if row.purpose == purpose)
+        if lacking:
+            lines.append(text("consent.without_depth", purpose=purpose, sensors=", ".join(lacking)))
     return lines
 
 

@@ -11,9 +11,12 @@ from typing import Any
 
 from clients.wallet.wallet import Wallet
 from consensus.limits import TIME_BUCKET_MS
-from consensus.records.consents import Step, find_consent, read_choices, row_key
+from consensus.records.consents import GIVEN, Step, find_consent, read_choices, row_key
 from consensus.records.purposes import require_published
 from consensus.records.sensors import SENSORS, require_sensor
+
+DEPTH = "depth"
+"""By this sensor a robot tells people apart: without a yes to it, nothing of any other is kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,18 @@ class Choices:
     height: int
     time_ms: int
     rows: tuple[Choice, ...]
+
+    def stands(self, row: Choice) -> bool:
+        """Whether the last word is a yes whose period is now; one that holds only from the next block on counts."""
+        last = row.last
+        return last.status == GIVEN and last.from_ms <= self.time_ms and not 0 < last.until_ms <= self.time_ms
+
+    @property
+    def lacking_depth(self) -> list[Choice]:
+        """Each yes by which nothing is kept, since no yes to depth stands for the same purpose."""
+        standing = [row for row in self.rows if self.stands(row)]
+        seen = {row.purpose for row in standing if row.sensor == DEPTH}
+        return [row for row in standing if row.purpose not in seen]
 
 
 def round_period(from_ms: int, until_ms: int) -> tuple[int, int]:

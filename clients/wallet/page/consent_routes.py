@@ -47,11 +47,12 @@ async def _consents(session: PageSession, _request: web.Request) -> web.Response
     askable = told.askable(known)
     grounds = {code: ground for code, ground in told.other_grounds().items() if code in known}
     spoken = {row["purpose"] for row in map(choice_json, found.rows)}
+    lacking = found.lacking_depth
     shown = [code for code in known if code in askable or code in grounds or code in spoken]
     return answer_json(
         {
             "height": found.height,
-            "choices": [choice_json(row) for row in found.rows],
+            "choices": [choice_json(row) | {"lacks_depth": row in lacking} for row in found.rows],
             "purposes": {code: PURPOSES.get(code, code) for code in shown},
             "askable": askable,
             "grounds": grounds,

@@ -67,10 +67,9 @@ export async function showConsent(context) {
     const isYes = choice?.status === "given";
     const isNo = choice !== undefined && !isYes;
     const name = `${sensorName(sensor)}, ${purposeName(purpose)}`;
-    const isWithoutDepth = isYes && sensor !== DEPTH && choiceOf(purpose, DEPTH)?.status !== "given";
     return h("div", { class: "choice", role: "group", "aria-label": name, "aria-describedby": sensor === DEPTH ? null : `depth-${purpose}` },
       h("div", { class: "choice-words" }, h("strong", {}, sensorName(sensor)), h("div", { class: `quiet ${choice?.holds_now ? "yes-words" : ""}` }, wordsOf(choice, data.height)),
-        isWithoutDepth && h("div", { class: "without-depth" }, t("consent.withoutDepth")),
+        choice?.lacks_depth && h("div", { class: "without-depth" }, t("consent.withoutDepth")),
         data.askable[purpose] !== undefined && !isAskable(purpose, sensor) && h("div", { class: "quiet" }, t("consent.unnamedSensor", { organisation: data.notice.organisation }))),
       h("div", { class: "row yes-no" },
         isAskable(purpose, sensor) && h("button", { type: "button", "data-key": `yes-${purpose}-${sensor}`, class: isYes ? "chosen good" : "", "aria-pressed": String(isYes), "aria-label": t("consent.yesTo", { name }), disabled: data.notice.must_show || isWorking, onclick: () => say("give", [purpose], [sensor]) }, t("consent.yes")),

@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from clients.wallet import serve_command
+from clients.wallet.consenting import round_period
 from clients.wallet.erasing import Erasing
 from clients.wallet.page import clip_routes, erasing_routes
 from clients.wallet.page import session as sessions
@@ -197,6 +198,29 @@ async def test_the_page_offers_no_consent_beyond_the_notice_and_tells_what_else_
         assert job["error"]["code"] == code
         refused = {"purposes": [purpose], "sensors": [sensor]}
         assert (await desk.page.do("/api/consents/refuse", refused))["status"] == "refused"
+
+
+async def test_a_yes_lacks_depth_before_the_period_of_the_yes_to_depth_and_once_it_is_over(desk: Desk) -> None:
+    chain, patient = desk.ward.chain, desk.ward.patient
+    begins, ends = round_period(chain.time_ms + WEEK_MS, chain.time_ms + 2 * WEEK_MS)
+
+    def give(sensor: str, *period: int) -> None:
+        chain.must(patient.identity, "consent", "give", patient.handle, ["safety"], [sensor], *period, 0, chain.height)
+
+    async def lacking() -> list[str]:
+        choices = (await desk.page.get("/api/consents"))["choices"]
+        return [each["sensor"] for each in choices if each["purpose"] == "safety" and each["lacks_depth"]]
+
+    give("rgb", 0, 0)
+    assert await lacking() == ["rgb"], "nothing was said of depth"
+    give("depth", begins, ends)
+    assert await lacking() == ["rgb"], "it has not begun"
+    chain.time_ms = begins
+    give("audio", 0, 0)
+    assert await lacking() == []
+    chain.time_ms = ends
+    give("emotion", 0, 0)
+    assert await lacking() == ["audio", "emotion", "rgb"], "it is over"
 
 
 async def share(desk: Desk, ids: list[str]) -> dict[str, Any]:
