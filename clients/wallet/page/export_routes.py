@@ -6,10 +6,12 @@ import asyncio
 import datetime
 import secrets
 import threading
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
+from aiohttp.abc import AbstractStreamWriter
 
 from clients.bundle.checking import Verdict
 from clients.bundle.proving import Heard
@@ -21,7 +23,7 @@ from clients.wallet.language import refusal
 from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.asking import Asked
 from clients.wallet.page.jobs import Job
-from clients.wallet.page.session import PageSession
+from clients.wallet.page.session import KeptFile, PageSession
 from pages.local_page import LocalRoute
 
 
@@ -131,12 +133,26 @@ def _leave_out(path: Path, writing: asyncio.Future[Verdict]) -> None:
     writing.exception()
 
 
+class _KeptFileResponse(web.FileResponse):
+    """A kept file on its way to the page. It counts as fetched once all of it was sent, and not before."""
+
+    def __init__(self, kept: KeptFile) -> None:
+        super().__init__(kept.path, headers={"Content-Type": "application/zip"})
+        self._kept = kept
+
+    async def prepare(self, request: web.BaseRequest) -> AbstractStreamWriter | None:
+        """Send the file. Raises OSError if the page goes away meanwhile."""
+        writer = await super().prepare(request)
+        if self.status == HTTPStatus.OK:
+            self._kept.was_fetched = True
+        return writer
+
+
 async def _file(session: PageSession, request: web.Request) -> web.StreamResponse:
     kept = session.exports.get(request.match_info["export"])
     if kept is None:
         raise refusal("NOT_FOUND", "page_no_file")
-    kept.was_fetched = True
-    return web.FileResponse(kept.path, headers={"Content-Type": "application/zip"})
+    return _KeptFileResponse(kept)
 
 
 async def _forget(session: PageSession, request: web.Request) -> web.Response:

@@ -15,6 +15,8 @@ from tests.unit.clients.wallet.page.conftest import PASSPHRASE, Desk
 
 WISH = {"now": True, "identity": False, "passphrase": PASSPHRASE}
 WAIT_S = 10.0
+FAR_BEYOND_BUFFERS_BYTES = 64 * 1024 * 1024
+"""More than a connection of this machine holds on its way."""
 
 
 def left_in(folder: Path) -> list[str]:
@@ -32,6 +34,22 @@ async def test_the_file_can_be_fetched_has_no_name_on_the_disk_and_goes_when_it_
     assert await desk.page.get(path) == content, "it can be fetched twice"
     await desk.page.ask("DELETE", f"/api/exports/{done['export']}")
     assert await desk.page.refused("GET", path) == "NOT_FOUND"
+
+
+async def test_a_file_counts_as_fetched_once_all_of_it_was_sent_and_not_when_it_begins(desk: Desk) -> None:
+    path = desk.session.folder / "long.zip"
+    with path.open("wb") as file:
+        file.truncate(FAR_BEYOND_BUFFERS_BYTES)
+    desk.session.keep_export("long", path)
+    kept, page = desk.session.exports["long"], desk.page
+    asked = page.http.get(f"{page.origin}/api/exports/long/file", headers=page.headers)
+    async with asked as answer:
+        assert answer.status == 200
+        assert len(await answer.content.readexactly(1)) == 1
+        assert not kept.was_fetched, "most of it is on this side"
+        assert len(await answer.read()) == FAR_BEYOND_BUFFERS_BYTES - 1
+    await page.get("/api/overview")
+    assert kept.was_fetched
 
 
 async def test_it_says_how_anybody_checks_the_file_against_the_network_that_this_wallet_trusts(
