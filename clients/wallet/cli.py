@@ -24,7 +24,7 @@ from clients.wallet.export_command import export
 from clients.wallet.guardians_commands import guardians
 from clients.wallet.inbox_commands import COMMANDS as INBOX_COMMANDS
 from clients.wallet.keyring_command import keyring
-from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, language_in_use, refusal, text
+from clients.wallet.language import DEFAULT_LANGUAGE, WrongUsage, language_in_use, text
 from clients.wallet.making_commands import COMMANDS as MAKING_COMMANDS
 from clients.wallet.notice_commands import notice, register
 from clients.wallet.opening import place_wallet, reads_only, run_opened, show_moment, wallet_options
@@ -150,12 +150,6 @@ def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
     ask(text("erase.ask"))
 
 
-def _require_there(entries: list[RecordEntry], frames: list[int]) -> None:
-    """Raise REQUEST_INVALID if the record has fewer pictures than were named (`frames`: indexes, in order)."""
-    if frames and entries and frames[-1] >= entries[0].metadata.frame_count:
-        raise refusal("REQUEST_INVALID", "erase_pictures", count=entries[0].metadata.frame_count)
-
-
 def _ignore(_: Sequence[ErasureReport]) -> None:
     """Tell nobody."""
 
@@ -209,10 +203,12 @@ def erase(
         chosen = await choose_records(opened, () if everything else record_ids)
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = tell_visits_linked(active, as_json=as_json)
-        _require_there(entries, frame_indexes)
+        erasing = Erasing(opened)
+        for entry in entries:
+            await erasing.require_pictures(entry, frame_indexes)
         if entries and not yes:
             _ask_to_erase(entries, frame_indexes)
-        erasing, recipients = Erasing(opened), await Sharing(opened).recipients(active)
+        recipients = await Sharing(opened).recipients(active)
         reports: list[ErasureReport] = []
         for visit, ids in await erasing.request_each(entries, frame_indexes):
             try:

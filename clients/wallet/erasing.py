@@ -10,11 +10,14 @@ from typing import Any
 from clients.sdk.counting import counted
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
+from clients.wallet.viewing import Viewing
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
+from consensus.limits import CLIP_FRAMES_MAX_COUNT
 
 RECORDS_A_REQUEST_MAX_COUNT = 64
 _POLL_S = 0.1
+_LOOK_PURPOSE = "own-access"
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,11 +36,30 @@ class ErasureReport:
         return self.status == "complete"
 
 
+def require_pictures(frames: Sequence[int], count: int) -> None:
+    """Raise REQUEST_INVALID if a record of so many pictures does not have all of these (indexes)."""
+    if frames and max(frames) >= count:
+        raise refusal("REQUEST_INVALID", "erase_pictures", count=count)
+
+
 class Erasing:
     """Erasure of one person's records."""
 
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
+
+    async def require_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> None:
+        """Raise REQUEST_INVALID if a record does not have all of these pictures (indexes).
+
+        The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
+        is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
+        """
+        count = entry.metadata.frame_count
+        if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
+            viewing = Viewing(self._wallet)
+            view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
+            count = len(view.frames)
+        require_pictures(frames, count)
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
         """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""

@@ -158,6 +158,11 @@ class Clips:
                 return name
         return None
 
+    def count_committed(self, record_id: bytes) -> int | None:
+        """Return how many pictures the robot committed to in a record, None unless a clip that is open holds it."""
+        views = [view for clip in self._clips.values() for view in clip.views if view.entry.record_id == record_id]
+        return len(views[-1].frames) if views else None
+
     def forget(self, name: str) -> None:
         """Forget a clip, if it is there."""
         self._clips.pop(name, None)

@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.erasing import Erasing
+from clients.wallet.erasing import Erasing, require_pictures
 from clients.wallet.erasure_status import AskedErasure, find_erasures_of
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
@@ -42,8 +42,8 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> list[Re
     if frames:
         if len(entries) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
-        if frames[-1] >= entries[0].metadata.frame_count:
-            raise refusal("REQUEST_INVALID", "erase_pictures", count=entries[0].metadata.frame_count)
+        committed = session.clips.count_committed(ids[0])
+        require_pictures(frames, entries[0].metadata.frame_count if committed is None else committed)
     return [entry for entry in entries if entry.state["status"] == "active"]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from clients.wallet import records_command, viewing_commands
+from tests.miscounting_robot import miscounting
 from tests.unit.clients.wallet.test_sharing_commands import NAMES, People
 
 
@@ -47,3 +48,15 @@ def test_frames_that_name_no_picture_erase_nothing_rather_than_the_whole_record(
     refused = people.run(people.ward.wallet, "erase", record_id.hex(), "--frames", written, "--yes")
     assert (refused.exit_code, "counted from 1" in refused.output) == (2, True)
     assert people.ward.chain.height == height, "nothing was asked for"
+
+
+def test_each_picture_that_a_robot_committed_to_and_did_not_count_is_erased_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    people = People(tmp_path, monkeypatch)
+    miscounting(monkeypatch, 1)
+    _, (record_id,) = people.ward.record_visit(1)
+    beyond = people.run(people.ward.wallet, "erase", record_id.hex(), "--frames", "3", "--yes")
+    assert (beyond.exit_code, "The record has 2 pictures." in beyond.output) == (1, True)
+    (asked,) = people.told(people.ward.wallet, "erase", record_id.hex(), "--frames", "2", "--yes")["erasures"]
+    assert people.ward.chain.value("erasure", b"erasure/" + bytes.fromhex(asked["erasure_id"]))["frames"] == [1]

@@ -87,6 +87,9 @@ async def test_a_seal_is_red_while_any_check_failed_and_so_says_the_verdict_on_t
     on_chain = desk.ward.chain.value("access", b"verdict/" + record_id)
     assert (on_chain["verdict"], on_chain["frames"]) == ("corrupted", [])
     assert (await desk.page.get("/api/records"))["records"][0]["verdict"] == "corrupted"
+    wish = {"records": [record_id.hex()], "frames": [1]}
+    assert await desk.page.refused("POST", "/api/erasures/plan", wish) == "REQUEST_INVALID", "there is one picture"
+    assert (await desk.page.post("/api/erasures/plan", wish | {"frames": [0]}))["records"] == [record_id.hex()]
 
 
 async def test_of_a_robot_that_committed_to_another_picture_the_seal_blames_nobody_who_keeps_it(
