@@ -11,11 +11,11 @@ from typing import Any
 
 import pexpect
 
+from tests.waiting_process import wait_for_reading
+
 WIPED = "\x1b[H\x1b[2J\x1b[3J"
 CONTROL = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 ANSWER_MAX_S = 60
-PRESS_AGAIN_S = 10
-PRESSES_MAX_COUNT = 4
 ROWS = 40
 
 
@@ -23,18 +23,13 @@ class Typed(pexpect.spawn):
     """A wallet's command behind a pseudo-terminal."""
 
     def press_ctrl_c(self, until: Any) -> None:
-        """Press Ctrl-C, and again while what it must bring does not come: a pattern, or the end.
-
-        One that comes after a question was written and just before the terminal is read waits for the next key.
-        """
-        for _ in range(PRESSES_MAX_COUNT):
-            self.sendintr()
-            if self.expect([until, pexpect.TIMEOUT], timeout=PRESS_AGAIN_S) == 0:
-                return
-        raise AssertionError(f"Ctrl-C does nothing: {self.before}")
+        """Press Ctrl-C once, as soon as a key is waited for; expect what it must bring: a pattern, or the end."""
+        wait_for_reading(self.pid)
+        self.sendintr()
+        self.expect(until)
 
     def ended_by_ctrl_c(self) -> int:
-        """Press Ctrl-C until the command ends; return the exit code."""
+        """Press Ctrl-C once, as soon as a key is waited for; return the exit code of the command that it ends."""
         self.press_ctrl_c(pexpect.EOF)
         return self._exit_code()
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import sys
-from pathlib import Path
 
 import pexpect
 import pytest
+
+from tests.waiting_process import wait_for_reading
 
 _COMMAND = """
 import asyncio
@@ -31,23 +32,13 @@ _QUESTIONS = ['ask("Well?")', 'ask("Well?", err=True)', 'ask_for("Well?")']
 
 
 def spawn(question: str) -> pexpect.spawn[str]:
-    """Begin a command that asks within the event loop; return it once its question is there and it waits for a key.
-
-    Python hears of a signal between two steps or from a call that it breaks off. One that comes in the moment before the
-    reading begins is heard with the next key, here as anywhere: so it is the reading that is waited for.
-    """
+    """Begin a command that asks within the event loop; return it once its question is there and it waits for a key."""
     environment = os.environ | {"PYTHONUNBUFFERED": "1"}
     code = _COMMAND.format(question=question)
     child = pexpect.spawn(sys.executable, ["-c", code], encoding="utf-8", env=environment, timeout=60)
     child.expect(r"Well\?.*: ")
-    while not is_waiting(child.pid):
-        os.sched_yield()
+    wait_for_reading(child.pid)
     return child
-
-
-def is_waiting(pid: int) -> bool:
-    """Tell whether a process sleeps until something comes."""
-    return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[0] == "S"
 
 
 @pytest.mark.parametrize("question", _QUESTIONS)
