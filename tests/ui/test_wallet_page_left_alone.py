@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 import pytest_asyncio
 from msgspec.structs import replace
-from playwright.async_api import Dialog, Page, expect
+from playwright.async_api import Dialog, Page, Route, expect
 
 from clients.wallet.consenting import Consenting, Word
 from clients.wallet.page import clip_routes
@@ -75,6 +75,26 @@ async def test_the_line_of_what_came_in_goes_when_that_is_shown(shown: Shown) ->
     await page.locator(".latest a").first.click()
     await expect(page.locator("input[data-visit]").first).to_be_visible(timeout=SOON_MS)
     await expect(news).to_be_empty()
+
+
+async def test_what_comes_in_while_a_view_is_on_its_way_is_on_it_too(shown: Shown) -> None:
+    page = shown.page
+    await shown.go("inbox")
+    was_read, goes_on = asyncio.Event(), asyncio.Event()
+
+    async def answer_late(route: Route) -> None:
+        answer = await route.fetch()
+        was_read.set()
+        await goes_on.wait()
+        await route.fulfill(response=answer)
+
+    await page.route("**/days?*", answer_late, times=1)
+    await page.evaluate("() => { location.hash = '#/'; }")
+    await was_read.wait()
+    await shown.record()
+    await expect(page.locator("#news")).to_contain_text("came in", timeout=SOON_MS)
+    goes_on.set()
+    await expect(page.locator("[data-day].has .count")).to_have_text("4", timeout=SOON_MS)
 
 
 async def test_a_long_name_stays_within_its_card_and_the_form_takes_no_longer_one(shown: Shown) -> None:

@@ -30,6 +30,7 @@ let overview = null;
 let verified = null;
 let shown = null;
 let newest = null;
+let missed = null;  // what was new while a view was on its way: that was perhaps read before it
 let leaving = new AbortController();
 let isClosed = false;
 
@@ -91,6 +92,7 @@ async function showPlace({ keepFocus = false } = {}) {
   const isThere = isPlace({ name, rest });
   drawBar(name);
   main.setAttribute("aria-busy", "true");
+  missed = null;
   let view;
   try {
     const show = isThere ? await VIEWS[name]() : showNoPlace;
@@ -113,7 +115,16 @@ async function showPlace({ keepFocus = false } = {}) {
     window.scrollTo(0, 0);
   }
   view.onShown?.();
+  if (missed) await takeMissed(missed);
   dropNewsShown();
+}
+
+async function takeMissed(change) {
+  try {
+    await shown.refresh?.(change);
+  } catch (error) {
+    if (error.name !== "AbortError" && !(error instanceof Problem)) throw error;  // she has gone on, or nobody is there
+  }
 }
 
 async function showRegistering() {
@@ -236,7 +247,8 @@ async function takeNews(change, isOther) {
   const count = overview.counts.alarms;
   const badge = bar.querySelector("nav .badge");
   if (String(count || "") !== (badge?.textContent ?? "") && !bar.contains(document.activeElement)) drawBar(name);
-  if (!leaving.signal.aborted) await shown?.refresh?.(change);
+  if (main.hasAttribute("aria-busy")) missed = change;
+  else if (!leaving.signal.aborted) await shown?.refresh?.(change);
   dropNewsShown();
 }
 
