@@ -1,4 +1,7 @@
-"""Says at the end which tests were left out because the user said so, and holds every answer against its reference."""
+"""Says which tests were left out because the user said so, and holds every answer against its reference.
+
+A test must never depend on the language that the developer's system speaks.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ import click
 import pytest
 
 from clients.sdk import terminal
+from clients.wallet.language import LANGUAGE_VARIABLE
 
 LEFT_OUT_BY = {
     "system_packages": (
@@ -21,6 +25,9 @@ LEFT_OUT_BY = {
     ),
 }
 """What is said of tests with a marker: what they need, and how to run them."""
+
+SPOKEN_BY = (LANGUAGE_VARIABLE, "LANGUAGE", "LC_ALL", "LC_CTYPE", "LC_MESSAGES", "LANG")
+"""What an environment names its language and its letters with."""
 
 _left_out: dict[str, list[str]] = {marker: [] for marker in LEFT_OUT_BY}
 
@@ -43,6 +50,15 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
         terminalreporter.line(f"{len(names)} tests were NOT run: {needed}")
         terminalreporter.line(f"They are in: {', '.join(files)}")
         terminalreporter.line(way_in)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_language_is_named() -> Iterator[None]:
+    """Take away what the developer's system speaks. Of the session: networks that a module shares begin after it."""
+    with pytest.MonkeyPatch.context() as patch:
+        for variable in SPOKEN_BY:
+            patch.delenv(variable, raising=False)
+        yield
 
 
 @pytest.fixture(autouse=True)
