@@ -51,6 +51,9 @@ _FOLDERS = {"png": "pictures", "rgb.png": "pictures", "rgb.jpg": "pictures", "de
 
 
 def shown_name(visit: int, record: int, index: int, suffix: str) -> str:
-    """Return where what is made of a frame is: sorted by name, a folder plays in the order in which it was recorded."""
+    """Return where what is made of a frame is: sorted by name, a folder plays in the order in which it was recorded.
+
+    The index counts from 0, though people count pictures from 1: `verify` draws these names anew, and refuses others.
+    """
     folder = _FOLDERS.get(suffix, "labels")
     return f"{folder}/{visit:04d}/{record:05d}-{index:02d}.{suffix}"

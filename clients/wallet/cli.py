@@ -171,7 +171,7 @@ def _tell_receipts() -> Callable[[Sequence[ErasureReport]], None]:
 @wallet.command()
 @click.argument("record_ids", nargs=-1, shell_complete=complete_records)
 @click.option("--all", "everything", is_flag=True, help="Erase all records of all visits.")
-@click.option("--frames", "written_frames", help="Only these pictures of one record, counted from 1, as 1,4,5.")
+@click.option("--frames", help="Only these pictures of one record, counted from 1: 1,4,5. Files in exports: from 0.")
 @click.option("--wait", is_flag=True, help="Wait until every custodian has confirmed.")
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option
@@ -181,7 +181,7 @@ def erase(
     ctx: click.Context,
     record_ids: tuple[str, ...],
     everything: bool,
-    written_frames: str | None,
+    frames: str | None,
     wait: bool,
     yes: bool,
     as_json: bool,
@@ -192,7 +192,7 @@ def erase(
     """
     if not record_ids and not everything:
         raise WrongUsage("erase_what")
-    frame_indexes = _read_frames(written_frames)
+    frame_indexes = _read_frames(frames)
     if frame_indexes and (everything or len(record_ids) != 1):
         raise WrongUsage("frames_of_one")
     if not yes and not sys.stdin.isatty():
@@ -204,8 +204,7 @@ def erase(
         active = [entry for entry in chosen if entry.state["status"] == "active"]
         entries = tell_visits_linked(active, as_json=as_json)
         erasing = Erasing(opened)
-        for entry in entries:
-            await erasing.require_pictures(entry, frame_indexes)
+        await erasing.require_pictures(entries, frame_indexes)
         if entries and not yes:
             _ask_to_erase(entries, frame_indexes)
         recipients = await Sharing(opened).recipients(active)

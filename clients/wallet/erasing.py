@@ -48,18 +48,19 @@ class Erasing:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
-    async def require_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> None:
-        """Raise REQUEST_INVALID if a record does not have all of these pictures (indexes).
+    async def require_pictures(self, entries: Sequence[RecordEntry], frames: Sequence[int]) -> None:
+        """Raise REQUEST_INVALID if any of these records does not have all of these pictures (indexes).
 
         The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
         is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
         """
-        count = entry.metadata.frame_count
-        if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
-            viewing = Viewing(self._wallet)
-            view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
-            count = len(view.frames)
-        require_pictures(frames, count)
+        for entry in entries if frames else ():
+            count = entry.metadata.frame_count
+            if count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
+                viewing = Viewing(self._wallet)
+                view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
+                count = len(view.frames)
+            require_pictures(frames, count)
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
         """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""
