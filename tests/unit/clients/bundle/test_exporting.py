@@ -270,7 +270,7 @@ async def test_a_picture_that_was_changed_is_named_and_the_others_are_there(ward
     verdict = await export(ward, tmp_path / "mine.zip")
     assert problem_codes(verdict) == [(record_id.hex(), "RENDITION_CORRUPTED")]
     assert [frame.status for frame in verdict.frames] == ["picture", "absent", "picture"]
-    assert any("of 1 pictures" in line for line in unproved(verdict))
+    assert any("of 1 picture" in line for line in unproved(verdict))
 
 
 async def test_a_record_that_its_robot_miscounted_is_named_and_its_pictures_are_there(
@@ -283,7 +283,7 @@ async def test_a_record_that_its_robot_miscounted_is_named_and_its_pictures_are_
     (problem,) = verdict.manifest.problems
     assert "5 by the robot's own count, 1 that it committed to" in problem.sentence
     assert [frame.status for frame in verdict.frames] == ["picture"]
-    assert any(line.startswith("which pictures 1 records should hold") for line in unproved(verdict))
+    assert any(line.startswith("which pictures 1 record should hold") for line in unproved(verdict))
 
 
 async def test_erased_records_and_frames_are_told_with_their_receipts(ward: Ward, tmp_path: Path) -> None:
