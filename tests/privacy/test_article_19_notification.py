@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from clients.wallet import cli
+from clients.wallet import cli, erase_command
 from clients.wallet.received import Notice, Receipt
 from clients.wallet.rights import Chosen, Rights
 from clients.wallet.wallet import Wallet
@@ -94,7 +94,7 @@ def test_5_who_erases_is_told_who_had_received_it(
         await receiving.look(receipt, ids[0], access_id)
 
     asyncio.run(share_and_look())
-    monkeypatch.setattr(cli, "run_opened", lambda _, action: asyncio.run(action(ward.wallet)))
+    monkeypatch.setattr(erase_command, "run_opened", lambda _, action: asyncio.run(action(ward.wallet)))
     told = CliRunner().invoke(cli.wallet, ["erase", ids[0].hex(), "--yes"])
     assert told.exit_code == 0, told.output
     for part in ("Dr Weber", "looked", "is told", "wallet shares"):

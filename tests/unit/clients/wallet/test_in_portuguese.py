@@ -13,7 +13,15 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, consent_commands, records_command, rights_commands, rotating_commands, serve_command
+from clients.wallet import (
+    cli,
+    consent_commands,
+    erase_command,
+    records_command,
+    rights_commands,
+    rotating_commands,
+    serve_command,
+)
 from clients.wallet.consent_receipts import Receipts
 from clients.wallet.language import DEFAULT_LANGUAGE, code_text, load, section
 from clients.wallet.linking import tell_linked, tell_linked_moves
@@ -46,7 +54,7 @@ def saying(world: World, monkeypatch: pytest.MonkeyPatch) -> Saying:
 @pytest.fixture
 def run(world: World, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Run `wallet ...` in Portuguese, on this wallet and network."""
-    for module in (cli, records_command, rights_commands):
+    for module in (cli, erase_command, records_command, rights_commands):
         monkeypatch.setattr(module, "run_opened", lambda _, action: asyncio.run(action(world.wallet)))
 
     def call(*arguments: str, language: str = "pt") -> Result:

@@ -13,7 +13,7 @@ import click
 import pytest
 from click.testing import CliRunner, Result
 
-from clients.wallet import cli, inbox_commands, sharing_commands
+from clients.wallet import cli, erase_command, inbox_commands, sharing_commands
 from clients.wallet.language import LANGUAGE_VARIABLE, LANGUAGES, section
 from clients.wallet.received import KIND_CORRECTED, KIND_RESTRICTED, TO_DELETE
 from clients.wallet.rights import Chosen, Rights
@@ -24,7 +24,9 @@ from consensus.errors import BlockRobotError
 from consensus.records.sharing import GRANT_STEP_MS
 from tests.unit.clients.wallet.shared_ward import WEEK_MS, SharedWard
 
-NAMES = {command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS, cli.erase)}
+NAMES = {
+    command.name: command for command in (*sharing_commands.COMMANDS, *inbox_commands.COMMANDS, erase_command.erase)
+}
 
 
 class People:
@@ -34,7 +36,7 @@ class People:
         self.ward = SharedWard(folder)
         self.doctor = self.ward.come_in("doctor", "staff")
         self.opened = self.ward.wallet
-        for module in (sharing_commands, inbox_commands, cli):
+        for module in (sharing_commands, inbox_commands, erase_command):
             monkeypatch.setattr(module, "run_opened", self._run_opened)
         monkeypatch.setattr(sharing_commands.time, "time_ns", lambda: self.ward.chain.time_ms * 1_000_000)
 
@@ -142,7 +144,7 @@ def test_an_erasure_that_is_late_names_who_had_received_it_all_the_same(
     people: People, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """No custodian confirms in time: she hears that, and with whom she had shared it."""
-    monkeypatch.setattr(cli, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_command, "ERASE_WAIT_S", -1.0)
     _, (first,) = people.ward.record_visit(1)
     people.share(first, "--yes")
     late = people.run(people.ward.wallet, "erase", first.hex(), "--wait", "--yes")
@@ -394,7 +396,7 @@ def test_shares_their_end_and_ones_handle_are_told_in_portuguese_and_json_is_the
     assert "para cuidados (care): até " in lines
     assert "ninguém viu" in lines
     pessoas.run(pessoas.doctor, "look", name, "--out", tmp_path / "shared")
-    assert ": 1 gravação pode ser obtida" in pessoas.run(ann, "shares").output
+    assert ": 1 gravação podia então ser obtida" in pessoas.run(ann, "shares").output
     assert "para cuidados (care) (partilha " in pessoas.run(ann, "inbox").output
     ended = pessoas.run(ann, "revoke", name).output
     assert "Terminado: 1 gravação já não está partilhada com Dr Weber (identificador " in ended
@@ -467,7 +469,7 @@ def test_what_is_shared_already_is_told_in_portuguese_and_to_programs_in_english
 
 
 def test_an_erasure_names_in_portuguese_who_had_received_it(pessoas: People, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cli, "ERASE_WAIT_S", -1.0)
+    monkeypatch.setattr(erase_command, "ERASE_WAIT_S", -1.0)
     _, (record_id,) = pessoas.ward.record_visit(1)
     pessoas.share(record_id, "--yes")
     told = pessoas.run(pessoas.ward.wallet, "erase", record_id.hex(), "--yes").stdout
