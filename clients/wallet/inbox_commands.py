@@ -39,6 +39,7 @@ from consensus.errors import BlockRobotError
 from consensus.records.purposes import PURPOSES
 
 LOOKS_SHOWN = 20
+_GONE = frozenset({KIND_ERASED, KIND_FRAMES_ERASED})
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +260,15 @@ def _choose(receipt: Receipt, record_ids: Sequence[str], otherwise: Sequence[byt
     return [bytes.fromhex(find_record(known, start)) for start in record_ids] or list(otherwise)
 
 
+def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
+    """Raise GRANT_ENDED for records of which something was erased since: a look at them would stand there for nothing."""
+    kinds = {notice.kind for notice in receipt.notices if notice.record_id in wanted and notice.kind in _GONE}
+    if KIND_FRAMES_ERASED in kinds:
+        raise refusal("GRANT_ENDED", "look_cut")
+    if kinds:
+        raise refusal("GRANT_ENDED", "look_erased")
+
+
 async def look_at(
     opened: Wallet, start: str, record_ids: Sequence[str], out: Path
 ) -> tuple[list[SharedView], list[bytes]]:
@@ -270,12 +280,11 @@ async def look_at(
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:
         raise BlockRobotError("GRANT_ENDED")
-    gone = {notice.record_id for notice in receipt.notices if notice.kind in {KIND_ERASED, KIND_FRAMES_ERASED}}
+    gone = {notice.record_id for notice in receipt.notices if notice.kind in _GONE}
     left = [record_id for record_id in receipt.grant.records if record_id not in gone]
-    if not left and not record_ids:
-        raise refusal("CLIP_ERASED", "look_erased")
     barred = {notice.record_id for notice in receipt.notices if notice.kind == KIND_RESTRICTED}
     chosen = _choose(receipt, record_ids, [each for each in left if each not in barred] or left)
+    _require_shown(receipt, chosen or receipt.grant.records)
     left_out = [] if record_ids else [each for each in left if each not in chosen]
     access_id = await receiving.request_access(receipt, chosen)
     views = []

@@ -15,7 +15,7 @@ from typing import Any
 
 from clients.sdk.connections import NodeAddress
 from clients.wallet.auditing import AuditEntry, audit_visit
-from clients.wallet.grants import Grant, cut_since, read_custodians, read_grants
+from clients.wallet.grants import Grant, cut_since, erased_since, read_custodians, read_grants
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal, text
 from clients.wallet.rights import Chosen
@@ -104,7 +104,7 @@ class Share:
     """A grant of one's own, proven, with what became of it; `given` is what this wallet remembers of it, if anything.
 
     `confirmed` are records of which the grantee said that her copies are deleted, and did not ask for since; `cut` are
-    those of which single pictures were erased since: they are shared no more.
+    those of which single pictures were erased since, `erased` those that were erased whole: they are shared no more.
     """
 
     grant: Grant
@@ -113,10 +113,16 @@ class Share:
     looks: tuple[Look, ...]
     confirmed: frozenset[bytes]
     cut: frozenset[bytes]
+    erased: frozenset[bytes] = frozenset()
 
     def shows(self, record_id: bytes, now_ms: int) -> bool:
         """Tell whether a record can be looked at by this grant now."""
-        return self.grant.is_open(now_ms) and record_id in self.grant.records and record_id not in self.cut
+        return self.grant.is_open(now_ms) and record_id in self.left
+
+    @property
+    def left(self) -> list[bytes]:
+        """The records of which nothing was erased since."""
+        return [record_id for record_id in self.grant.records if record_id not in self.cut | self.erased]
 
     @property
     def name(self) -> str:
@@ -400,17 +406,13 @@ class Sharing:
         grants = await read_grants(self._wallet, ids, key)
         places = [_ACCESS + entry.data["access_id"] for entry in trail if _is_look(entry)]
         asked = await self._wallet.values(places, key) if places else {}
-        return [
-            Share(
-                grant,
-                visit,
-                known.get(grant.grant_id),
-                find_looks(trail, grant.grant_id),
-                find_confirmed(trail, grant.grant_id, asked),
-                frozenset(cut_since(grant, trail)).intersection(grant.records),
-            )
-            for grant in grants
-        ]
+        found = []
+        for grant in grants:
+            erased = frozenset(erased_since(grant, trail)).intersection(grant.records)
+            cut = frozenset(cut_since(grant, trail)).intersection(grant.records) - erased
+            looks, confirmed = find_looks(trail, grant.grant_id), find_confirmed(trail, grant.grant_id, asked)
+            found.append(Share(grant, visit, known.get(grant.grant_id), looks, confirmed, cut, erased))
+        return found
 
     async def recipients(self, entries: Sequence[RecordEntry]) -> list[Share]:
         """Return the grants by which any of these records was shared, looked at or not (Art. 19, last sentence)."""

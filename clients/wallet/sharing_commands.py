@@ -255,6 +255,7 @@ def share_json(share_: Share, now_ms: int) -> dict[str, Any]:
         ],
         "confirmed_deleted": [record_id.hex() for record_id in grant.records if record_id in share_.confirmed],
         "cut": [record_id.hex() for record_id in grant.records if record_id in share_.cut],
+        "erased": [record_id.hex() for record_id in grant.records if record_id in share_.erased],
     }
 
 
@@ -266,7 +267,7 @@ def _status(share_: Share, now_ms: int) -> str:
 
 def share_lines(share_: Share, now_ms: int) -> list[str]:
     """Say one grant in plain sentences."""
-    grant, until = share_.grant, show_moment(share_.grant.until_ms)
+    grant, until, status = share_.grant, show_moment(share_.grant.until_ms), _status(share_, now_ms)
     ends = {
         "open": text("shares.open", until=until),
         "over": text("shares.over", until=until),
@@ -280,9 +281,11 @@ def share_lines(share_: Share, now_ms: int) -> list[str]:
             visit=share_.visit.owner.hex()[:12],
             name=share_.name,
             purpose=code_text("purpose", grant.purpose),
-            end=ends[_status(share_, now_ms)],
+            end=text("shares.nothing_left") if status == "open" and not share_.left else ends[status],
         )
     ]
+    if share_.erased:
+        lines.append("  " + text("shares.erased", count=len(share_.erased)))
     if share_.cut:
         lines.append("  " + text("shares.cut", count=len(share_.cut)))
     for look in share_.looks:
@@ -318,7 +321,7 @@ def shares(ctx: click.Context, as_json: bool) -> None:
     for each in found:
         for line in share_lines(each, now_ms):
             console.print(line)
-        if each.grant.is_open(now_ms):
+        if each.grant.is_open(now_ms) and each.left:
             console.print("  " + text("shares.to_end", grant=each.grant.grant_id.hex()[:12]))
 
 

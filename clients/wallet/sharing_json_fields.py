@@ -34,6 +34,7 @@ _SHARE = (
         ),
     ),
     Field("cut", Kind.HEXES, "ids of records of which single pictures were erased since: they are shared no more"),
+    Field("erased", Kind.HEXES, "ids of records that were erased whole since: they are shared no more"),
     Field("confirmed_deleted", Kind.HEXES, "ids of records whose copies the other says are deleted"),
 )
 """A grant of one's own, as `sharing_commands.share_json` tells it."""

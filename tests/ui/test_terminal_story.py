@@ -182,7 +182,7 @@ async def test_a_doctor_is_shown_a_visit_looks_and_deletes_what_is_shared_no_mor
     assert list((weber.folder / "shared").rglob("*.depth.png"))
     assert "whom you shared with looked at" in plain(await ann.types("inbox"))
     shares = plain(await ann.types("shares"))
-    assert "records may be fetched" in shares
+    assert "records could be fetched then" in shares
     assert step(shares, r"wallet --profile ann revoke [0-9a-f]+") == end
 
     ended = plain(await ann.repeats(end))

@@ -241,7 +241,7 @@ async def _record(session: PageSession, request: web.Request) -> web.Response:
     entry = snapshot.entry(read_id(request.match_info["record"]))
     part = snapshot.part_of(entry.visit.owner)
     meta, visit = entry.metadata, visit_json(part, language_of(request))
-    shares = [share for share in part.shares if entry.record_id in set(share.grant.records) - share.cut]
+    shares = [share for share in part.shares if entry.record_id in share.left]
     trail = [each for each in part.trail if _is_about(part, entry.record_id, each)]
     return answer_json(
         row_json(part, entry, now_ms)

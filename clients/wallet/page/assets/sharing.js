@@ -26,6 +26,7 @@ export async function showSharing(context) {
     h("div", { class: "row" }, h("h2", { id: `share-${share.grant_id}` }, share.name ?? share.who), h("span", { class: `badge ${share.status === "open" ? "accent" : ""}` }, t(`share.status.${share.status}`))),
     h("p", {}, t("share.what", { count: share.records.length }), " ", t("share.for", { purpose: purposeName(share.purpose, share.purpose_sentence) }), " ", t(`share.until.${share.status}`, { until: moment(share.until_ms) })),
     share.looks.length === 0 ? h("p", { class: "quiet" }, t("share.noLooks")) : sentences(share.looks.map((look) => t("share.look", { time: moment(look.time_ms), count: look.records }))),
+    share.erased.length > 0 && h("p", {}, t("share.erased", { count: share.erased.length })),
     share.cut.length > 0 && h("p", {}, t("share.cut", { count: share.cut.length })),
     share.confirmed_deleted.length > 0 && h("p", {}, t("share.deleted", { count: share.confirmed_deleted.length })),
     share.status === "open" && h("p", {}, h("button", { type: "button", "data-key": `end-${share.grant_id}`, onclick: () => revoke(share) }, t("share.end"))));

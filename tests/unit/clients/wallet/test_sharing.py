@@ -198,6 +198,9 @@ async def test_a_record_of_which_a_picture_was_erased_is_shared_no_more(ward: Sh
     await ward.erase(visit, [first], [1])
     (share,) = await ward.sharing.shares()
     assert (share.cut, share.shows(first, now_ms), share.shows(second, now_ms)) == ({first}, False, True)
+    await ward.erase(visit, [first])
+    (share,) = await ward.sharing.shares()
+    assert (share.cut, share.erased, share.shows(first, now_ms)) == (frozenset(), {first}, False)
 
 
 async def test_erasing_names_who_had_received_it(ward: SharedWard, doctor: Wallet) -> None:
