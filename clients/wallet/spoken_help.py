@@ -1,22 +1,65 @@
-"""The wallet's help and what a shell completes of it, in the person's language. Must never change a word of the English.
+"""The wallet's help, and how wrong usage is told, in the person's language. Must never change a word of the English.
 
 The English stands where click has it: in docstrings, in the help of options, in click itself. Translations are found by
-it (`help.` in the catalogue), paragraph by paragraph: what was changed in English since is said in English.
+it (`help.` in the catalogue), paragraph by paragraph: what was changed in English since is said in English. What click
+says of a command line is found by its sentences; programs are told it in English.
 """
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import inspect
 import re
-from typing import Any
+from typing import IO, Any, NoReturn
 
 import click
+from click.exceptions import NoArgsIsHelpError
 from click.shell_completion import CompletionItem
 
-from clients.wallet.language import DEFAULT_LANGUAGE, LANGUAGES, choose_language, language_in_use, load
+from clients.sdk.terminal import EXIT_FAILED
+from clients.wallet.language import (
+    DEFAULT_LANGUAGE,
+    LANGUAGES,
+    WrongUsage,
+    choose_language,
+    language_in_use,
+    load,
+)
 
 EXAMPLE = "Example:"
+CLICKS_SENTENCES = (
+    "No such option {name}. Did you mean {choice}?",
+    "No such option {name}. (Did you mean one of: {choices}?)",
+    "No such option {name}.",
+    "No such command {name}. Did you mean {choice}?",
+    "No such command {name}. (Did you mean one of: {choices}?)",
+    "No such command {name}.",
+    "Missing command.",
+    "Missing argument {hint}. Choose from:\n\t{choices}",
+    "Missing argument {hint}.",
+    "Missing option {hint}. Choose from:\n\t{choices}",
+    "Missing option {hint}.",
+    "Option {name} does not take a value.",
+    "Option {name} requires an argument.",
+    "Got unexpected extra argument ({given})",
+    "Got unexpected extra arguments ({given})",
+    "Invalid value for {hint}: {message}",
+    "{value} is not one of {choices}.",
+    "{value} does not match the format {formats}.",
+    "{value} does not match the formats {formats}.",
+    "{value} is not a valid integer range.",
+    "{value} is not a valid integer.",
+    "{value} is not a valid float.",
+    "{value} is not in the range {range}.",
+    "{kind} {file} does not exist.",
+    "{kind} {file} is a file.",
+    "{kind} {file} is a directory.",
+    "{kind} {file} is not readable.",
+    "{kind} {file} is not writable.",
+)
+"""What click says of a command line, with what it puts in; of two that fit, the first is meant."""
+_FIELD = re.compile(r"\\\{(\w+)\\\}")
 _PLACEHOLDER = re.compile(r"\b[A-Z]{2,}(?:[_ ][A-Z]+)*\b")
 
 
@@ -38,6 +81,51 @@ def _said(english: str) -> str:
 
 def _with_placeholders(usage: str) -> str:
     return _PLACEHOLDER.sub(lambda found: _said(found.group()), usage)
+
+
+def _write_usage(ctx: click.Context, formatter: click.HelpFormatter) -> None:
+    usage = _with_placeholders(" ".join(ctx.command.collect_usage_pieces(ctx)))
+    formatter.write_usage(ctx.command_path, usage, prefix=f"{_said('Usage:')} ")
+
+
+def _told_sentence(english: str) -> str:
+    """Return what click says of a command line in the language in use; what it is not known to say, as it is."""
+    for sentence in CLICKS_SENTENCES:
+        found = re.fullmatch(_FIELD.sub(r"(?P<\1>.+)", re.escape(sentence)), english, re.DOTALL)
+        if found is not None:
+            values = found.groupdict()
+            if "hint" in values:
+                values["hint"] = _with_placeholders(values["hint"])
+            if "message" in values:
+                values["message"] = _told_sentence(values["message"])
+            return _said(sentence).format(**values)
+    return english
+
+
+class _SpokenUsageError(click.UsageError):
+    """Wrong usage as a person is told of it in her language; a program gets the English."""
+
+    def __init__(self, wrong: click.UsageError) -> None:
+        super().__init__(wrong.format_message(), wrong.ctx)
+        told = wrong.told if isinstance(wrong, WrongUsage) else _told_sentence(self.message)
+        self._told = _said("Error: {message}").format(message=told)
+        if wrong.ctx is not None:
+            formatter = wrong.ctx.make_formatter()
+            _write_usage(wrong.ctx, formatter)
+            hint = _said("Try '{command} --help' for help.").format(command=wrong.ctx.command_path)
+            self._told = f"{formatter.getvalue()}{hint}\n\n{self._told}"
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Tell it to a person, as click tells wrong usage."""
+        click.echo(self._told, file=file, err=file is None)
+
+
+def _tell_wrong_usage(wrong: click.UsageError) -> NoReturn:
+    """Raise wrong usage so that it is told in the language in use. English, and help that is shown for it, stay."""
+    with contextlib.nullcontext() if wrong.ctx is None else wrong.ctx.scope(cleanup=False):
+        if language_in_use() == DEFAULT_LANGUAGE or isinstance(wrong, NoArgsIsHelpError):
+            raise wrong
+        raise _SpokenUsageError(wrong) from wrong
 
 
 def _told(english: str | None) -> str:
@@ -75,8 +163,7 @@ class SpokenContext(click.Context):
         if language_in_use() == DEFAULT_LANGUAGE:
             return super().get_help()
         command, formatter = self.command, self.make_formatter()
-        usage = _with_placeholders(" ".join(command.collect_usage_pieces(self)))
-        formatter.write_usage(self.command_path, usage, prefix=f"{_said('Usage:')} ")
+        _write_usage(self, formatter)
         formatter.write_paragraph()
         with formatter.indentation():
             formatter.write_text(_told(command.help))
@@ -116,10 +203,35 @@ class SpokenGroup(click.Group):
             command.context_class = SpokenContext
             below.extend(command.commands.values() if isinstance(command, click.Group) else ())
 
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        """Make the context of a call; wrong usage of the group's own options is told in the language."""
+        try:
+            return super().make_context(info_name, args, parent, **extra)
+        except click.UsageError as wrong:
+            _tell_wrong_usage(wrong)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command that is called; wrong usage of it, and that it was stopped, are told in the language."""
+        try:
+            return super().invoke(ctx)
+        except click.UsageError as wrong:
+            _tell_wrong_usage(wrong)
+        except (click.Abort, KeyboardInterrupt, EOFError) as stopped:
+            if language_in_use() == DEFAULT_LANGUAGE:
+                raise
+            if not isinstance(stopped, click.Abort):
+                click.echo(err=True)  # behind the ^C that the terminal shows
+            click.echo(_said("Aborted!"), err=True)
+            ctx.exit(EXIT_FAILED)
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Know the language before `--help` is answered, on whichever side of it that stands."""
         if args:
-            given, _, _ = self.make_parser(ctx).parse_args(list(args))
+            parser = self.make_parser(ctx)
+            parser.ignore_unknown_options = True  # what is unknown is told below, in the language that this finds
+            given, _, _ = parser.parse_args(list(args))
             if given.get("language") in LANGUAGES:
                 choose_language(ctx, given["language"])
         return super().parse_args(ctx, args)

@@ -15,11 +15,14 @@ from click.testing import CliRunner
 
 from clients.wallet.cli import wallet
 from clients.wallet.language import load, section
-from clients.wallet.spoken_help import EXAMPLE, SpokenContext, paragraphs, placeholders
+from clients.wallet.spoken_help import CLICKS_SENTENCES, EXAMPLE, SpokenContext, paragraphs, placeholders
 from network.cli.main import main
 
 PREFIX = "help."
-CLICKS_WORDS = {"Usage:", "Options", "Commands", "required", "default: {default}"}
+CLICKS_WORDS = {
+    *("Usage:", "Options", "Commands", "required", "default: {default}"),
+    *("Aborted!", "Error: {message}", "Try '{command} --help' for help.", *CLICKS_SENTENCES),
+}
 BLOCKROBOT = Path(sys.executable).with_name("blockrobot")
 
 
