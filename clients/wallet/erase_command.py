@@ -5,26 +5,52 @@ What erasing is: `clients.wallet.erasing`; what became of it: `clients.wallet.er
 
 from __future__ import annotations
 
+import functools
+import re
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 import click
 
 from clients.sdk.terminal import ask, console, json_option, plain_errors, print_json, problem_json
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
-from clients.wallet.erasing import Erasing, ErasureReport
+from clients.wallet.erasing import Erasing, ErasureReport, missing_pictures
 from clients.wallet.language import WrongUsage, text
-from clients.wallet.opening import run_opened
+from clients.wallet.opening import run_opened, show_moment
 from clients.wallet.records_command import picture_count
 from clients.wallet.sharing import Share, Sharing
-from clients.wallet.sharing_commands import share_json, tell_recipients
+from clients.wallet.sharing_commands import share_json, tell_copies, tell_recipients
+from clients.wallet.viewing import name_places
 from clients.wallet.wallet import RecordEntry, Wallet
 from consensus.errors import BlockRobotError
 from consensus.exit_codes import exit_code_of
 
 ERASE_WAIT_S = 60.0
+_NUMBER = re.compile(r"[1-9][0-9]{0,8}", re.ASCII)
+
+
+@dataclass(frozen=True, slots=True)
+class _Wish:
+    """What the command line asks for. `record_ids` empty: all records; `frames` (indexes) empty: whole records."""
+
+    record_ids: tuple[str, ...]
+    frames: list[int]
+    wait: bool
+    yes: bool
+    as_json: bool
+
+
+@dataclass(slots=True)
+class _Done:
+    """What was asked for. `left_out` are pictures (indexes) that need no asking; `late` is why waiting was in vain."""
+
+    reports: list[ErasureReport] = field(default_factory=list)
+    recipients: list[Share] = field(default_factory=list)
+    left_out: list[int] = field(default_factory=list)
+    late: BlockRobotError | None = None
 
 
 def _read_frames(written: str | None) -> list[int]:
@@ -34,23 +60,48 @@ def _read_frames(written: str | None) -> list[int]:
     """
     if written is None:
         return []
-    try:
-        numbers = sorted({int(part) for part in written.split(",") if part.strip()})
-    except ValueError:
-        raise WrongUsage("frames") from None
-    if not numbers or numbers[0] < 1:
+    numbers = [part.strip(" ") for part in written.split(",")]
+    if not all(_NUMBER.fullmatch(number) for number in numbers):
         raise WrongUsage("frames")
-    return [number - 1 for number in numbers]
+    return sorted({int(number) - 1 for number in numbers})
 
 
-def _ask_to_erase(entries: list[RecordEntry], frames: list[int]) -> None:
-    """Say what will be gone and what remains, and ask. Raises Abort for no."""
+async def _select_pictures(erasing: Erasing, entry: RecordEntry, wish: _Wish) -> tuple[list[int], list[int], int]:
+    """Return which of the pictures that were named are left to erase, which are not, and how many the record has.
+
+    Raises WrongUsage for one that is not there.
+    """
+    count = await erasing.count_pictures(entry, wish.frames)
+    missing = missing_pictures(wish.frames, count)
+    if missing:
+        raise WrongUsage("no_picture", missing=name_places(missing), count=count)
+    left, gone = await erasing.split_erased(entry, wish.frames)
+    if gone and not wish.as_json:
+        console.print(text("erase.left_out", numbers=name_places(gone), count=len(gone)))
+    return left, gone, count
+
+
+def _ask_to_erase(entries: list[RecordEntry], frames: list[int], of: int, recipients: Sequence[Share]) -> None:
+    """Say what will be gone, of whom else, and what remains, and ask. Raises Abort for no.
+
+    `frames` are pictures of the one record, which has `of`; none: all of it. The page says the same.
+    """
     if frames:
-        console.print(text("erase.frames", count=len(frames), name=entries[0].record_id.hex()[:12]))
+        (entry,) = entries
+        times = {
+            "first": show_moment(entry.metadata.started_at_ms),
+            "last": show_moment(entry.metadata.ended_at_ms),
+        }
+        name, numbers = entry.record_id.hex()[:12], name_places(frames)
+        console.print(text("erase.frames", count=len(frames), numbers=numbers, of=of, name=name, **times))
     else:
         pictures = text("records.pictures", count=sum(picture_count(entry) for entry in entries))
-        of = text("count.visits", count=len({entry.visit.owner for entry in entries}))
-        console.print(text("erase.records", count=len(entries), visits=of, pictures=pictures))
+        visits = text("count.visits", count=len({entry.visit.owner for entry in entries}))
+        console.print(text("erase.records", count=len(entries), visits=visits, pictures=pictures))
+    if recipients:
+        console.print(text("page.erase.gone2Part" if frames else "page.erase.gone2"))
+        console.print(text("page.erase.recipients") + ":")
+        tell_recipients(recipients)
     console.print(text("erase.remains"))
     ask(text("erase.ask"))
 
@@ -102,53 +153,74 @@ def erase(
         raise WrongUsage("frames_of_one")
     if not yes and not sys.stdin.isatty():
         raise WrongUsage("no_terminal_yes")
-    late: list[BlockRobotError] = []
-
-    async def action(opened: Wallet) -> tuple[list[ErasureReport], list[Share]]:
-        chosen = await choose_records(opened, () if everything else record_ids)
-        active = [entry for entry in chosen if entry.state["status"] == "active"]
-        entries = tell_visits_linked(active, as_json=as_json)
-        erasing = Erasing(opened)
-        await erasing.require_pictures(entries, frame_indexes)
-        if entries and not yes:
-            _ask_to_erase(entries, frame_indexes)
-        recipients = await Sharing(opened).recipients(active)
-        reports: list[ErasureReport] = []
-        for visit, ids in await erasing.request_each(entries, frame_indexes):
-            try:
-                if wait and not late:
-                    await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if as_json else _tell_receipts())
-            except BlockRobotError as error:
-                if error.code != "ERASURE_NOT_CONFIRMED":
-                    raise
-                late.append(error)  # who had received it is told all the same
-            reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
-        return reports, recipients
-
-    reports, recipients = run_opened(ctx, action)
+    wish = _Wish(() if everything else record_ids, frame_indexes, wait, yes, as_json)
+    done = run_opened(ctx, functools.partial(_erase, wish))
     if as_json:
-        rows = [
-            {
-                "erasure_id": report.erasure_id.hex(),
-                "status": report.status,
-                "custodians": [custodian.hex() for custodian in report.custodians],
-                "confirmed": list(report.receipts),
-            }
-            for report in reports
-        ]
-        now_ms = time.time_ns() // 1_000_000
-        told = {"erasures": rows, "recipients": [share_json(each, now_ms) for each in recipients]}
-        if late:
-            print_json({"ok": False, "error": problem_json(late[0]), **told})
-            ctx.exit(exit_code_of(late[0].entry))
-        print_json({"ok": True, **told})
+        _print_json(done)
+    else:
+        _print_done(done, is_told=not yes)
+    if done.late is None:
         return
-    if not reports:
+    if as_json:
+        ctx.exit(exit_code_of(done.late.entry))
+    raise done.late
+
+
+async def _erase(wish: _Wish, opened: Wallet) -> _Done:
+    """Erase what is wished for, asking before. Raises Abort for no, WrongUsage for a picture that is not there."""
+    chosen = await choose_records(opened, wish.record_ids)
+    entries = [entry for entry in chosen if entry.state["status"] == "active"]
+    erasing, done, frames, of = Erasing(opened), _Done(), wish.frames, 0
+    if wish.frames and entries:
+        frames, done.left_out, of = await _select_pictures(erasing, entries[0], wish)
+        if not frames:
+            return done
+    tell_visits_linked(entries, as_json=wish.as_json)
+    done.recipients = await Sharing(opened).recipients(entries)
+    if entries and not wish.yes:
+        _ask_to_erase(entries, frames, of, done.recipients)
+    for visit, ids in await erasing.request_each(entries, frames):
+        try:
+            if wish.wait and done.late is None:
+                await erasing.wait_complete(visit, ids, ERASE_WAIT_S, _ignore if wish.as_json else _tell_receipts())
+        except BlockRobotError as error:
+            if error.code != "ERASURE_NOT_CONFIRMED":
+                raise
+            done.late = error  # who had received it is told all the same
+        done.reports.extend([await erasing.report(visit, erasure_id) for erasure_id in ids])
+    return done
+
+
+def _print_json(done: _Done) -> None:
+    rows = [
+        {
+            "erasure_id": report.erasure_id.hex(),
+            "status": report.status,
+            "custodians": [custodian.hex() for custodian in report.custodians],
+            "confirmed": list(report.receipts),
+        }
+        for report in done.reports
+    ]
+    now_ms = time.time_ns() // 1_000_000
+    told = {
+        "erasures": rows,
+        "left_out_numbers": [index + 1 for index in done.left_out],
+        "recipients": [share_json(each, now_ms) for each in done.recipients],
+    }
+    if done.late is None:
+        print_json({"ok": True, **told})
+    else:
+        print_json({"ok": False, "error": problem_json(done.late), **told})
+
+
+def _print_done(done: _Done, *, is_told: bool) -> None:
+    """Say how far each erasure is, and who had received it unless that `is_told`: before she was asked."""
+    if not done.reports:
         console.print(text("erase.nothing"))
-    for report in reports:
+    for report in done.reports:
         name, status = report.erasure_id.hex()[:16], text("erase.complete" if report.complete else "erase.requested")
         confirmed, count = len(report.receipts), len(report.custodians)
         console.print(text("erase.report", name=name, status=status, confirmed=confirmed, count=count))
-    tell_recipients(recipients)
-    if late:
-        raise late[0]
+    if not is_told:
+        tell_recipients(done.recipients)
+    tell_copies(done.recipients)

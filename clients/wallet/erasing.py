@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from clients.sdk.counting import counted
+from clients.wallet.auditing import AuditEntry, audit_visit
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
 from clients.wallet.viewing import Viewing
@@ -36,10 +37,21 @@ class ErasureReport:
         return self.status == "complete"
 
 
-def require_pictures(frames: Sequence[int], count: int) -> None:
-    """Raise REQUEST_INVALID if a record of so many pictures does not have all of these (indexes)."""
-    if frames and max(frames) >= count:
-        raise refusal("REQUEST_INVALID", "erase_pictures", count=count)
+def missing_pictures(frames: Sequence[int], count: int) -> list[int]:
+    """Return those of some pictures (indexes) that a record of so many pictures does not have."""
+    return [index for index in frames if index >= count]
+
+
+def split_erased(entry: RecordEntry, frames: Sequence[int], trail: Sequence[AuditEntry]) -> tuple[list[int], list[int]]:
+    """Return which pictures (indexes) of a record are left to erase, and which are erased or being erased already.
+
+    The record names a picture only once every custodian has confirmed; that it was asked for stands in the visit's trail.
+    """
+    gone = set(entry.state["erased_frames"])
+    for each in trail:
+        if each.kind == "erasure_requested" and each.record_id == entry.record_id:
+            gone.update(each.data.get("frames", ()))
+    return [index for index in frames if index not in gone], [index for index in frames if index in gone]
 
 
 class Erasing:
@@ -48,19 +60,22 @@ class Erasing:
     def __init__(self, wallet: Wallet) -> None:
         self._wallet = wallet
 
-    async def require_pictures(self, entries: Sequence[RecordEntry], frames: Sequence[int]) -> None:
-        """Raise REQUEST_INVALID if any of these records does not have all of these pictures (indexes).
+    async def count_pictures(self, entry: RecordEntry, frames: Sequence[int]) -> int:
+        """Return how many pictures a record has, as far as these of them (indexes) may be erased.
 
         The robot's own count is no bound where it committed to more. So only if a picture is named beyond it, the record
         is asked for, which stands in its trail as any look does. Raises as `Viewing.view` then.
         """
-        for entry in entries if frames else ():
-            count = entry.metadata.frame_count
-            if count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
-                viewing = Viewing(self._wallet)
-                view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
-                count = len(view.frames)
-            require_pictures(frames, count)
+        count = entry.metadata.frame_count
+        if frames and count <= max(frames) < CLIP_FRAMES_MAX_COUNT:
+            viewing = Viewing(self._wallet)
+            view = await viewing.view(entry, await viewing.request_access([entry], _LOOK_PURPOSE))
+            count = len(view.frames)
+        return count
+
+    async def split_erased(self, entry: RecordEntry, frames: Sequence[int]) -> tuple[list[int], list[int]]:
+        """Return which pictures of a record are left to erase and which are not, as the function of this name does."""
+        return split_erased(entry, frames, await audit_visit(self._wallet, entry.visit))
 
     async def request(self, visit: KnownVisit, records: list[bytes], frames: list[int]) -> list[bytes]:
         """Ask for erasure: frames of one record, or whole records, in requests of at most 64. Returns erasure ids."""

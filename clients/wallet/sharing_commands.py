@@ -333,6 +333,10 @@ def tell_recipients(found: Sequence[Share]) -> None:
             console.print(text("shares.told_who_looked", name=each.name, moments=moments))
         else:
             console.print(text("shares.told_who_did_not", name=each.name))
+
+
+def tell_copies(found: Sequence[Share]) -> None:
+    """Say where those who had received erased records tell of their copies, if anybody had."""
     if found:
         console.print("  " + text("shares.copies"))
 

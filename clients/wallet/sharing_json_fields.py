@@ -65,6 +65,9 @@ _ERASING = (
                     Field("confirmed", Kind.HEXES, "keys of those that have confirmed"),
                 ),
             ),
+            Field(
+                "left_out_numbers", Kind.COUNTS, "places, from 1, of pictures that were named and are erased already"
+            ),
             Field("recipients", Kind.ROWS, "each grant under which somebody had received it", fields=_SHARE),
         ),
         not_ok="if `--wait` waited in vain: it is asked for, and not every custodian has confirmed it",
@@ -204,6 +207,7 @@ _GRANTEE = (
             ),
             Field("restricted", Kind.HEXES, "ids of records that are left out because their owner restricted them"),
             Field("out", Kind.TEXT, "the folder of the pictures"),
+            Field("earlier", Kind.TEXTS, "files of earlier looks that are still there, and not of this one"),
         ),
     ),
     CommandAnswer(

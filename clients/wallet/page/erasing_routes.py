@@ -10,7 +10,7 @@ from typing import Any
 
 from aiohttp import web
 
-from clients.wallet.erasing import Erasing, require_pictures
+from clients.wallet.erasing import Erasing, missing_pictures, split_erased
 from clients.wallet.erasure_status import AskedErasure, find_erasures_of
 from clients.wallet.keystore import KnownVisit
 from clients.wallet.language import refusal
@@ -21,6 +21,7 @@ from clients.wallet.page.jobs import Job
 from clients.wallet.page.reading_routes import told_erasure, told_share
 from clients.wallet.page.session import PageSession
 from clients.wallet.sharing import Sharing
+from clients.wallet.viewing import name_places
 from clients.wallet.wallet import RecordEntry
 from pages.local_page import LocalRoute
 
@@ -36,15 +37,27 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> list[RecordEntry]:
-    """Return the records that are meant, without those that are being erased already. Raises NOT_FOUND."""
+def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int], list[int]]:
+    """Return the records and pictures that are meant and are not being erased already, and the pictures that are.
+
+    Raises NOT_FOUND if nothing is left, REQUEST_INVALID for pictures that no record has.
+    """
     entries = [session.snapshot.entry(record_id) for record_id in ids]
+    active = [entry for entry in entries if entry.state["status"] == "active"]
+    gone: list[int] = []
     if frames:
         if len(entries) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
-        committed = session.clips.count_committed(ids[0])
-        require_pictures(frames, entries[0].metadata.frame_count if committed is None else committed)
-    return [entry for entry in entries if entry.state["status"] == "active"]
+        (entry,) = entries
+        committed = session.clips.count_committed(entry.record_id)
+        count = entry.metadata.frame_count if committed is None else committed
+        missing = missing_pictures(frames, count)
+        if missing:
+            raise refusal("REQUEST_INVALID", "erase_pictures", missing=name_places(missing), count=count)
+        frames, gone = split_erased(entry, frames, session.snapshot.part_of(entry.visit.owner).trail)
+    if not active or (gone and not frames):
+        raise refusal("NOT_FOUND", "erase_nothing")
+    return active, frames, gone
 
 
 def _wanted(session: PageSession, asked: Asked) -> list[bytes]:
@@ -61,9 +74,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     ids, frames = _wanted(session, asked), asked.numbers("frames")
     asked.end()
-    entries = _named(session, ids, frames)
-    if not entries:
-        raise refusal("NOT_FOUND", "erase_nothing")
+    entries, frames, gone = _named(session, ids, frames)
     known = {entry.record_id for entry in entries}
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
     kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
@@ -72,6 +83,8 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     return answer_json(
         {
             "records": [entry.record_id.hex() for entry in entries],
+            "frames": frames,
+            "left_out": gone,
             "kinds": kinds,
             "visits": visits,
             "recipients": [told_share(share, now_ms, language) for share in recipients],
@@ -83,9 +96,7 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     passphrase, ids, frames = asked.text("passphrase"), asked.ids("records"), asked.numbers("frames")
     asked.end()
-    entries = _named(session, ids, frames)
-    if not entries:
-        raise refusal("NOT_FOUND", "erase_nothing")
+    entries, frames, _ = _named(session, ids, frames)
     await session.gate.require(passphrase)
 
     async def work(job: Job) -> dict[str, Any]:

@@ -61,7 +61,7 @@ export async function showEraseForm(context) {
 
   const erase = async () => {
     try {
-      const accepted = await postWithPassphrase("erasures", { records: plan.records, ...(selection.frames ? { frames: selection.frames } : {}) }, { title: t("erase.askTitle"), text: total > 0 ? t("erase.askText", { count: total, things }) : t("erase.askNotes"), confirm: t("erase.button"), danger: true });
+      const accepted = await postWithPassphrase("erasures", { records: plan.records, ...(selection.frames ? { frames: plan.frames } : {}) }, { title: t("erase.askTitle"), text: total > 0 ? t("erase.askText", { count: total, things }) : t("erase.askNotes"), confirm: t("erase.button"), danger: true });
       if (accepted === null) return;
       await watch(accepted.job);
     } catch (error) {

@@ -11,7 +11,7 @@ import pytest
 from clients.wallet import serve_command
 from clients.wallet.consenting import round_period
 from clients.wallet.erasing import Erasing
-from clients.wallet.page import clip_routes, erasing_routes
+from clients.wallet.page import clip_routes
 from clients.wallet.page import session as sessions
 from clients.wallet.page.answering import QUIET_HEADER
 from clients.wallet.page.asking import IDS_MAX_COUNT
@@ -316,43 +316,6 @@ async def test_nobody_is_registered_with_a_damaged_code_or_without_the_passphras
     assert await desk.page.refused("POST", "/api/registration", wish) == "REQUEST_INVALID"
     wrong = wish | {"passphrase": "coffee"}
     assert await desk.page.refused("POST", "/api/registration", wrong) == "WALLET_PASSPHRASE_WRONG"
-
-
-async def test_erasing_tells_what_goes_and_what_stays_and_shows_receipts_as_they_come(
-    desk: Desk, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
-    ids = await recorded(desk)
-    plan = await desk.page.post("/api/erasures/plan", {"all": True})
-    assert (plan["records"], plan["kinds"], plan["visits"]) == (ids, {"depth": 4}, 1)
-    one = {"records": ids[:1], "frames": [1]}
-    assert (await desk.page.post("/api/erasures/plan", one))["kinds"] == {"depth": 1}
-    assert await desk.page.refused("POST", "/api/erasures/plan", one | {"frames": [2]}) == "REQUEST_INVALID"
-    for none in ([], None, ""):
-        asked = one | {"frames": none, "passphrase": PASSPHRASE}
-        assert await desk.page.refused("POST", "/api/erasures", asked) == "REQUEST_INVALID", "not the whole record"
-    assert await desk.page.refused("POST", "/api/erasures/plan", {"records": ids, "frames": [0]}) == "REQUEST_INVALID"
-    assert await desk.page.refused("POST", "/api/erasures", {"records": ids}) == "REQUEST_INVALID"
-    job = await desk.page.follow(await desk.page.post("/api/erasures", {"records": ids, "passphrase": PASSPHRASE}))
-    assert (job["state"], job["result"]["complete"]) == ("done", False)
-    assert [row["confirmed_at_ms"] for row in job["receipts"]] == [None, None]
-    (erasure,) = (await desk.page.get("/api/erasures"))["erasures"]
-    assert (erasure["status"], erasure["records"]) == ("requested", 2)
-    assert await desk.page.refused("POST", "/api/erasures/plan", {"all": True}) == "NOT_FOUND"
-    desk.ward.chain.time_ms += 200_000
-    (late,) = (await desk.page.get("/api/inbox"))["overdue"]
-    assert all(row["overdue"] for row in late["custodians"])
-
-
-async def test_of_what_is_erased_no_picture_stays_open(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(erasing_routes, "WAIT_MAX_S", 0.0)
-    ids = await recorded(desk)
-    looks = [await desk.page.do("/api/clips", {"records": ids[:1], "verify": verify}) for verify in (False, True)]
-    other = await desk.page.do("/api/clips", {"records": ids[1:]})
-    await desk.page.do("/api/erasures", {"records": ids[:1], "frames": [0], "passphrase": PASSPHRASE})
-    for look in looks:
-        assert await desk.page.refused("GET", f"/api/clips/{look['clip']}/frames/0/file") == "CLIP_NOT_OPEN"
-    await desk.page.get(f"/api/clips/{other['clip']}/frames/0/file")
 
 
 async def test_a_clip_is_closed_once_the_chain_has_a_record_of_it_no_more(desk: Desk) -> None:
