@@ -31,13 +31,19 @@ from clients.wallet.wallet import RecordEntry
 SHEET_NAME = "contact-sheet.png"
 ANIMATION_NAME = "animation.gif"
 SHOWN_RECORDS_MAX = 3
+_NAME_CHARS = 12
 _STRIP_COLUMNS = 36
 _STRIP_TILES_MAX = 4
 
 
-def _clock(time_ms: int) -> str:
-    moment = datetime.datetime.fromtimestamp(time_ms / 1000).astimezone()
-    return moment.strftime("%H:%M:%S.") + f"{time_ms % 1000 // 100}"
+def visit_prefix(owner: bytes) -> str:
+    """Return what the files of a whole visit begin with."""
+    return f"visit-{owner.hex()[:_NAME_CHARS]}-"
+
+
+def _caption(tile: Tile) -> str:
+    moment = datetime.datetime.fromtimestamp(tile.captured_at_ms / 1000).astimezone()
+    return f"{tile.label}  " + moment.strftime("%H:%M:%S.") + f"{tile.captured_at_ms % 1000 // 100}"
 
 
 @dataclass
@@ -48,6 +54,8 @@ class Album:
     records: dict[bytes, Collection] = field(default_factory=dict)
     visits: dict[bytes, Collection] = field(default_factory=dict)
     visit_records: dict[bytes, int] = field(default_factory=dict)
+    written: set[Path] = field(default_factory=set)
+    """All files of this look: its sheets and animations, and the pictures that its user says here."""
 
     def seen_by(self, entry: RecordEntry) -> Seen:
         """Return what is to be told of each picture of a record."""
@@ -55,27 +63,30 @@ class Album:
         whole = self.visits.setdefault(entry.visit.owner, Collection())
         self.visit_records[entry.visit.owner] = self.visit_records.get(entry.visit.owner, 0) + 1
 
-        def seen(captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
-            own.take(captured_at_ms, make)
-            whole.take(captured_at_ms, make)
+        def seen(number: int, captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
+            own.take(str(number), captured_at_ms, make)
+            whole.take(f"{number} ({entry.record_id.hex()[:_NAME_CHARS]})", captured_at_ms, make)
 
         return seen
 
     def write_record(self, entry: RecordEntry) -> list[Path]:
         """Write a record's contact sheet, and its animation if it has more than one picture, into its folder."""
         name = entry.record_id.hex()
-        title = text("view.sheet_record", name=name[:12], moment=show_moment(entry.metadata.started_at_ms))
-        return _write(self.out / name, "", self.records[entry.record_id], title)
+        title = text("view.sheet_record", name=name[:_NAME_CHARS], moment=show_moment(entry.metadata.started_at_ms))
+        files = _write(self.out / name, "", self.records[entry.record_id], title)
+        self.written.update(files)
+        return files
 
     def write_visits(self) -> list[Path]:
         """Write a sheet and an animation of each visit of which more than one record was viewed."""
         written = []
         for owner, collection in self.visits.items():
             if self.visit_records[owner] > 1 and collection.count:
-                name = owner.hex()[:12]
+                name = owner.hex()[:_NAME_CHARS]
                 first = collection.some(1)[0].captured_at_ms
                 title = text("view.sheet_visit", name=name, moment=show_moment(first))
-                written += _write(self.out, f"visit-{name}-", collection, title)
+                written += _write(self.out, visit_prefix(owner), collection, title)
+        self.written.update(written)
         return written
 
     def show(self, console: Console) -> None:
@@ -87,7 +98,7 @@ class Album:
         shown = [(name, kept) for name, kept in self.records.items() if kept.count]
         for name, collection in shown[:SHOWN_RECORDS_MAX]:
             tiles = collection.some(wide)
-            console.print(f"{name.hex()[:12]}  " + "  ".join(_clock(tile.captured_at_ms) for tile in tiles))
+            console.print(f"{name.hex()[:_NAME_CHARS]}  " + "  ".join(map(_caption, tiles)))
             show_picture(console, draw_strip(tiles), way)
 
 
@@ -97,7 +108,7 @@ def _write(folder: Path, prefix: str, collection: Collection, title: str) -> lis
         return []
     counted = text("view.sheet_count", shown=len(tiles), count=collection.count)
     sheet = folder / f"{prefix}{SHEET_NAME}"
-    write_private(sheet, draw_sheet(tiles, f"{title}  {counted}", [_clock(tile.captured_at_ms) for tile in tiles]))
+    write_private(sheet, draw_sheet(tiles, f"{title}  {counted}", [_caption(tile) for tile in tiles]))
     if collection.count < 2:
         return [sheet]
     animation = folder / f"{prefix}{ANIMATION_NAME}"

@@ -31,8 +31,9 @@ _GROUND, _INK, _SOFT = (250, 250, 248), (28, 32, 36), (90, 96, 102)
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """One picture (RGB, as wide as a tile) and when it was taken (the robot's clock, ms)."""
+    """One picture (RGB, as wide as a tile), how it is called, and when it was taken (the robot's clock, ms)."""
 
+    label: str
     captured_at_ms: int
     picture: Image.Image
 
@@ -50,13 +51,13 @@ class Collection:
         self.count = 0
         """How many were taken in."""
 
-    def take(self, captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
+    def take(self, label: str, captured_at_ms: int, make: Callable[[], Image.Image]) -> None:
         """Take the next picture in; it is made only if it is kept."""
         wanted = self.count % self._step == 0
         self.count += 1
         if not wanted:
             return
-        self._kept.append(Tile(captured_at_ms, fit(make())))
+        self._kept.append(Tile(label, captured_at_ms, fit(make())))
         if len(self._kept) >= 2 * self._wanted:
             self._kept = self._kept[::2]
             self._step *= 2

@@ -16,6 +16,7 @@ import click
 
 from clients.sdk.terminal import console, json_option, plain_errors, print_json, status_line
 from clients.wallet.auditing import AuditEntry, audit_visit
+from clients.wallet.earlier_looks import find_earlier_of, tell_earlier
 from clients.wallet.grants import find_by_prefix
 from clients.wallet.language import code_text, describe_error, refusal, text
 from clients.wallet.opening import reads_only, run_opened, show_moment
@@ -271,11 +272,12 @@ def _require_shown(receipt: Receipt, wanted: Sequence[bytes]) -> None:
 
 async def look_at(
     opened: Wallet, start: str, record_ids: Sequence[str], out: Path
-) -> tuple[list[SharedView], list[bytes]]:
+) -> tuple[list[SharedView], list[bytes], list[Path]]:
     """Ask for the records of a grant on the chain, fetch, check and write them below `out`, an absolute folder.
 
-    Returns also the records that are left out because their owner restricted them; one of those bars the others only if
-    it was named. Raises GRANT_ENDED and the like, CALL_REFUSED if all are restricted.
+    Returns also the records that are left out because their owner restricted them, and the files of earlier looks that
+    are not of this one. A restricted record bars the others only if it was named. Raises GRANT_ENDED and the like,
+    CALL_REFUSED if all are restricted.
     """
     receiving, receipt = await _find(opened, start)
     if not receipt.is_open:
@@ -287,13 +289,15 @@ async def look_at(
     _require_shown(receipt, chosen or receipt.grant.records)
     left_out = [] if record_ids else [each for each in left if each not in chosen]
     access_id = await receiving.request_access(receipt, chosen)
-    views = []
+    views, written = [], set[Path]()
     for record_id in chosen:
         view = await receiving.look(receipt, record_id, access_id)
         receiving.remember_copy(receipt, record_id, str(out))
-        await write_frames(lambda rendition: receiving.background(receipt, rendition), record_id, view.frames, out)
+        fetch = functools.partial(receiving.background, receipt)
+        written.update(await write_frames(fetch, record_id, view.frames, out))
         views.append(view)
-    return views, left_out
+    earlier = find_earlier_of(out, written, chosen if record_ids else receipt.grant.records)
+    return views, left_out, earlier
 
 
 @click.command()
@@ -312,11 +316,11 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     """
     folder = out.absolute()
 
-    async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes]]:
+    async def action(opened: Wallet) -> tuple[list[SharedView], list[bytes], list[Path]]:
         with status_line(text("look.asking"), as_json=as_json):
             return await look_at(opened, grant, record_ids, folder)
 
-    views, left_out = run_opened(ctx, action)
+    views, left_out, earlier = run_opened(ctx, action)
     if as_json:
         rows = [
             {
@@ -327,7 +331,8 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
             for view in views
         ]
         barred = [record_id.hex() for record_id in left_out]
-        print_json({"ok": True, "records": rows, "restricted": barred, "out": str(out)})
+        files = {"out": str(out), "earlier": [str(path) for path in earlier]}
+        print_json({"ok": True, "records": rows, "restricted": barred, **files})
         return
     for view in views:
         shown = [frame for frame in view.frames if frame.status not in {STATUS_NOTICE, STATUS_ERASED}]
@@ -339,6 +344,7 @@ def look(ctx: click.Context, grant: str, record_ids: tuple[str, ...], out: Path,
     for record_id in left_out:
         console.print(text("look.left_out", name=record_id.hex()))
     console.print(text("look.written", out=out))
+    tell_earlier(earlier)
 
 
 def _ask_whether_deleted(places: Sequence[Path], records_count: int, *, yes: bool) -> None:

@@ -311,6 +311,7 @@ _READING = (
             _VIEWED,
             Field("out", Kind.TEXT, "the folder of the pictures"),
             Field("sheets", Kind.TEXTS, "contact sheets and animations that were written"),
+            Field("earlier", Kind.TEXTS, "files of earlier looks that are still there, and not of this one"),
         ),
     ),
     CommandAnswer(

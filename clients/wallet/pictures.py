@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Awaitable, Callable, Sequence
 from functools import partial
 from io import BytesIO
@@ -13,21 +12,22 @@ import numpy as np
 from PIL import Image
 
 from clients.sdk.picture import Depth, colour_pixels, colourise, compose
+from clients.sdk.picture_names import is_picture_name, name_picture
 from clients.sdk.rendition_files import own_pixels, sense_file
 from clients.wallet.viewing import FrameView, RecordView, Viewing
 from consensus.records.renditions import ENCODING_JPEG, ENCODING_PNG16, ENCODING_PNG_RGBA, Rendition
 
 _PRIVATE_FILE, _PRIVATE_FOLDER = 0o600, 0o700
-_WRITTEN = re.compile(r"[0-9]{8,}\.(png|depth\.png|rgb\.png|rgb\.jpg|label\.json|wav)")
 FindBackground = Callable[[Rendition], Awaitable[bytes]]
-Seen = Callable[[int, Callable[[], Image.Image]], None]
+Seen = Callable[[int, int, Callable[[], Image.Image]], None]
 
 
 async def write_pictures(viewing: Viewing, view: RecordView, out: Path, seen: Seen | None = None) -> list[Path]:
-    """Write every whole frame of a record as `<sequence>.png` (colour map and legend) into `out`/<record id>/.
+    """Write every whole frame of a record as `picture-0005.frame-00000009.png` into `out`/<record id>/.
 
-    Beside each stands `<sequence>.depth.png`, the owner's own pixels as measured. Other senses become
-    `<sequence>.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of what is there to look at or hear.
+    The number is its place in the record from 1, as commands take it, the frame the robot's own count. That file is in
+    colours with a legend; beside it stands `.depth.png`, the owner's own pixels as measured. Other senses become
+    `.rgb.png` or `.rgb.jpg`, `.label.json` and `.wav`. Returns the paths of all files.
     """
     return await write_frames(
         lambda rendition: viewing.background(rendition, view.entry), view.entry.record_id, view.frames, out, seen
@@ -43,7 +43,7 @@ async def write_frames(
 ) -> list[Path]:
     """Write the whole frames of any record, as `write_pictures` does; `background` fetches a recorded empty frame.
 
-    `seen` is told of each picture: when it was taken (ms), and how to make it.
+    `seen` is told of each picture: its number from 1, when it was taken (ms), and how to make it.
 
     Only the user of this machine reads them: they are pictures of a person.
     """
@@ -57,11 +57,11 @@ async def write_frames(
             continue
         if rendition.encoding != ENCODING_PNG16:
             suffix, data = sense_file(rendition)
-            other = folder / f"{rendition.sequence:08d}.{suffix}"
+            other = folder / name_picture(frame.index, rendition.sequence, suffix)
             write_private(other, data)
             written.append(other)
             if seen is not None and rendition.encoding in {ENCODING_JPEG, ENCODING_PNG_RGBA}:
-                seen(rendition.captured_at_ms, partial(_open, data))
+                seen(frame.index + 1, rendition.captured_at_ms, partial(_open, data))
             continue
         if rendition.background_id not in backgrounds:
             backgrounds[rendition.background_id] = await background(rendition)
@@ -73,12 +73,11 @@ async def write_frames(
             rendition.box_height,
             rendition.pixels,
         )
-        picture = folder / f"{rendition.sequence:08d}.png"
-        write_private(picture, colourise(depth))
-        write_private(folder / f"{rendition.sequence:08d}.depth.png", own_pixels(rendition))
-        written.append(picture)
+        for suffix, data in (("png", colourise(depth)), ("depth.png", own_pixels(rendition))):
+            written.append(folder / name_picture(frame.index, rendition.sequence, suffix))
+            write_private(written[-1], data)
         if seen is not None:
-            seen(rendition.captured_at_ms, partial(_paint, depth))
+            seen(frame.index + 1, rendition.captured_at_ms, partial(_paint, depth))
     return written
 
 
@@ -97,7 +96,7 @@ def delete_frames(folder: Path) -> list[Path]:
     """
     others = []
     for path in sorted(folder.iterdir()):
-        if _WRITTEN.fullmatch(path.name) and not path.is_dir():
+        if is_picture_name(path.name) and not path.is_dir():
             path.unlink()
         else:
             others.append(path)

@@ -13,6 +13,7 @@ from clients.sdk.terminal import console, json_option, plain_errors, print_json,
 from clients.wallet.album import Album
 from clients.wallet.choosing import choose_records, tell_visits_linked
 from clients.wallet.completing import complete_records
+from clients.wallet.earlier_looks import find_earlier, find_earlier_of, tell_earlier
 from clients.wallet.language import text, withheld_text
 from clients.wallet.opening import reads_only, run_opened
 from clients.wallet.pictures import write_pictures
@@ -34,7 +35,7 @@ async def _view_all(
     tell(text("view.doing", number=1, count=len(entries)))
     async for view in viewing.view_each(entries, purpose, verdict=verdict):
         if album is not None:
-            await write_pictures(viewing, view, album.out, album.seen_by(view.entry))
+            album.written.update(await write_pictures(viewing, view, album.out, album.seen_by(view.entry)))
         views.append(view)
         tell(text("view.doing", number=min(len(views) + 1, len(entries)), count=len(entries)))
     return views
@@ -75,6 +76,18 @@ def _print_views(views: list[RecordView]) -> None:
         console.print(line + ".")
 
 
+def _find_earlier(album: Album, views: list[RecordView], *, of_all: bool) -> list[Path]:
+    """Return what earlier looks left: anywhere in the folder if all was looked at, else of these records.
+
+    The sheet of a whole visit shows more than these records: it is only told of where one of its pictures is gone.
+    """
+    if of_all:
+        return find_earlier(album.out, album.written)
+    gone = [view.entry for view in views if any(frame.status == STATUS_ERASED for frame in view.frames)]
+    records = [view.entry.record_id for view in views]
+    return find_earlier_of(album.out, album.written, records, dict.fromkeys(entry.visit.owner for entry in gone))
+
+
 def _counts(view: RecordView) -> str:
     return text("view.miscounted", counted=view.frames_counted, committed=len(view.frames))
 
@@ -96,6 +109,8 @@ def view(
 
     A contact sheet (PNG) and an animation (GIF) of each record, and of each visit, show many at a glance.
 
+    A file's name begins with the picture's number in its record, as `erase --frames` takes it.
+
     Example: blockrobot wallet view 3fa2c19b07de --out pictures
     """
     album, sheets = Album(out), list[Path]()
@@ -111,15 +126,18 @@ def view(
         return views
 
     views = run_opened(ctx, action)
+    earlier = _find_earlier(album, views, of_all=not record_ids)
     if as_json:
         rows = [_view_json(view) for view in views]
-        print_json({"ok": True, "records": rows, "out": str(out), "sheets": [str(path) for path in sheets]})
+        files = {"sheets": [str(path) for path in sheets], "earlier": [str(path) for path in earlier]}
+        print_json({"ok": True, "records": rows, "out": str(out), **files})
         return
     _print_views(views)
     if any(frame.status == STATUS_OK for view in views for frame in view.frames):
         console.print(text("view.written", out=out))
     for path in [path for path in sheets if path.parent == out] or sheets[:2]:
         console.print(f"  {path}")
+    tell_earlier(earlier)
     if show:
         album.show(console)
 

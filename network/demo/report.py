@@ -9,6 +9,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from clients.sdk.picture_names import read_robot_frame
 from network.demo.checks import CheckList
 from network.demo.story import DemoState
 from network.demo.words import EVENTS, FRAMES, LATENCIES, name_person, say_quantiles, say_reasons
@@ -92,7 +93,7 @@ def _pictures(state: DemoState) -> str:
     for patient, pictures in state.pictures.items():
         step = max(1, len(pictures) // PICTURES_A_PERSON_COUNT)
         for path in pictures[::step][:PICTURES_A_PERSON_COUNT]:
-            label = f"{name_person(patient)}, frame {int(path.stem)}"
+            label = f"{name_person(patient)}, frame {read_robot_frame(path.name)}"
             alternative = f"{label}: her silhouette alone on the recorded empty corridor, distance in colours"
             figures.append(picture(path.read_bytes(), alternative=alternative, caption=label))
     return gallery(figures) if figures else "<p>There are no pictures.</p>"

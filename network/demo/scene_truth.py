@@ -10,6 +10,7 @@ from clients.robot.pairing import WINDOW_DEFAULT_MS
 from clients.robot.scenario import Scenario
 from clients.robot.synthetic.render import Renderer
 from clients.sdk.picture import decode_depth_png
+from clients.sdk.picture_names import read_robot_frame
 
 FOREIGN_PIXELS_MAX_SHARE = 0.001
 JUDGED_FRAMES_MAX_COUNT = 40
@@ -29,9 +30,9 @@ def covered_frames(scenario: Scenario, alias: str) -> set[int]:
 def foreign_share(scenario: Scenario, renderer: Renderer, picture: Path, owner: str) -> float:
     """Return the share of another person's true pixels in an owner's picture (0 if nobody else is there).
 
-    `picture` is a `<sequence>.depth.png` that the wallet wrote.
+    `picture` is a `.depth.png` that the wallet wrote.
     """
-    sequence = int(picture.name.split(".")[0])
+    sequence = read_robot_frame(picture.name)
     _, labels = renderer.frame_with_truth(sequence)
     shown = decode_depth_png(picture.read_bytes())
     aliases = [person.alias for person in scenario.people]
@@ -46,7 +47,7 @@ def worst_foreign_share(scenario: Scenario, pictures: list[Path], owner: str) ->
     step = max(1, len(pictures) // JUDGED_FRAMES_MAX_COUNT)
     shares, with_others = [0.0], 0
     for picture in sorted(pictures)[::step]:
-        _, labels = renderer.frame_with_truth(int(picture.name.split(".")[0]))
+        _, labels = renderer.frame_with_truth(read_robot_frame(picture.name))
         with_others += len(set(np.unique(labels).tolist()) - {0}) > 1
         shares.append(foreign_share(scenario, renderer, picture, owner))
     return max(shares), with_others

@@ -14,6 +14,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+from clients.sdk.picture_names import PICTURE_NAME
 from consensus.errors import BlockRobotError
 from network.cluster import Cluster
 from network.experiments.definitions import EXPERIMENTS
@@ -29,7 +30,7 @@ _NODE = r"network/nodes/node-\d+/"
 _PART_FILES = re.compile(
     "|".join(
         (
-            r"pictures/[a-z0-9-]+/[0-9a-f]{16,64}/\d{8,}\.(?:depth\.png|png|rgb\.png|rgb\.jpg|label\.json|wav)",
+            r"pictures/[a-z0-9-]+/[0-9a-f]{16,64}/" + PICTURE_NAME,
             r"pictures/[a-z0-9-]+/(?:[0-9a-f]{16,64}/|visit-[0-9a-f]{12}-)(?:contact-sheet\.png|animation\.gif)",
             r"wallets/[a-z0-9-]+\.(?:passphrase|wallet|words|uid)",
             r"wallets/\.(?:wallet-\w+|[a-z0-9-]+\.wallet\.lock)",

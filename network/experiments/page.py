@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from clients.sdk.picture_names import read_robot_frame
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check
 from network.demo.words import name_person
@@ -191,7 +192,7 @@ def _pictures(outcome: Outcome) -> str:
 
 
 def _figure(alias: str, path: Path) -> str:
-    label = f"{name_person(alias)}, frame {int(path.stem)}"
+    label = f"{name_person(alias)}, frame {read_robot_frame(path.name)}"
     alternative = f"{label}: one silhouette alone on the recorded empty corridor, distance in colours"
     return picture(path.read_bytes(), alternative=alternative, caption=label)
 

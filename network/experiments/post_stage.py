@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from clients.robot.scenario import Scenario
+from clients.sdk.picture_names import read_robot_frame
 from network.demo.checks import CheckList
 from network.demo.scene_truth import FOREIGN_PIXELS_MAX_SHARE, covered_frames, worst_foreign_share
 from network.demo.tampering import flip_stored_byte
@@ -99,7 +100,7 @@ class PostStage:
         """Check that each picture is of a moment around her tag's readings in which she was there, and shows her alone."""
         person = next(person for person in self._scenario.people if person.alias == alias)
         covered = covered_frames(self._scenario, alias)
-        sequences = {int(path.name.split(".")[0]) for path in found.depths}
+        sequences = {read_robot_frame(path.name) for path in found.depths}
         absent = [number for number in sequences if person.place(number / self._scenario.frame_rate) is None]
         self._checks.add(
             f"{name_person(alias)} has her own data only",

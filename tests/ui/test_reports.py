@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from playwright.async_api import Page
 
+from clients.sdk.picture_names import name_picture
 from consensus.errors import BlockRobotError
 from network.demo.checks import CheckList
 from network.demo.report import build_summary, write_report
@@ -32,7 +33,7 @@ def paint(folder: Path, count: int) -> list[Path]:
     for number in range(count):
         picture = np.full((240, 320, 3), (60, 40, 30), np.uint8)
         cv2.ellipse(picture, (80 + 20 * number, 130), (28, 80), 0, 0, 360, (90, 180, 240), -1)
-        made.append(folder / f"{number * 10:08d}.png")
+        made.append(folder / name_picture(number, number * 10, "png"))
         assert cv2.imwrite(str(made[-1]), picture)
     return made
 

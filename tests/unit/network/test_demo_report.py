@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from clients.robot.hiding.hider import Reason
+from clients.sdk.picture_names import name_picture
 from consensus.errors import BlockRobotError
 from network.demo.checks import Check, CheckList
 from network.demo.leader_kill import LeaderKill
@@ -27,7 +28,7 @@ def checks(*held: bool) -> CheckList:
 def state(tmp_path: Path) -> DemoState:
     pictures = []
     for number in range(10):
-        path = tmp_path / f"{number:08d}.png"
+        path = tmp_path / name_picture(number % 4, number, "png")
         path.write_bytes(b"PNG" + bytes([number]))
         pictures.append(path)
     return DemoState(

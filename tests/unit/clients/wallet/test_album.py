@@ -95,7 +95,7 @@ def test_of_five_thousand_pictures_few_are_made_and_kept_at_equal_distances() ->
 
     collection = Collection()
     for number in range(5_000):
-        collection.take(BEGAN_MS + number, lambda number=number: make(number))
+        collection.take("", BEGAN_MS + number, lambda number=number: make(number))
         assert len(collection._kept) < 2 * FRAMES_MAX_COUNT
     assert collection.count == 5_000
     assert len(made) < 1_500
@@ -109,7 +109,7 @@ def test_of_five_thousand_pictures_few_are_made_and_kept_at_equal_distances() ->
 
 @pytest.mark.parametrize(("count", "most"), [(1, 1), (5, 1), (5, 2), (48, 48), (49, 48)])
 def test_never_more_are_taken_than_are_wanted_and_first_and_last_are_among_them(count: int, most: int) -> None:
-    tiles = [contact_sheet.Tile(number, Image.new("RGB", (1, 1))) for number in range(count)]
+    tiles = [contact_sheet.Tile(str(number + 1), number, Image.new("RGB", (1, 1))) for number in range(count)]
     taken = evenly(tiles, most)
     assert len(taken) == min(count, most)
     assert taken[0] is tiles[0]
@@ -119,7 +119,7 @@ def test_never_more_are_taken_than_are_wanted_and_first_and_last_are_among_them(
 @pytest.mark.parametrize("size", [(1, 8192), (8192, 1), (64, 48), (48, 64)])
 def test_a_picture_of_any_shape_is_as_wide_as_a_tile_and_never_far_higher(size: tuple[int, int]) -> None:
     collection = Collection()
-    collection.take(BEGAN_MS, lambda: Image.new("RGB", size, (200, 0, 0)))
+    collection.take("1", BEGAN_MS, lambda: Image.new("RGB", size, (200, 0, 0)))
     (tile,) = collection.some(1)
     assert tile.picture.width == contact_sheet.TILE_WIDTH_PX
     assert 1 <= tile.picture.height <= contact_sheet.TILE_HEIGHT_MAX_PX
@@ -129,7 +129,7 @@ def test_a_picture_of_any_shape_is_as_wide_as_a_tile_and_never_far_higher(size: 
 def test_an_animation_keeps_the_pace_within_what_one_can_see() -> None:
     pictures = [Image.new("RGB", (240, 180), (shade, 0, 0)) for shade in (0, 80, 160, 240)]
     times = [0, 10, 210, 90_000]
-    tiles = [contact_sheet.Tile(time, picture) for time, picture in zip(times, pictures, strict=True)]
+    tiles = [contact_sheet.Tile("", time, picture) for time, picture in zip(times, pictures, strict=True)]
     with Image.open(BytesIO(draw_animation(tiles))) as moving:
         pauses = []
         for number in range(moving.n_frames):

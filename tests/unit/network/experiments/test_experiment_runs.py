@@ -47,6 +47,8 @@ def earlier(out: Path) -> Path:
     record.mkdir(parents=True)
     (record / "00000012.png").touch()
     (record / "00000012.depth.png").touch()
+    (record / "picture-0003.frame-00000012.png").touch()
+    (record / "picture-0003.frame-00000012.depth.png").touch()
     (folder / "network" / "nodes" / "node-1" / "ledger").mkdir(parents=True)
     (folder / "network" / "nodes" / "node-1" / "ledger" / "data.mdb").touch()
     (folder / "wallets").mkdir()
@@ -191,7 +193,7 @@ def small_table() -> EventTable:
 def outcome(tmp_path: Path, *, ok: bool) -> Outcome:
     checks = CheckList(listener=lambda check: None)
     checks.add("own <data> only", ok=ok, detail="0 of 1 & none")
-    picture = tmp_path / "12.png"
+    picture = tmp_path / "picture-0003.frame-00000012.png"
     picture.write_bytes(b"\x89PNG")
     times = {"p50": 1_000.0, "p95": 2_000.0, "max": 3_000.0}
     frames = {"published": 1, "covered": 1, "kept": 1, "withheld": 0, "withheld_reasons": {}, "lost": 0}

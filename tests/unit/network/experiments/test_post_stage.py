@@ -9,6 +9,7 @@ from typing import Any, cast
 
 import pytest
 
+from clients.sdk.picture_names import name_picture
 from network.demo.checks import CheckList
 from network.experiments import post_stage
 from network.experiments.definitions import EXPERIMENTS
@@ -43,9 +44,9 @@ class House:
         if arguments[0] == "view":
             folder = Path(arguments[2]) / "record"
             folder.mkdir(parents=True)
-            for number in self.pictures[alias]:
-                (folder / f"{number}.depth.png").touch()
-                (folder / f"{number}.png").touch()
+            for index, number in enumerate(self.pictures[alias]):
+                (folder / name_picture(index, number, "depth.png")).touch()
+                (folder / name_picture(index, number, "png")).touch()
         if arguments[0] == "probe":
             return {"refusals": self.refusals}
         if arguments[0] == "audit":
