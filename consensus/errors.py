@@ -210,7 +210,7 @@ CATALOGUE: dict[str, ErrorEntry] = _table(
     ErrorEntry("SPOOL_DAMAGED", 500, "The robot's spool is damaged.", "Keep the directory for inspection and start with a new one."),
     ErrorEntry("WALLET_EXISTS", 409, "There is already a wallet at this place.", "It is left as it is: make or bring back another one beside it under another name, with --profile NAME."),
     ErrorEntry("KEYRING_EMPTY", 404, "The system's keyring holds no passphrase of this wallet.", "Put it there with `blockrobot wallet keyring store`, or leave out --keyring."),
-    ErrorEntry("KEYRING_UNUSABLE", 503, "The system's keyring cannot be used here.", "Unlock it, or leave out --keyring and type the passphrase."),
+    ErrorEntry("KEYRING_UNUSABLE", 503, "The system's keyring cannot be used here.", "If it is locked, unlock it; else name another with PYTHON_KEYRING_BACKEND, or do without: leave out --keyring and type the passphrase."),
     ErrorEntry("WALLET_NOT_FOUND", 404, "There is no wallet at this place.", "Make one with `blockrobot wallet new`, or get yours back from its 24 words with `blockrobot wallet restore`, or from your guardians' words with `blockrobot wallet guardians recover`."),
     ErrorEntry("WALLET_PASSPHRASE_WRONG", 403, "The passphrase does not open this wallet.", "Try again, or restore the wallet from its 24 words."),
     ErrorEntry("PASSPHRASE_WEAK", 403, "The passphrase is too easy to guess: whoever copies the wallet's file can try as many as he likes.", "Choose a longer one, of 15 letters or more: four or five words that come to nobody else's mind are good."),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,24 +19,34 @@ _UNFIT_PRIORITY = 0  # what the package takes where it finds nothing that keeps 
 
 
 def load_keyring() -> Any:
-    """Return the package that speaks to the system's keyring. Raises EXTRA_MISSING."""
+    """Return the package that speaks to the system's keyring.
+
+    Raises EXTRA_MISSING, and KEYRING_UNUSABLE where a person named a keyring that is not there.
+    """
     try:
-        return importlib.import_module("keyring")
+        package = importlib.import_module("keyring")
     except ImportError:
         raise BlockRobotError(
             "EXTRA_MISSING", "The keyring needs the package keyring: `pip install 'blockrobot[keyring]'`."
         ) from None
+    named = os.environ.get(_NAMED_BACKEND)
+    if named is not None:
+        try:
+            package.core.load_keyring(named)
+        except Exception:  # noqa: BLE001 - a name leads into others' code, or into none
+            raise refusal("KEYRING_UNUSABLE", "keyring_misspelt", setting=_NAMED_BACKEND, name=named) from None
+    return package
 
 
 @contextmanager
-def telling_of_trouble(sentence: str) -> Iterator[None]:
-    """Raise KEYRING_UNUSABLE for whatever a keyring raises inside: keyrings are others' code, and fail in many ways."""
+def telling_of_trouble(key: str) -> Iterator[None]:
+    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises inside: keyrings are others' code, and fail in many ways."""
     try:
         yield
     except BlockRobotError:
         raise
     except Exception as error:  # noqa: BLE001 - no list of what those of other makers raise would be whole
-        raise BlockRobotError("KEYRING_UNUSABLE", f"{sentence}: {type(error).__name__}.") from None
+        raise refusal("KEYRING_UNUSABLE", key, failure=type(error).__name__) from None
 
 
 def find_weak_keyring(package: Any) -> str | None:
@@ -52,10 +63,9 @@ def find_weak_keyring(package: Any) -> str | None:
     if package.core.load_env() is not None or package.core.load_config() is not None:
         return name
     if ring.priority <= _UNFIT_PRIORITY:
-        raise BlockRobotError("KEYRING_UNUSABLE", "There is no keyring here.")
+        raise refusal("KEYRING_UNUSABLE", "keyring_none")
     setting = f"{_NAMED_BACKEND}={type(ring).__module__}.{name}"
-    detail = f"The best keyring here is {name}, which protects little. To use it all the same, set {setting}."
-    raise BlockRobotError("KEYRING_UNUSABLE", detail)
+    raise refusal("KEYRING_UNUSABLE", "keyring_weak", name=name, setting=setting)
 
 
 def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
@@ -64,10 +74,10 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
     Raises EXTRA_MISSING, KEYRING_UNUSABLE, the latter also for one that takes it and has nothing afterwards.
     """
     backend, name = load_keyring(), str(wallet.resolve())
-    with telling_of_trouble("The keyring took nothing"):
+    with telling_of_trouble("keyring_took_nothing"):
         weak = find_weak_keyring(backend)
         backend.set_password(SERVICE, name, passphrase)
-    with telling_of_trouble("The keyring may have it"):
+    with telling_of_trouble("keyring_may_have"):
         kept = backend.get_password(SERVICE, name)
     if kept != passphrase:
         raise refusal("KEYRING_UNUSABLE", "keyring_off")
@@ -77,7 +87,7 @@ def store_in_keyring(wallet: Path, passphrase: str) -> str | None:
 def forget_in_keyring(wallet: Path) -> None:
     """Take a wallet's passphrase out of the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend, name = load_keyring(), str(wallet.resolve())
-    with telling_of_trouble("The keyring may still have it"):
+    with telling_of_trouble("keyring_may_still_have"):
         if backend.get_password(SERVICE, name) is None:
             raise BlockRobotError("KEYRING_EMPTY")
         backend.delete_password(SERVICE, name)
@@ -86,7 +96,7 @@ def forget_in_keyring(wallet: Path) -> None:
 def read_from_keyring(wallet: Path) -> str:
     """Return a wallet's passphrase from the system's keyring. Raises EXTRA_MISSING, KEYRING_EMPTY, KEYRING_UNUSABLE."""
     backend = load_keyring()
-    with telling_of_trouble("The keyring gave nothing"):
+    with telling_of_trouble("keyring_gave_nothing"):
         found = backend.get_password(SERVICE, str(wallet.resolve()))
     if found is None:
         raise BlockRobotError("KEYRING_EMPTY")

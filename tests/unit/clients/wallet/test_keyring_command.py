@@ -179,4 +179,39 @@ def test_where_there_is_no_keyring_none_is_recommended(
     refused = run(place, "keyring", "store")
     assert refused.exit_code == 1
     assert "There is no keyring here." in refused.stderr
-    assert "PYTHON_KEYRING_BACKEND" not in refused.stderr
+    assert "PYTHON_KEYRING_BACKEND=" not in refused.stderr, "none is named that could be used"
+
+
+@pytest.mark.parametrize("name", ["keyrings.no.such.Ring", "keyring.backends.fail.Kering", "Ring"])
+def test_a_keyring_whose_name_is_misspelt_is_told_before_the_passphrase_is_asked_for(
+    unnamed: Path, place: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv("PYTHON_KEYRING_BACKEND", name)
+    monkeypatch.setenv("BLOCKROBOT_PASSPHRASE_FILE", str(place / "nowhere"))
+    for arguments in (("keyring", "store"), ("keyring", "forget")):
+        refused = run(place, *arguments)
+        assert refused.exit_code == 1
+        assert f"PYTHON_KEYRING_BACKEND names {name}, which is no keyring here." in refused.stderr
+        assert "KEYRING_UNUSABLE. Next step: " in refused.stderr
+
+
+def test_refusals_of_a_keyring_are_told_in_portuguese_with_a_next_step_that_fits(
+    unnamed: Path, place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    weak = Weak()
+    use_all(monkeypatch, Weaker(), weak)
+    refused = run(place, "keyring", "store")
+    setting = f"PYTHON_KEYRING_BACKEND={Weak.__module__}.Weak"
+    assert f"O melhor porta-chaves daqui é Weak, que protege pouco. Para o usar mesmo assim, defina {setting}." in (
+        refused.stderr
+    )
+    assert "escolha outro com PYTHON_KEYRING_BACKEND" in refused.stderr
+    monkeypatch.setattr(keyring.core, "_keyring_backend", fail.Keyring())
+    assert "Não há aqui nenhum porta-chaves." in run(place, "keyring", "store").stderr
+    locked = Ring()
+    locked.is_locked = True
+    monkeypatch.setattr(keyring.core, "_keyring_backend", locked)
+    refused = run(place, "keyring", "store")
+    assert "O porta-chaves não aceitou nada: KeyringLocked." in refused.stderr
+    assert "The keyring" not in refused.stderr
