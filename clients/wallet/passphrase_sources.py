@@ -40,7 +40,7 @@ def load_keyring() -> Any:
 
 @contextmanager
 def telling_of_trouble(key: str) -> Iterator[None]:
-    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises inside: keyrings are others' code, and fail in many ways."""
+    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises inside: it is others' code, and fails variously."""
     try:
         yield
     except BlockRobotError:
