@@ -11,7 +11,7 @@ from typing import Any
 
 from clients.sdk.notices import organisation_of_card, public_values
 from clients.sdk.trust import ProvedState
-from clients.wallet.language import refusal, text
+from clients.wallet.language import language_in_use, refusal, section, text
 from clients.wallet.wallet import Wallet
 from consensus.errors import BlockRobotError
 from consensus.records.notices import (
@@ -74,7 +74,15 @@ class Told:
         if self.published is None:
             return [text("notice.none_published", organisation=self.organisation)]
         head = text("notice.head", organisation=self.organisation, version=self.version)
-        return [head, *(f"  {line}" for line in tell_notice(self.published.notice))]
+        return [head, *(f"  {line}" for line in self.words(language_in_use()))]
+
+    def words(self, language: str) -> list[str]:
+        """Return the words as they were published, with headings in a language; none where nothing is published."""
+        if self.published is None:
+            return []
+        labels = {key: str(label) for key, label in section("notice.line", language).items()}
+        whose = text("notice.own_words", language=language, organisation=self.organisation)
+        return [*tell_notice(self.published.notice, labels), whose]
 
     def as_json(self) -> dict[str, Any]:
         """Return it for a program."""

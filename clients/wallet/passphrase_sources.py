@@ -40,7 +40,7 @@ def load_keyring() -> Any:
 
 @contextmanager
 def telling_of_trouble(key: str) -> Iterator[None]:
-    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises inside: it is others' code, and fails variously."""
+    """Raise KEYRING_UNUSABLE (`because.KEY`) for whatever a keyring raises: it is others' code, and fails in many ways."""
     try:
         yield
     except BlockRobotError:

@@ -280,30 +280,58 @@ def require_told(published: PublishedNotice, purposes: Sequence[str], sensors: S
             raise BlockRobotError("SENSOR_NOT_TOLD", f"{told} names for {purpose.code!r}: {known}. Not: {beyond}.")
 
 
-def tell_notice(notice: Notice) -> list[str]:
-    """Return a notice as lines for people, in the order of Art. 13 and 14."""
-    lines = [f"Responsible: {_party(notice.controller)}"]
-    lines += [f"Responsible together with: {_party(party)}" for party in notice.joint_controllers]
-    lines += [f"Data protection officer: {_party(notice.officer)}"]
-    for purpose in notice.purposes:
-        special = "" if purpose.special_basis == "none" else f" and {purpose.special_basis}"
-        kept = f", kept {purpose.storage_days} days" if purpose.storage_days else ""
-        sensors = f", by {', '.join(purpose.sensors)}" if purpose.sensors else ""
-        lines.append(
-            f"Purpose {purpose.code}: {purpose.words} Ground: {purpose.lawful_basis}{special} GDPR{sensors}{kept}."
-        )
-    lines += [f"Data: {each.what} From: {each.origin}" for each in notice.categories]
-    lines += [f"Who gets it: {each.who}: {each.what} Why: {each.why}" for each in notice.recipients]
-    lines += [f"How long: {each.what}: {each.how_long}" for each in notice.retention]
-    lines += [f"Other countries: {notice.third_countries}", f"Law: {notice.jurisdiction}"]
-    lines += [f"Your right (Art. {each.article}): {each.words} How: {each.how}" for each in notice.rights]
+NOTICE_LINES: Mapping[str, str] = {
+    "controller": "Responsible: {party}",
+    "joint_controller": "Responsible together with: {party}",
+    "officer": "Data protection officer: {party}",
+    "purpose": "Purpose {code}: {words} Ground: {basis}{special} GDPR{sensors}{kept}.",
+    "special": " and {special}",
+    "sensors": ", by {sensors}",
+    "kept": ", kept {days} days",
+    "data": "Data: {what} From: {origin}",
+    "recipient": "Who gets it: {who}: {what} Why: {why}",
+    "retention": "How long: {what}: {how_long}",
+    "countries": "Other countries: {words}",
+    "law": "Law: {words}",
+    "right": "Your right (Art. {article}): {words} How: {how}",
+    "withdrawal": "Taking consent back: {words}",
+    "authority": "Complaints: {party}",
+    "obligation": "Do you have to: {words}",
+    "automated": "Automated decisions: {words}",
+    "protection": "Protection: {words}",
+}
+"""What stands before the words of a notice where people read it: no part of what was published."""
+
+
+def tell_notice(notice: Notice, labels: Mapping[str, str] = NOTICE_LINES) -> list[str]:
+    """Return a notice as lines for people, in the order of Art. 13 and 14; `labels` as NOTICE_LINES, in any language."""
+    lines = [labels["controller"].format(party=_party(notice.controller))]
+    lines += [labels["joint_controller"].format(party=_party(party)) for party in notice.joint_controllers]
+    lines += [labels["officer"].format(party=_party(notice.officer))]
+    lines += [_tell_purpose(purpose, labels) for purpose in notice.purposes]
+    lines += [labels["data"].format(what=each.what, origin=each.origin) for each in notice.categories]
+    lines += [labels["recipient"].format(who=each.who, what=each.what, why=each.why) for each in notice.recipients]
+    lines += [labels["retention"].format(what=each.what, how_long=each.how_long) for each in notice.retention]
+    lines += [labels["countries"].format(words=notice.third_countries), labels["law"].format(words=notice.jurisdiction)]
+    lines += [labels["right"].format(article=each.article, words=each.words, how=each.how) for each in notice.rights]
     lines += [
-        f"Taking consent back: {notice.withdrawal}",
-        f"Complaints: {_party(notice.authority)}",
-        f"Do you have to: {notice.obligation}",
-        f"Automated decisions: {notice.automated_decisions}",
+        labels["withdrawal"].format(words=notice.withdrawal),
+        labels["authority"].format(party=_party(notice.authority)),
+        labels["obligation"].format(words=notice.obligation),
+        labels["automated"].format(words=notice.automated_decisions),
     ]
-    return lines + [f"Protection: {measure}" for measure in notice.measures]
+    return lines + [labels["protection"].format(words=measure) for measure in notice.measures]
+
+
+def _tell_purpose(purpose: NoticePurpose, labels: Mapping[str, str]) -> str:
+    return labels["purpose"].format(
+        code=purpose.code,
+        words=purpose.words,
+        basis=purpose.lawful_basis,
+        special="" if purpose.special_basis == "none" else labels["special"].format(special=purpose.special_basis),
+        sensors=labels["sensors"].format(sensors=", ".join(purpose.sensors)) if purpose.sensors else "",
+        kept=labels["kept"].format(days=purpose.storage_days) if purpose.storage_days else "",
+    )
 
 
 def _party(party: Party) -> str:

@@ -11,7 +11,7 @@ from clients.wallet.consenting import Consenting, Word, choice_json, round_perio
 from clients.wallet.language import refusal
 from clients.wallet.notice_commands import take_receipt
 from clients.wallet.notices import Notices, Told
-from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
@@ -35,11 +35,11 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _told(notices: Notices, told: Told) -> dict[str, Any]:
-    return told.as_json() | {"must_show": notices.is_new(told)}
+def _told(notices: Notices, told: Told, request: web.Request) -> dict[str, Any]:
+    return told.as_json() | {"must_show": notices.is_new(told), "lines": told.words(language_of(request))}
 
 
-async def _consents(session: PageSession, _request: web.Request) -> web.Response:
+async def _consents(session: PageSession, request: web.Request) -> web.Response:
     async with session.hold() as wallet:
         notices = Notices(wallet)
         found, told = await Consenting(wallet).choices(), await notices.current()
@@ -57,15 +57,15 @@ async def _consents(session: PageSession, _request: web.Request) -> web.Response
             "askable": askable,
             "grounds": grounds,
             "sensors": SENSORS,
-            "notice": _told(notices, told),
+            "notice": _told(notices, told, request),
         }
     )
 
 
-async def _notice(session: PageSession, _request: web.Request) -> web.Response:
+async def _notice(session: PageSession, request: web.Request) -> web.Response:
     async with session.hold() as wallet:
         notices = Notices(wallet)
-        return answer_json(_told(notices, await notices.current()))
+        return answer_json(_told(notices, await notices.current(), request))
 
 
 async def _shown(session: PageSession, request: web.Request) -> web.Response:
@@ -79,7 +79,7 @@ async def _shown(session: PageSession, request: web.Request) -> web.Response:
         if told.version == version:
             notices.note_shown(told)
     session.look_again()
-    return answer_json(_told(notices, told))
+    return answer_json(_told(notices, told, request))
 
 
 async def _give(session: PageSession, request: web.Request) -> web.Response:

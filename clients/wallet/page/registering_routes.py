@@ -10,7 +10,7 @@ from typing import Any
 from aiohttp import web
 
 from clients.wallet.notices import Notices, Told
-from clients.wallet.page.answering import accepted, answer_json, body_of, route
+from clients.wallet.page.answering import accepted, answer_json, body_of, language_of, route
 from clients.wallet.page.jobs import Job
 from clients.wallet.page.session import PageSession
 from consensus.errors import BlockRobotError
@@ -38,7 +38,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     role = decode_card_code(code).role
     async with session.hold() as wallet:
         told = await Notices(wallet).for_card(code)
-    return answer_json({"role": role, "notice": told.as_json()})
+    return answer_json({"role": role, "notice": told.as_json() | {"lines": told.words(language_of(request))}})
 
 
 def _what_is(told: Told) -> tuple[str, int, str]:

@@ -34,8 +34,10 @@ from clients.wallet.standing_words import standing_lines
 from consensus.errors import BlockRobotError
 from consensus.records import rights as codes
 from consensus.records.lost_keys import LOST_KEY_REASONS
+from consensus.records.notices import NOTICE_LINES, NoticeRow, PublishedNotice, tell_notice
 from consensus.records.purposes import PURPOSES
 from network.cli.main import main
+from network.demo_notice import demo_notice
 from tests.unit.clients.wallet.conftest import NOW_MS, World
 from tests.unit.clients.wallet.test_rights import Saying
 from tests.unit.clients.wallet.test_rotating_commands import OLD_WORDS, Desk
@@ -339,6 +341,25 @@ def test_who_tells_nothing_is_named_in_portuguese(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
     (told,) = Told("hospital", None, 7).lines()
     assert told.startswith("hospital não publicou nenhum aviso de privacidade: pergunte no balcão")
+
+
+def test_a_notice_has_portuguese_headings_and_the_words_that_were_published(monkeypatch: pytest.MonkeyPatch) -> None:
+    notice = demo_notice()
+    row = NoticeRow("hospital", 1, b"\x01" * 32, 1, NOW_MS)
+    told = Told("hospital", PublishedNotice(row, notice), 7)
+    assert section("notice.line", "en") == NOTICE_LINES
+    english = [line.strip() for line in told.lines()[1:-1]]
+    assert english == tell_notice(notice) == told.as_json()["lines"]
+    monkeypatch.setenv("BLOCKROBOT_LANGUAGE", "pt")
+    head, *lines, last = told.lines()
+    assert head.startswith("O que hospital lhe comunica")
+    assert (len(lines), lines[0].startswith("  Responsável: ")) == (len(english), True)
+    assert all(right.words in "".join(lines) for right in notice.rights)
+    for line, before in zip(lines, english, strict=True):
+        assert line.strip().partition(":")[0] != before.partition(":")[0]
+    assert "  O seu direito (art. 17): " in "\n".join(lines)
+    assert last == "  Atrás de cada título estão as palavras de hospital, tal como as publicou: não se traduzem."
+    assert told.as_json()["lines"] == english, "programs are told the same in every language"
 
 
 def test_where_the_page_is_stands_in_portuguese(
