@@ -48,7 +48,9 @@ _STEPS = {STEP_KEYS: "share.keys", STEP_SIGNING: "share.signing"}
 
 def read_end(span: str | None, until: datetime.datetime | None, now_ms: int) -> int:
     """Return the end that was said, in ms: after a span (7d, 12h), or at a moment of the local clock."""
-    if (span is None) == (until is None):
+    if span is not None and until is not None:
+        raise WrongUsage("end_twice")
+    if span is None and until is None:
         raise WrongUsage("how_long")
     if until is not None:
         return place_end(int(until.astimezone().timestamp() * 1000), now_ms)

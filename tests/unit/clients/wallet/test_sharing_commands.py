@@ -349,6 +349,8 @@ def test_how_long_is_said_in_one_of_two_ways() -> None:
     for wrong in ((None, None), ("7d", tomorrow), ("a week", None), ("7", None)):
         with pytest.raises(click.UsageError):
             read_end(*wrong, now_ms)
+    with pytest.raises(click.UsageError, match="one of them, not both"):
+        read_end("7d", tomorrow, now_ms)
 
 
 # In Portuguese

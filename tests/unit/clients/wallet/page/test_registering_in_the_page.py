@@ -65,6 +65,15 @@ async def newcomer(tmp_path: Path) -> AsyncIterator[Newcomer]:
         await served.stop()
 
 
+async def test_the_page_shows_published_words_under_headings_in_its_language(newcomer: Newcomer) -> None:
+    newcomer.ward.publish(demo_notice())
+    for language, heading in (("pt", "O seu direito (art. 17): "), ("en", "Your right (Art. 17): ")):
+        newcomer.page.headers["Accept-Language"] = language
+        lines = (await newcomer.page.post("/api/registration/plan", {"code": newcomer.code}))["notice"]["lines"]
+        assert [line for line in lines if line.startswith(heading)]
+        assert demo_notice().rights[0].words in "".join(lines)
+
+
 @pytest.mark.parametrize("published", [True, False])
 async def test_who_was_told_what_is_in_force_is_registered_and_the_wallet_knows_that_she_was(
     newcomer: Newcomer, published: bool
