@@ -213,7 +213,13 @@ def list_choices(ctx: click.Context, purposes: tuple[str, ...], sensors: tuple[s
 
     Example: blockrobot wallet consent list --json
     """
-    found: Choices = run_opened(ctx, lambda opened: Consenting(opened).choices())
+
+    async def action(opened: Wallet) -> Choices:
+        consenting = Consenting(opened)
+        consenting.require_known(list(purposes), list(sensors))
+        return await consenting.choices()
+
+    found = run_opened(ctx, action)
     rows = [
         row
         for row in found.rows

@@ -92,7 +92,7 @@ class Consenting:
         is the newest block that this wallet can prove final. Raises VALUE_INVALID for unknown codes, NOT_REGISTERED,
         CALL_REFUSED with the contract's code (WORD_OLDER if something was said on another device meanwhile).
         """
-        self._check(purposes, sensors)
+        self.require_known(purposes, sensors)
         await self._wallet.require_registered()
         seen = seen_height
         if seen is None:
@@ -109,7 +109,7 @@ class Consenting:
         return await self._say("withdraw", "withdrawn", purposes, sensors)
 
     async def _say(self, entry: str, event: str, purposes: list[str], sensors: list[str], *more: int) -> Word:
-        self._check(purposes, sensors)
+        self.require_known(purposes, sensors)
         await self._wallet.require_registered()
         handle = self._wallet.store.content.handle
         receipt = await self._wallet.network.call(
@@ -119,7 +119,8 @@ class Consenting:
         count = data.get("count", len(purposes) * len(sensors or SENSORS))
         return Word(txid=receipt.txid, height=receipt.height, from_height=data["height"], count=count)
 
-    def _check(self, purposes: list[str], sensors: list[str]) -> None:
+    def require_known(self, purposes: list[str], sensors: list[str]) -> None:
+        """Raise PURPOSE_UNKNOWN, SENSOR_UNKNOWN for a code that is no purpose of this network, or no sensor."""
         require_published(purposes, self._wallet.genesis.purposes)
         for code in sensors:
             require_sensor(code)

@@ -204,6 +204,8 @@ def test_the_commands_tell_a_story_in_plain_words(house: House, run: Callable[..
     assert "care by depth: withdrawn" in run("list").output
     assert "You refuse: research" in run("refuse", "--purpose", "research").output
     assert "You consented to nothing of this." in run("list", "--purpose", "teaching").output
+    for option, code in (("--sensor", "SENSOR_UNKNOWN"), ("--purpose", "PURPOSE_UNKNOWN")):
+        assert code in run("list", option, "x").output, "what does not exist is not called what she said nothing of"
 
 
 @pytest.mark.parametrize(("language", "sign"), [("en", "tells people apart"), ("pt", "distingue as pessoas")])
