@@ -99,9 +99,8 @@ def test_what_does_not_open_the_wallet_is_not_kept(home: Home) -> None:
     [
         ("keyring.backends.fail.Keyring", "took nothing: NoKeyringError"),
         ("keyring.backends.null.Keyring", "kept nothing"),
-        ("nobody.knows.Keyring", "took nothing: ModuleNotFoundError"),
     ],
-    ids=["none on this machine", "one that is switched off", "one that is not installed"],
+    ids=["none on this machine", "one that is switched off"],
 )
 def test_a_keyring_that_does_not_keep_it_is_never_said_to_have_it(home: Home, keyring: str, why: str) -> None:
     typed = home.store(keyring=keyring)
@@ -109,6 +108,16 @@ def test_a_keyring_that_does_not_keep_it_is_never_said_to_have_it(home: Home, ke
     assert typed.ended() == 1
     assert "Traceback" not in typed.rest()
     assert "has the passphrase" not in typed.rest()
+
+
+@pytest.mark.parametrize("arguments", [("--keyring", "guardians"), ("keyring", "forget"), ("keyring", "store")])
+def test_a_keyring_that_is_not_installed_is_named_before_anything_is_asked(
+    home: Home, arguments: tuple[str, ...]
+) -> None:
+    typed = home.type(*arguments, keyring="nobody.knows.Keyring")
+    typed.expect("(?s)nobody.knows.Keyring, which is no keyring here.*KEYRING_UNUSABLE. Next step: ")
+    assert typed.ended() == 1
+    assert "Traceback" not in typed.rest()
 
 
 @pytest.mark.parametrize("arguments", [("--keyring", "guardians"), ("keyring", "forget"), ("keyring", "store")])
