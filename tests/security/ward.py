@@ -46,7 +46,8 @@ class Clip:
 
 
 def _bucket() -> int:
-    return now_ms() - now_ms() % TIME_BUCKET_MS
+    now = now_ms()  # read once: a millisecond may pass between two looks at the clock
+    return now - now % TIME_BUCKET_MS
 
 
 class Ward:
