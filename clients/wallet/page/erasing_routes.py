@@ -37,14 +37,14 @@ def routes(session: PageSession) -> list[LocalRoute]:
     ]
 
 
-def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int], list[int]]:
-    """Return the records and pictures that are meant and are not being erased already, and the pictures that are.
+def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[list[RecordEntry], list[int]]:
+    """Return the records and pictures that are meant and are not being erased already.
 
     Raises NOT_FOUND if nothing is left, REQUEST_INVALID for pictures that no record has.
     """
     entries = [session.snapshot.entry(record_id) for record_id in ids]
     active = [entry for entry in entries if entry.state["status"] == "active"]
-    gone: list[int] = []
+    left = frames
     if frames:
         if len(entries) != 1:
             raise refusal("REQUEST_INVALID", "erase_frames")
@@ -54,10 +54,10 @@ def _named(session: PageSession, ids: list[bytes], frames: list[int]) -> tuple[l
         missing = missing_pictures(frames, count)
         if missing:
             raise refusal("REQUEST_INVALID", "erase_pictures", missing=name_places(missing), count=count)
-        frames, gone = split_erased(entry, frames, session.snapshot.part_of(entry.visit.owner).trail)
-    if not active or (gone and not frames):
+        left, _ = split_erased(entry, frames, session.snapshot.part_of(entry.visit.owner).trail)
+    if not active or (frames and not left):
         raise refusal("NOT_FOUND", "erase_nothing")
-    return active, frames, gone
+    return active, left
 
 
 def _wanted(session: PageSession, asked: Asked) -> list[bytes]:
@@ -74,7 +74,7 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     ids, frames = _wanted(session, asked), asked.numbers("frames")
     asked.end()
-    entries, frames, gone = _named(session, ids, frames)
+    entries, frames = _named(session, ids, frames)
     known = {entry.record_id for entry in entries}
     recipients = [share for share in session.snapshot.shares() if known.intersection(share.grant.records)]
     kinds = {kind_of(entries[0]): len(frames)} if frames else kinds_json(entries)
@@ -84,7 +84,6 @@ async def _plan(session: PageSession, request: web.Request) -> web.Response:
         {
             "records": [entry.record_id.hex() for entry in entries],
             "frames": frames,
-            "left_out": gone,
             "kinds": kinds,
             "visits": visits,
             "recipients": [told_share(share, now_ms, language) for share in recipients],
@@ -96,7 +95,7 @@ async def _erase(session: PageSession, request: web.Request) -> web.Response:
     asked = await body_of(request)
     passphrase, ids, frames = asked.text("passphrase"), asked.ids("records"), asked.numbers("frames")
     asked.end()
-    entries, frames, _ = _named(session, ids, frames)
+    entries, frames = _named(session, ids, frames)
     await session.gate.require(passphrase)
 
     async def work(job: Job) -> dict[str, Any]:
