@@ -1,5 +1,5 @@
 # Two commands do all the set-up on a fresh machine: `make demo` and `make test`.
-# Needed beforehand: Python 3.11 or later with venv, make, git. `make test` installs seven Debian packages if they are missing
+# Needed beforehand: Python 3.11 to 3.14 with venv, make, git. Everything from PyPI is a wheel with a pinned hash (requirements/). `make test` installs seven Debian packages if they are missing
 # (as root, or by sudo without a password); `make test SYSTEM_PACKAGES=none` leaves out the tests that need them.
 # Tests of ROS 2 need Python 3.11 and a network of their own; `make test ROS2=none` leaves those out.
 
@@ -24,19 +24,46 @@ else ifneq ($(ROS2),install)
 $(error ROS2 is `install` (what `make test` does anyway) or `none`, not `$(ROS2)`)
 endif
 
-.PHONY: all demo system-packages ros2 test test-fast test-long lint types docs mongo-server clean
+# How many processes share the tests of `make test`, each file in one of them.
+WORKERS ?= 2
+
+EXTRAS := attack keyring kit llrp zenoh
+INSTALLED_EXTRAS := $(EXTRAS:%=install-%)
+HASHED := install --require-hashes --requirement
+
+.PHONY: all help demo system-packages ros2 test test-fast test-long lint types docs mongo-server lock sbom clean install-fuzz $(INSTALLED_EXTRAS)
 
 all: $(VENV)/.runtime
 
-$(VENV)/.runtime: pyproject.toml constraints.txt
-	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "BlockRobot needs Python 3.11 or later: make PYTHON=python3.11")'
+$(VENV)/.runtime: pyproject.toml requirements/build.txt requirements/runtime.txt
+	$(PYTHON) -c 'import sys; sys.exit(0 if (3, 11) <= sys.version_info < (3, 15) else "BlockRobot needs Python 3.11 to 3.14: make PYTHON=python3.13")'
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) install --constraint constraints.txt --editable .
+	$(PIP) $(HASHED) requirements/build.txt --requirement requirements/runtime.txt
+	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
-$(VENV)/.develop: $(VENV)/.runtime
-	$(PIP) install --constraint constraints.txt --editable '.[dev]'
+$(VENV)/.develop: $(VENV)/.runtime requirements/dev.txt
+	$(PIP) $(HASHED) requirements/dev.txt
 	touch $@
+
+$(INSTALLED_EXTRAS): install-%: $(VENV)/.runtime
+	$(PIP) $(HASHED) requirements/$*.txt
+
+help:
+	@echo 'make               install BlockRobot into .venv: .venv/bin/blockrobot'
+	@echo 'make demo          the demonstration; installs first (minutes)'
+	@echo 'make test          everything that must hold; installs what it needs'
+	@echo 'make test-fast     unit and property tests only'
+	@echo 'make test-long     what takes an hour or more'
+	@echo 'make lint types    ruff; mypy'
+	@echo 'make docs          write the reference pages that are made from code'
+	@echo 'make lock          pin all requirements anew'
+	@echo 'make clean         remove .venv and what was built'
+	@echo 'make install-NAME  an extra: $(EXTRAS) fuzz'
+
+# Beside the tests' packages; Linux x86-64 with Python 3.11 to 3.13 only.
+install-fuzz: $(VENV)/.develop
+	$(PIP) $(HASHED) requirements/fuzz.txt
 
 demo: $(VENV)/.runtime
 	$(BIN)/blockrobot demo
@@ -57,7 +84,7 @@ ifneq ($(ROS2),none)
 endif
 
 test: system-packages ros2 lint types
-	$(BIN)/python -m pytest -m '$(TESTS)'
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile -m '$(TESTS)'
 
 test-fast: $(VENV)/.develop
 	$(BIN)/python -m pytest tests/unit tests/property tests/architecture
@@ -70,6 +97,33 @@ docs: $(VENV)/.develop
 
 mongo-server: $(VENV)/.develop
 	$(BIN)/python -m tests.offchain.secantus
+
+TOOLS := build/tools
+COMPILE := $(TOOLS)/bin/uv pip compile --quiet --universal --fork-strategy fewest --generate-hashes --python-version 3.11 \
+	--only-binary :all: --emit-build-options --no-annotate \
+	--custom-compile-command 'make lock' $(UPGRADE)
+LISTED := $(TOOLS)/bin/python requirements/listed.py
+
+$(TOOLS)/.tools: requirements/tools.txt
+	$(PYTHON) -m venv --clear $(TOOLS)
+	$(TOOLS)/bin/python -m pip --disable-pip-version-check --quiet $(HASHED) requirements/tools.txt
+	touch $@
+
+# Keeps every pin that still fits; `make lock UPGRADE=--upgrade` renews them all, `UPGRADE='--upgrade-package NAME'` one.
+lock: $(TOOLS)/.tools
+	$(LISTED) build | $(COMPILE) - --output-file requirements/build.txt
+	$(COMPILE) requirements/tools.in --output-file requirements/tools.txt
+	$(COMPILE) requirements/fuzz.in --output-file requirements/fuzz.txt
+	$(COMPILE) pyproject.toml --extra dev --output-file requirements/dev.txt
+	$(COMPILE) pyproject.toml --constraint requirements/dev.txt --output-file requirements/runtime.txt
+	for extra in $(EXTRAS); do \
+		$(LISTED) $$extra | $(COMPILE) - --constraint requirements/dev.txt --output-file requirements/$$extra.txt || exit 1; \
+	done
+
+sbom: $(TOOLS)/.tools
+	$(TOOLS)/bin/cyclonedx-py requirements --output-reproducible --output-format JSON --pyproject pyproject.toml \
+		--output-file build/sbom.cdx.json requirements/runtime.txt
+	@echo build/sbom.cdx.json
 
 clean:
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
