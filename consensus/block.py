@@ -12,7 +12,7 @@ from consensus.primitives.hashing import sha256, tagged_hash, tagged_hasher
 from consensus.primitives.merkle import merkle_root
 from consensus.settings import Epoch
 
-HEADER_VERSION = 2
+HEADER_VERSION = 3
 GENESIS_ROUND = 0
 NO_BLOCK = bytes(32)
 _hash_receipt = tagged_hasher("blockrobot/receipt-leaf")
@@ -60,6 +60,7 @@ class Header(Wire, frozen=True):
 
     `next_schedule_hash` makes it a boundary: it names the next epoch (`compute_epoch_hash`). `is_closing` marks an
     empty block after a boundary, still of the old epoch, which only helps the boundary to become final.
+    `gives_up_change` marks a block in which the contract's version that was due is not put into force, but failed (R42).
     """
 
     version: int
@@ -78,6 +79,7 @@ class Header(Wire, frozen=True):
     next_schedule_hash: bytes | None
     gas_used: int
     is_closing: bool = False
+    gives_up_change: bool = False
 
     @property
     def is_boundary(self) -> bool:

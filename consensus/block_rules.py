@@ -43,6 +43,20 @@ def is_safe_to_extend(header: Header) -> bool:
     return tc is not None and tc.round == header.round - 1 and header.qc.round >= tc.highest_qc_round
 
 
+def may_give_up_change(header: Header, schedule: Schedule) -> bool:
+    """Tell whether so many rounds were lost since the parent that any change may be given up (R42).
+
+    They are the turns of more leaders than may be faulty: an honest one had its turn, and got no block certified.
+    """
+    lost_rounds = header.round - header.qc.round - 1
+    return lost_rounds >= lost_rounds_before_giving_up(schedule)
+
+
+def lost_rounds_before_giving_up(schedule: Schedule) -> int:
+    """Return the least number of lost rounds that `may_give_up_change` asks for."""
+    return schedule.blocks_per_turn * (schedule.faults_tolerated + 1)
+
+
 def check_header_form(header: Header, chain_id: bytes, schedule: Schedule) -> None:
     """Check all fields of a header that need no signature and no parent. Raises BLOCK_INVALID."""
     _require(header.version == HEADER_VERSION, f"The block has version {header.version}.")
@@ -73,6 +87,7 @@ def _check_epoch_fields(header: Header) -> None:
             and header.gas_used == 0
         )
         _require(is_empty, "A closing block is not empty.")
+        _require(not header.gives_up_change, "A closing block gives up a change.")
 
 
 def is_fit_for_parent(header: Header, parent: Header) -> bool:

@@ -14,23 +14,25 @@ from consensus.limits import ORPHAN_BLOCKS_MAX_COUNT, TREE_BLOCKS_MAX_COUNT
 
 
 class Execution(Enum):
-    """How far the node is with executing a block."""
+    """How far the node is with executing a block. FAILED: it could not be, which says nothing about the block (R41)."""
 
     WAITING = auto()
     RUNNING = auto()
     VALID = auto()
     REFUSED = auto()
+    FAILED = auto()
 
 
 @dataclass(slots=True, eq=False)
 class BlockNode:
-    """A block in the tree, decoded once. `parent` is None for the root and for orphans."""
+    """A block in the tree, decoded once. `parent` is None for the root and for orphans. `withheld`: not to be voted for."""
 
     block: Block
     block_id: bytes
     header: Header
     arrived_ms: int
     execution: Execution = Execution.WAITING
+    withheld: bool = False
     parent: BlockNode | None = None
     children: list[BlockNode] = field(default_factory=list)
 

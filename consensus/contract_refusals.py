@@ -13,6 +13,7 @@ from types import MappingProxyType
 _RECORDS = "See what there is with `blockrobot wallet records`."
 _BREACHES = "`blockrobot officer breaches` shows how far it is, and the next step."
 _LOST_KEYS = "`blockrobot officer lost-keys list` shows how far it is, and the next step."
+_MANDATES = "`blockrobot wallet mandates list --all`, or `blockrobot officer mandates list --all`, shows how far it is."
 _CARD = "Ask the hospital's desk for a new card."
 _ENTRIES = "`blockrobot contract show NAME --abi` shows the entries and what they take."
 
@@ -29,9 +30,15 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "NOT_RESTRICTED": _RECORDS,
         "RESTRICTED_WHOLE": "Lift the whole visit: `blockrobot wallet lift --visit NAME`.",
         "RESTRICTION_STANDS": "Lift it first (`blockrobot wallet lift`), or restrict on the same kind of ground.",
+        "WORDS_TOO_MANY": "Go on tomorrow (UTC). Erasing, moving a visit, ending a share and saying no go on.",
         "VISIT_QUARANTINED": "Wait until an officer has decided; `blockrobot wallet records` tells the outcome.",
         "VISIT_TRANSFERRED": "Use the wallet that it was transferred to.",
         "NOT_THE_OWNER": "Use the wallet of the person who was recorded.",
+        # Empty frames
+        "EMPTY_FRAMES_TOO_MANY": "Withdraw some on which no record stands any more: `blockrobot frames list`, `withdraw`.",
+        "EMPTY_FRAME_UNKNOWN": "See which are approved with `blockrobot frames list`.",
+        "NOT_OF_THE_ORGANISATION": "Name an admin of the robot's organisation: `--as ORG`, or `--key FILE`.",
+        "ROBOT_UNKNOWN": "Name the member key that `blockrobot robot register` printed.",
         # Cards and members
         "VOUCHER_EXPIRED": f"The card's code is too old. {_CARD}",
         "HANDLE_TAKEN": f"Somebody registered with this card already. If that was not you: {_CARD[0].lower()}{_CARD[1:]}",
@@ -39,6 +46,7 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "NOT_A_REGISTRAR": _CARD,
         "MEMBER_EXISTS": "This wallet is registered already: go on with `blockrobot wallet records`.",
         "MEMBER_NOT_ACTIVE": f"The membership has ended. {_CARD}",
+        "ROBOT_NAME_WRONG": "Give another: `blockrobot card name` says what a name and a place may hold.",
         # Officers
         "NOT_AN_OFFICER": "Use the wallet of an officer of the organisation whose robot it was: `officer --profile NAME`.",
         "BREACH_NOT_ASSESSED": "Assess it first: `blockrobot officer assess`.",
@@ -50,13 +58,27 @@ NEXT_STEPS: Mapping[str, str] = MappingProxyType(
         "DELAY_UNEXPLAINED": "Name the reason: --reason facts-came-late, or officer-unreachable.",
         "RECORDS_LEFT": "More came meanwhile: say `blockrobot officer close` once more.",
         "OFFICER_THE_SAME": "Let another officer approve it, with a wallet of her own.",
-        "OFFICER_GONE": "Two who are officers now propose and approve it anew: `blockrobot officer lost-keys propose`.",
+        "OFFICER_GONE": "Two who are officers now propose and approve it anew.",
         "NOT_OF_THE_TWO": "Let one of the two officers who decided it do that.",
         "NOT_APPROVED": _LOST_KEYS,
         "PROPOSAL_DECIDED": _LOST_KEYS,
         "PROPOSAL_LAPSED": "Propose it anew: `blockrobot officer lost-keys propose`.",
         "SPAN_WRONG": "Name minutes that are over, an hour at most: see `blockrobot officer lost-keys preview`.",
         "VISITS_TOO_MANY": "Propose the rest anew: `blockrobot officer lost-keys propose`.",
+        # Mandates
+        "MANDATE_EXISTS": "End that one first: `blockrobot officer mandates list`, then `blockrobot officer mandates end`.",
+        "MANDATE_DECIDED": _MANDATES,
+        "MANDATE_LAPSED": "Propose it anew: `blockrobot officer mandates propose`.",
+        "MANDATE_ENDED": _MANDATES,
+        "MANDATE_HOLDS": _MANDATES,
+        "MANDATE_UNKNOWN": _MANDATES,
+        "NOT_OF_THE_MANDATE": "Let one of the two persons or an officer of their organisation end it.",
+        "NOT_THE_REPRESENTATIVE": "Use the wallet of the person whom the mandate names: `blockrobot wallet mandates list`.",
+        "OFFICER_CONCERNED": "Let two other officers give it.",
+        "REPRESENTED_WRONG": "Name the handle of a person with a card of her own, as `blockrobot wallet handle` shows it.",
+        "REPRESENTATIVE_WRONG": "Name the handle of another subject, member of the staff or officer for whom nobody acts.",
+        "BEYOND_MANDATE": "Name an earlier end with --until: `blockrobot wallet mandates list` shows the mandate's.",
+        "OWN_NO_STANDS": "Leave that purpose out: only the person can say yes to it, with the own wallet.",
         # Sharing
         "GRANT_ENDED": "It has ended; nothing is left to do. See `blockrobot wallet shares`, or `blockrobot wallet inbox`.",
         "GRANT_UNKNOWN": "What you share: `blockrobot wallet shares`; what is shared with you: `blockrobot wallet inbox`.",

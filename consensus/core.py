@@ -129,6 +129,8 @@ class Core(Hearing):
             self._fetcher.retry()
         elif kind == effects.TIMER_ASK:
             self._effects += self._voter.returning.ask_again()
+        elif kind == effects.TIMER_EXECUTE:
+            self._execute_failed()
         elif kind == effects.TIMER_PROPOSE:
             self._leading.retry()
             if self._pacemaker.is_manual:
@@ -176,6 +178,10 @@ class Core(Hearing):
             self._enter(tc.round + 1, tc)
 
     def _enter(self, round_number: int, entered_by: TimeoutCertificate | None) -> None:
+        proposed = None if self._voter.proposed_id is None else self._tree.get(self._voter.proposed_id)
+        is_lost = entered_by is not None and proposed is not None and proposed.header.round == self.round
+        if is_lost and proposed is not None and proposed.block_id not in self._tree.certificates:
+            self._effects.append(effects.ProposalLost(block_id=proposed.block_id))
         self.round = round_number
         self.entered_by = entered_by
         self._timeouts.clear()
@@ -249,11 +255,20 @@ class Core(Hearing):
         self._effects.append(effects.BlockCertified(block_id=node.block_id))
         if node.execution is Execution.REFUSED:
             self._halt("A certified block cannot be executed here.")
+        elif node.execution is Execution.FAILED:
+            self._execute(node)
 
     def _execute(self, node: BlockNode) -> None:
-        if node.execution is Execution.WAITING and not (self.halted or self.has_ended):
+        if node.execution in (Execution.WAITING, Execution.FAILED) and not (self.halted or self.has_ended):
             node.execution = Execution.RUNNING
-            self._effects.append(effects.ExecuteBlock(block=node.block))
+            certified = node.block_id in self._tree.certificates
+            self._effects.append(effects.ExecuteBlock(block=node.block, certified=certified))
+
+    def _execute_failed(self) -> None:
+        """R41: others could execute what they certified: try again."""
+        for node in list(self._tree.nodes.values()):
+            if node.execution is Execution.FAILED and node.block_id in self._tree.certificates:
+                self._execute(node)
 
     def _execute_children(self, node: BlockNode) -> None:
         for child in node.children:
@@ -264,21 +279,28 @@ class Core(Hearing):
         if node is None or node.execution is not Execution.RUNNING:
             return
         self._dirty = True
-        if not event.valid or event.fault:
+        is_certified = node.block_id in self._tree.certificates
+        if event.fault:
+            node.execution = Execution.FAILED
+            if is_certified:
+                self._effects += self._pacemaker.wait_to_execute()
+            return
+        if not event.valid:
             node.execution = Execution.REFUSED
-            if node.block_id in self._tree.certificates:
+            if is_certified:
                 self._halt("A certified block cannot be executed here.")
             return
-        node.execution = Execution.VALID
+        node.execution, node.withheld = Execution.VALID, event.withheld
+        self._pacemaker.note_executed()
         self._try_vote(node)
         self._execute_children(node)
 
     # Votes
 
     def _try_vote(self, node: BlockNode) -> None:
-        """Vote for an executed block if the safety kernel lets it."""
+        """Vote for an executed block if the safety kernel lets it, unless it gives up what can be done (R42)."""
         branch = self._tree.branch(node.block_id)
-        if branch and self._voter.may_vote(node, branch, self.round, self._now_ms):
+        if branch and not node.withheld and self._voter.may_vote(node, branch, self.round, self._now_ms):
             self._vote(branch, is_own=False)
 
     def _speak_again(self) -> None:

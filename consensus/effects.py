@@ -20,6 +20,7 @@ TIMER_HEARTBEAT = "heartbeat"
 TIMER_PROPOSE = "propose"
 TIMER_FETCH = "fetch"
 TIMER_ASK = "ask"
+TIMER_EXECUTE = "execute"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +47,13 @@ class SendTo:
 
 @dataclass(frozen=True, slots=True)
 class ExecuteBlock:
-    """Execute the block on its parent and answer with `BlockExecuted`. The parent is finalized or was executed."""
+    """Execute the block on its parent and answer with `BlockExecuted`. The parent is finalized or was executed.
+
+    A block that is `certified` was executed by others: whatever it takes to execute it here is to be given (R41).
+    """
 
     block: Block
+    certified: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +122,13 @@ class BlockCertified:
 
 
 @dataclass(frozen=True, slots=True)
+class ProposalLost:
+    """The round of this node's own block was lost: perhaps others could not execute what it held (R41)."""
+
+    block_id: bytes
+
+
+@dataclass(frozen=True, slots=True)
 class EvidenceFound:
     """A producer said two different things in one round (R30). The driver brings it before the contract `producers`."""
 
@@ -133,7 +145,7 @@ class SilenceChanged:
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """A certified block cannot be executed here: stop signing, serve reads, raise the alarm."""
+    """A certified block comes out otherwise here, or the chain forked: stop signing, serve reads, raise the alarm."""
 
     reason: str
 
@@ -149,6 +161,7 @@ Effect = (
     | SetTimer
     | CancelTimer
     | BlockCertified
+    | ProposalLost
     | EvidenceFound
     | SilenceChanged
     | Halt

@@ -72,13 +72,15 @@ class WordsAnswered:
 class BlockExecuted:
     """The answer to `ExecuteBlock`. `valid`: executed, transactions admissible on that branch, roots equal.
 
-    `fault` marks an exception that nobody foresaw: a voter withholds its vote; a certified block halts the node.
+    `fault`: it could not be executed, which says nothing about the block: no vote, and a certified one is executed again
+    (R41). `withheld`: valid, but it gives up a change that this node could carry out: no vote (R42).
     """
 
     block_id: bytes
     valid: bool
     now_ms: int
     fault: bool = False
+    withheld: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,6 +35,7 @@ WRONG_OPTIONS = frozenset(
         "SPAN_INVALID",
         "NAME_TOO_SHORT",
         "NAME_AMBIGUOUS",
+        "HANDLE_MISTYPED",
         "SERIAL_INVALID",
         "WORDS_REPEATED",
         "CONTRACT_ARGUMENTS_INVALID",

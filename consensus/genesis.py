@@ -80,7 +80,7 @@ class Genesis(Wire, frozen=True):
     contracts: tuple[ContractEntry, ...]
     purposes: tuple[str, ...]
     state_root: bytes
-    contract_language: int = 2
+    contract_language: int = 4
 
     @property
     def chain_id(self) -> bytes:
@@ -189,7 +189,8 @@ def genesis_from_json(text: str) -> Genesis:
         fields["nodes"] = [_named(NodeEntry, part) for part in fields["nodes"]]
         fields["contracts"] = [_named(ContractEntry, part) for part in fields["contracts"]]
         genesis = msgspec.convert(list(fields.values()), Genesis, builtin_types=(bytes,))
-    except (ValueError, TypeError, RecursionError) as error:
+        encode(genesis)  # a number beyond 64 bits or half a character has no canonical form
+    except (ValueError, TypeError, RecursionError, OverflowError) as error:
         raise BlockRobotError("GENESIS_INVALID", f"The genesis file cannot be read: {error}.") from None
     if genesis.version != GENESIS_VERSION:
         raise BlockRobotError(

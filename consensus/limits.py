@@ -28,6 +28,9 @@ CLIP_FRAMES_MAX_COUNT = 64
 CIPHERTEXT_MAX_BYTES = 1024 * 1024
 CLIP_SIZE_MAX_BYTES = 16 * 1024 * 1024
 SEALED_METADATA_BYTES = 560
+# Empty frames that are approved for one robot at once, of up to 4 MiB each.
+EMPTY_FRAMES_MAX_COUNT = 128
+EMPTY_FRAMES_A_CALL_MAX_COUNT = 32
 # Patients and operators are told by one measure that a custodian's receipt for an erasure is late.
 ERASURE_OVERDUE_AFTER_MS = 120_000
 
@@ -41,6 +44,9 @@ ORPHAN_BLOCKS_MAX_COUNT = 256
 VOTE_ROUNDS_AHEAD_MAX_COUNT = 64
 UNSTORED_BLOCKS_MAX_COUNT = 4096
 UNEXECUTED_BLOCKS_MAX_COUNT = 128
+# A certified block that could not be executed is executed again after so long, twice as long each time.
+EXECUTION_RETRY_MIN_MS = 250
+EXECUTION_RETRY_MAX_MS = 30_000
 SIGNATURE_CACHE_MAX_COUNT = 8192
 EVIDENCE_ROUNDS_KEPT_COUNT = 64
 WORD_CHECKS_MAX_COUNT = 8

@@ -8,6 +8,7 @@ from __future__ import annotations
 from consensus.block import QuorumCertificate, TimeoutCertificate
 from consensus.effects import (
     TIMER_ASK,
+    TIMER_EXECUTE,
     TIMER_FETCH,
     TIMER_HEARTBEAT,
     TIMER_PROPOSE,
@@ -17,6 +18,7 @@ from consensus.effects import (
     Effect,
     SetTimer,
 )
+from consensus.limits import EXECUTION_RETRY_MAX_MS, EXECUTION_RETRY_MIN_MS
 from consensus.schedule import Schedule
 from consensus.settings import ChainSettings, parse_production
 
@@ -41,6 +43,7 @@ class Pacemaker:
         self._silent: set[int] = set()
         self._running: tuple[str, int] | None = None
         self._proposing: int | None = None
+        self._failures_count = 0
         self._is_stopped = False
 
     @property
@@ -81,7 +84,7 @@ class Pacemaker:
         if self._is_stopped:
             return []
         self._is_stopped = True
-        kinds = (TIMER_ROUND, TIMER_RESEND, TIMER_HEARTBEAT, TIMER_PROPOSE, TIMER_FETCH, TIMER_ASK)
+        kinds = (TIMER_ROUND, TIMER_RESEND, TIMER_HEARTBEAT, TIMER_PROPOSE, TIMER_FETCH, TIMER_ASK, TIMER_EXECUTE)
         return [CancelTimer(kind=kind) for kind in kinds]
 
     def fired(self, kind: str) -> None:
@@ -99,6 +102,16 @@ class Pacemaker:
             return []
         self._proposing = round_number
         return [SetTimer(kind=TIMER_PROPOSE, round=round_number, delay_ms=max(1, delay_ms))]
+
+    def wait_to_execute(self) -> list[Effect]:
+        """R41: start the timer after which certified blocks that could not be executed are executed again."""
+        delay_ms = min(EXECUTION_RETRY_MAX_MS, EXECUTION_RETRY_MIN_MS << min(self._failures_count, _EXPONENT_MAX))
+        self._failures_count += 1
+        return [SetTimer(kind=TIMER_EXECUTE, round=0, delay_ms=delay_ms)]
+
+    def note_executed(self) -> None:
+        """A certified block was executed: the next one that cannot be is not made to wait for long."""
+        self._failures_count = 0
 
     def run(self, round_number: int, *, busy: bool, timed_out: bool, delay_ms: int) -> list[Effect]:
         """Bring the timer of the round, or of resending, in line with what the node is doing."""

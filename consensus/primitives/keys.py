@@ -1,4 +1,4 @@
-"""secp256k1 keys, recoverable signatures and point arithmetic (coincurve). Must never let a signature cross domains.
+"""secp256k1 keys, recoverable signatures and point arithmetic (libsecp256k1). Must never let a signature cross domains.
 
 Every signature is over a tagged hash, so that bytes signed for one purpose say nothing under another. Only the low
 form of s is accepted (BIP-62, EIP-2): a signature cannot be rewritten by a stranger into a second valid one.
@@ -6,10 +6,8 @@ form of s is accepted (BIP-62, EIP-2): a signature cannot be rewritten by a stra
 
 from __future__ import annotations
 
-from coincurve import PrivateKey as _CurvePrivateKey
-from coincurve import PublicKey as _CurvePublicKey
-from coincurve.ecdsa import cdata_to_der, deserialize_compact
-from coincurve.utils import GROUP_ORDER_INT
+from btclib_secp256k1 import CData, dsa, ecdh, keys, lib, recovery
+from btclib_secp256k1.context import ctx
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.hashing import tagged_hash
@@ -18,24 +16,26 @@ PUBLIC_KEY_SIZE_BYTES = 33
 PRIVATE_KEY_SIZE_BYTES = 32
 SIGNATURE_SIZE_BYTES = 65
 COMPACT_SIGNATURE_SIZE_BYTES = 64
+GROUP_ORDER = 0xFFFFFFFF_FFFFFFFF_FFFFFFFF_FFFFFFFE_BAAEDCE6_AF48A03B_BFD25E8C_D0364141
+"""The number of points of secp256k1 (SEC 2, section 2.4.1)."""
 
-_HALF_ORDER = (GROUP_ORDER_INT // 2).to_bytes(32, "big")
+_HALF_ORDER = (GROUP_ORDER // 2).to_bytes(32, "big")
 
 
 class PrivateKey:
     """A secp256k1 private key. Its `repr` never shows the secret."""
 
-    __slots__ = ("_key", "public_key")
+    __slots__ = ("_secret", "public_key")
 
     def __init__(self, secret: bytes) -> None:
         """Take a 32-byte secret scalar. Raises KEY_INVALID if it is not in [1, n-1]."""
         if len(secret) != PRIVATE_KEY_SIZE_BYTES:
             raise BlockRobotError("KEY_INVALID", "A private key has 32 bytes.")
         try:
-            self._key = _CurvePrivateKey(secret)
+            self.public_key: bytes = keys.pubkey_from_prvkey(secret)
         except ValueError:
             raise BlockRobotError("KEY_INVALID", "The private key is not a scalar of the curve.") from None
-        self.public_key: bytes = self._key.public_key.format()
+        self._secret = bytes(secret)
 
     def __repr__(self) -> str:
         return f"PrivateKey(public_key={self.public_key.hex()})"
@@ -43,23 +43,29 @@ class PrivateKey:
     @property
     def secret(self) -> bytes:
         """The 32 secret bytes."""
-        return bytes(self._key.secret)
+        return self._secret
 
     def sign(self, tag: str, *parts: bytes) -> bytes:
         """Return the 65-byte recoverable signature (r || s || recovery id) over tagged_hash(tag, *parts).
 
         Nonces are deterministic (RFC 6979); libsecp256k1 always makes the low s.
         """
-        signature: bytes = self._key.sign_recoverable(tagged_hash(tag, *parts), hasher=None)
-        return signature
+        signature, recovery_id = recovery.sign(tagged_hash(tag, *parts), self._secret, verify=False)
+        return signature + bytes((recovery_id,))
 
     def sign_compact(self, tag: str, *parts: bytes) -> bytes:
         """Return the 64-byte signature (r || s) for a verifier who knows the key."""
         return self.sign(tag, *parts)[:COMPACT_SIGNATURE_SIZE_BYTES]
 
     def shared_point(self, public_key: bytes) -> bytes:
-        """Return secret * public_key as 33 compressed bytes (a Diffie-Hellman point, ERC-5564)."""
-        return point_multiply(public_key, self.secret)
+        """Return secret * public_key as 33 compressed bytes (a Diffie-Hellman point, ERC-5564), in constant time.
+
+        Raises KEY_INVALID if `public_key` is no point.
+        """
+        try:
+            return ecdh.shared_point(_require_size(public_key), self._secret)
+        except ValueError:
+            raise BlockRobotError("KEY_INVALID", "A public key is not a point of the curve.") from None
 
 
 def _require_low_s(signature: bytes) -> None:
@@ -76,10 +82,11 @@ def recover(tag: str, signature: bytes, *parts: bytes) -> bytes:
         raise BlockRobotError("SIGNATURE_INVALID", "A recoverable signature has 65 bytes.")
     _require_low_s(signature)
     try:
-        key = _CurvePublicKey.from_signature_and_message(signature, tagged_hash(tag, *parts), hasher=None)
-    except Exception:  # noqa: BLE001 - coincurve raises bare Exception for a signature without a point
+        return recovery.recover(
+            tagged_hash(tag, *parts), signature[:COMPACT_SIGNATURE_SIZE_BYTES], signature[COMPACT_SIGNATURE_SIZE_BYTES]
+        )
+    except ValueError:
         raise BlockRobotError("SIGNATURE_INVALID") from None
-    return bytes(key.format())
 
 
 def verify(public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool:
@@ -87,49 +94,42 @@ def verify(public_key: bytes, tag: str, signature: bytes, *parts: bytes) -> bool
     if len(signature) != COMPACT_SIGNATURE_SIZE_BYTES or signature[32:64] > _HALF_ORDER:
         return False
     try:
-        der = cdata_to_der(deserialize_compact(signature))
-        return bool(_parse_cached(public_key).verify(der, tagged_hash(tag, *parts), hasher=None))
+        parsed = dsa.parse_compact(signature)
+        # Straight to the library: `dsa.verify` takes bytes and would decompress the key again.
+        return bool(lib.secp256k1_ecdsa_verify(ctx, parsed, tagged_hash(tag, *parts), _parse_cached(public_key)))
     except ValueError:
         return False
 
 
-_parsed: dict[bytes, _CurvePublicKey] = {}
+_parsed: dict[bytes, CData] = {}
 _PARSED_MAX_COUNT = 1024
 
 
-def _parse_cached(public_key: bytes) -> _CurvePublicKey:
+def _require_size(public_key: bytes) -> bytes:
+    if len(public_key) != PUBLIC_KEY_SIZE_BYTES:
+        raise ValueError(f"a public key has {PUBLIC_KEY_SIZE_BYTES} bytes")
+    return public_key
+
+
+def _parse_cached(public_key: bytes) -> CData:
     """Parse a key once: decompressing costs a square root, and producers sign again and again."""
     key = _parsed.get(public_key)
     if key is None:
         if len(_parsed) >= _PARSED_MAX_COUNT:
             _parsed.clear()
-        key = _parsed[public_key] = _CurvePublicKey(public_key)
+        key = _parsed[public_key] = keys.parse(_require_size(public_key))
     return key
 
 
 def is_public_key(data: bytes) -> bool:
     """Tell whether `data` is a compressed point of the curve (33 bytes)."""
-    if len(data) != PUBLIC_KEY_SIZE_BYTES:
-        return False
-    try:
-        _CurvePublicKey(data)
-    except ValueError:
-        return False
-    return True
+    return len(data) == PUBLIC_KEY_SIZE_BYTES and keys.pubkey_verify(data)
 
 
 def point_add(first: bytes, second: bytes) -> bytes:
     """Return the sum of two compressed points. Raises KEY_INVALID if either is none, or the sum is infinity."""
     try:
-        return bytes(_CurvePublicKey.combine_keys([_CurvePublicKey(first), _CurvePublicKey(second)]).format())
-    except ValueError:
-        raise BlockRobotError("KEY_INVALID", "A public key is not a point of the curve.") from None
-
-
-def point_multiply(point: bytes, scalar: bytes) -> bytes:
-    """Return scalar * point, compressed. Raises KEY_INVALID for a bad point or a scalar outside [1, n-1]."""
-    try:
-        return bytes(_CurvePublicKey(point).multiply(scalar).format())
+        return keys.pubkey_combine([_require_size(first), _require_size(second)])
     except ValueError:
         raise BlockRobotError("KEY_INVALID", "A public key is not a point of the curve.") from None
 
@@ -141,7 +141,7 @@ def point_of(scalar: bytes) -> bytes:
 
 def scalar_add(first: bytes, second: bytes) -> bytes:
     """Return (first + second) mod n as 32 bytes. Raises KEY_INVALID if the sum is zero."""
-    total = (int.from_bytes(first, "big") + int.from_bytes(second, "big")) % GROUP_ORDER_INT
+    total = (int.from_bytes(first, "big") + int.from_bytes(second, "big")) % GROUP_ORDER
     if total == 0:
         raise BlockRobotError("KEY_INVALID", "The sum of two scalars is zero.")
     return total.to_bytes(32, "big")
@@ -149,4 +149,4 @@ def scalar_add(first: bytes, second: bytes) -> bytes:
 
 def scalar_from_hash(digest: bytes) -> bytes:
     """Reduce a 32-byte hash to a scalar in [1, n-1] (zero, which nobody can find, becomes 1)."""
-    return ((int.from_bytes(digest, "big") % GROUP_ORDER_INT) or 1).to_bytes(32, "big")
+    return ((int.from_bytes(digest, "big") % GROUP_ORDER) or 1).to_bytes(32, "big")

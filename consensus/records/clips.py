@@ -13,7 +13,8 @@ from consensus.records.envelopes import NONCE_BYTES, RECORD_ID_BYTES, SEALED_KEY
 class ClipUpload(Wire, frozen=True):
     """One clip for a custodian: three lists of equal length, a place for each frame.
 
-    `txid` is the record's transaction and `valid_until_ms` its expiry; `sealed_keys` are data keys sealed to the owner.
+    `txid` is the record's transaction and `valid_until_ms` its expiry; `sealed_keys` are data keys sealed to the owner,
+    whose visit is the one under `owner` (33 bytes).
     """
 
     record_id: bytes
@@ -22,6 +23,12 @@ class ClipUpload(Wire, frozen=True):
     ciphertexts: list[bytes]
     sealed_keys: list[bytes]
     commitment_leaves: list[bytes]
+    owner: bytes = b""
+
+    @property
+    def size_bytes(self) -> int:
+        """The bytes of its ciphertexts and keys, which a quota counts."""
+        return sum(map(len, self.ciphertexts)) + sum(map(len, self.sealed_keys))
 
 
 class FrameDownload(Wire, frozen=True):

@@ -110,7 +110,10 @@ def _said(entry: str, arguments: list[Any], from_height: int, height: int) -> tu
 def _from_height(receipt: Receipt, status: str) -> int:
     for event in receipt.events:
         if (event.contract, event.name) == ("consent", status):
-            return int(decode_value(event.data)["height"])
+            told = decode_value(event.data)
+            if told["mandate"]:
+                raise BlockRobotError("CONSENT_WORD_MISSING", "It was said for another person, under a mandate.")
+            return int(told["height"])
     raise _invalid("The chain does not tell from when the word holds.")
 
 

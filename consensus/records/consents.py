@@ -11,7 +11,7 @@ from typing import Any
 
 GIVEN = "given"
 STEPS_MAX_COUNT = 2
-_STEP_TYPES = [int, str, int, int, int]
+_STEP_TYPES = [int, str, int, int, int, bytes]
 CHANGES_KEY = b"consent\x00changes"
 IDENTITY_CHANGES_KEY = b"identity\x00changes"
 
@@ -20,7 +20,8 @@ IDENTITY_CHANGES_KEY = b"identity\x00changes"
 class Step:
     """From `height` on `status` holds. `since_ms`: when a no was said, or since when a consent holds without a break.
 
-    Pictures may be taken from `from_ms` to before `until_ms`, chain time in ms; 0 is no bound.
+    Pictures may be taken from `from_ms` to before `until_ms`, chain time in ms; 0 is no bound. `mandate` is the id of the
+    mandate under which it was said for the person; empty if she said it herself.
     """
 
     height: int
@@ -28,6 +29,7 @@ class Step:
     since_ms: int
     from_ms: int
     until_ms: int
+    mandate: bytes = b""
 
 
 Choices = dict[tuple[str, str], tuple[Step, ...]]

@@ -18,6 +18,7 @@ from consensus.primitives.encoding import u32
 from consensus.primitives.hashing import tagged_hash
 from consensus.records.purposes import PURPOSES
 from consensus.records.sensors import SENSORS
+from consensus.visible_text import find_hidden
 
 NOTICE_TAG = "blockrobot/notice"
 NOTICE_SCHEMA = "blockrobot-notice-1"
@@ -181,7 +182,7 @@ def notice_from(values: Mapping[str, Any]) -> Notice:
 def check_notice(notice: Notice) -> None:
     """Raise NOTICE_INVALID unless everything is said that Art. 13 and 14 ask for, in printable words."""
     for place, text in _texts(msgspec.to_builtins(notice)):
-        if not text.strip() or len(text) > TEXT_MAX_CHARS or not text.replace("\n", " ").isprintable():
+        if not text.strip() or len(text) > TEXT_MAX_CHARS or next(find_hidden(text, "\n"), None) is not None:
             raise BlockRobotError("NOTICE_INVALID", f"{place} is empty, too long or holds what cannot be shown.")
     lists = (notice.purposes, notice.categories, notice.recipients, notice.retention, notice.rights, notice.measures)
     if any(not 1 <= len(each) <= ITEMS_MAX_COUNT for each in lists):

@@ -14,7 +14,7 @@ from typing import Any
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import Wire, decode, decode_value, encode
-from consensus.primitives.keys import PrivateKey, recover
+from consensus.primitives.keys import PrivateKey, is_public_key, recover
 from consensus.primitives.trie import Proof, verify_proof
 from consensus.records.envelopes import open_sealed, seal_to
 
@@ -97,6 +97,18 @@ def _check_form(roster: Roster) -> None:
 def _is_bad_row(row: RosterRow) -> bool:
     sizes = (len(row.tag), len(row.handle), len(row.spend), len(row.view), len(row.sealing))
     return sizes != (32, 32, 33, 33, 32)
+
+
+def is_usable(row: RosterRow) -> bool:
+    """Tell whether something can be recorded for this person: the keys are points, and X one that can be sealed to.
+
+    The chain takes keys by their size. Somebody with others must not end a run: nobody is known by such a row.
+    """
+    try:
+        seal_to(row.sealing, b"")
+    except BlockRobotError:
+        return False
+    return is_public_key(row.spend) and is_public_key(row.view)
 
 
 def open_roster(

@@ -164,3 +164,17 @@ def test_a_damaged_file_is_refused_with_a_plain_sentence(text):
 def test_a_chain_without_producers_is_refused():
     with pytest.raises(BlockRobotError, match="GENESIS_INVALID"):
         _ = msgspec.structs.replace(GENESIS, nodes=()).schedule
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ('"created_at_ms": 1800000000000', '"created_at_ms": 18000000000000000000000'),
+        ('"p2p_port": 7000', f'"p2p_port": {-(1 << 70)}'),
+        ('"name": "records"', r'"name": "\ud800"'),
+    ],
+)
+def test_what_has_no_canonical_form_is_refused_when_it_is_read_and_not_when_it_is_used(before, after):
+    text = genesis_to_json(GENESIS)
+    assert before in text
+    refused(text.replace(before, after, 1))

@@ -8,13 +8,13 @@ import pytest
 
 from consensus.records.consents import GIVEN, Step, find_consent, read_choices
 
-YES = [5, GIVEN, 100, 0, 0]
+YES = [5, GIVEN, 100, 0, 0, b""]
 
 
 def test_steps_are_read_by_purpose_and_sensor() -> None:
-    row = {"care": {"depth": [YES, [9, "withdrawn", 200, 0, 0]], "rgb": [YES]}}
+    row = {"care": {"depth": [YES, [9, "withdrawn", 200, 0, 0, b"m"]], "rgb": [YES]}}
     assert read_choices(row) == {
-        ("care", "depth"): (Step(5, GIVEN, 100, 0, 0), Step(9, "withdrawn", 200, 0, 0)),
+        ("care", "depth"): (Step(5, GIVEN, 100, 0, 0), Step(9, "withdrawn", 200, 0, 0, b"m")),
         ("care", "rgb"): (Step(5, GIVEN, 100, 0, 0),),
     }
     assert read_choices(None) == {}
@@ -28,10 +28,10 @@ def test_steps_are_read_by_purpose_and_sensor() -> None:
         {"care": [YES]},
         {"care": {"depth": YES}},
         {"care": {"depth": []}},
-        {"care": {"depth": [YES[:4]]}},
+        {"care": {"depth": [YES[:5]]}},
         {"care": {"depth": [[*YES, 1]]}},
-        {"care": {"depth": [["5", GIVEN, 100, 0, 0]]}},
-        {"care": {"depth": [[True, GIVEN, 100, 0, 0]]}},
+        {"care": {"depth": [["5", GIVEN, 100, 0, 0, b""]]}},
+        {"care": {"depth": [[True, GIVEN, 100, 0, 0, b""]]}},
         {"care": {"depth": [YES, None]}},
     ],
 )

@@ -1,0 +1,36 @@
+"""What an organisation calls a robot, and where it is: public words on the chain, never the robot's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from consensus.visible_text import find_hidden
+
+ROBOT_NAME_MAX_CHARS = 32
+ROBOT_PLACE_MAX_CHARS = 48
+
+
+@dataclass(frozen=True, slots=True)
+class RobotName:
+    """A robot's name, and its place, which may be empty."""
+
+    name: str
+    place: str
+
+
+def robot_name_key(robot: bytes) -> bytes:
+    """Return the flat key under which the chain holds a robot's name."""
+    return b"identity\x00robot-name/" + robot
+
+
+def read_robot_name(value: Any) -> RobotName | None:
+    """Read what the chain holds; None where there is nothing that can be shown."""
+    if not isinstance(value, dict):
+        return None
+    name, place = value.get("name"), value.get("place")
+    if not isinstance(name, str) or not isinstance(place, str) or not name:
+        return None
+    if len(name) > ROBOT_NAME_MAX_CHARS or len(place) > ROBOT_PLACE_MAX_CHARS:
+        return None
+    return None if any(True for _ in find_hidden(name + place)) else RobotName(name, place)

@@ -1,0 +1,42 @@
+"""How much a robot, and an organisation's robots together, may bring to a custodian. Must never depend on one node.
+
+The organisations decide these settings in the contract `settings`; until they do, the defaults hold. "Staged" is what was
+uploaded and is not recorded yet, "day" what was uploaded on one day of chain time (UTC), recorded or not. Two people in
+view of one robot for 24 hours make 67 GB.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from consensus.primitives.encoding import Wire, decode_value
+
+MIB_BYTES = 1024 * 1024
+DAY_MS = 86_400_000
+QUOTA_PREFIX = b"settings\x00quota/"
+
+
+class UploadQuotas(Wire, frozen=True):
+    """The quotas in force, by the names of their settings."""
+
+    robot_staged_max_mib: int = 512
+    robot_staged_max_count: int = 4_096
+    robot_day_max_mib: int = 204_800
+    organisation_staged_max_mib: int = 8_192
+    organisation_staged_max_count: int = 65_536
+    organisation_day_max_mib: int = 2_097_152
+
+
+QUOTA_NAMES: tuple[str, ...] = UploadQuotas.__struct_fields__
+
+
+def read_quotas(get: Callable[[bytes], bytes | None]) -> UploadQuotas:
+    """Return the quotas of a finalized state, whose values `get` returns by flat key."""
+    found = {name: get(QUOTA_PREFIX + name.encode()) for name in QUOTA_NAMES}
+    return quotas_of({name: decode_value(value) for name, value in found.items() if value is not None})
+
+
+def quotas_of(decided: Mapping[str, Any]) -> UploadQuotas:
+    """Return the quotas with these values, and the defaults of those that nobody has decided yet."""
+    return UploadQuotas(**decided)
