@@ -6,30 +6,42 @@ A failed call's writes are dropped; those of one that succeeded join the block's
 from __future__ import annotations
 
 from bisect import bisect_left, insort
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from heapq import merge
 from itertools import islice
+from typing import cast
 
+from contracts.state.key_cache import KeyCache, keys_between, prefix_end
 from contracts.state.view import StateReader
 
 
 class CallHost:
     """The machine's host for the calls of one block, one after another."""
 
-    __slots__ = ("_block", "_block_keys", "_call", "_call_keys", "_parent")
+    __slots__ = ("_block", "_block_keys", "_call", "_call_keys", "_parent", "_unwritten")
 
     def __init__(self, parent: StateReader) -> None:
         self._parent = parent
         self._block: dict[bytes, bytes | None] = {}
         self._call: dict[bytes, bytes | None] = {}
-        # The keys of both in order, once somebody scans.
+        # Once somebody scans, in order: the keys that the block has put and not deleted, those that the call has put or
+        # deleted, and those of the parent that the block has not written.
         self._block_keys: list[bytes] | None = None
         self._call_keys: list[bytes] | None = None
+        self._unwritten = KeyCache(self._read_unwritten)
 
     @property
     def writes(self) -> dict[bytes, bytes | None]:
         """What the calls that succeeded wrote: flat key -> encoded value, None where they deleted."""
         return self._block
+
+    def has_written(self, key: bytes) -> bool:
+        """Tell whether the call that runs wrote or deleted this key."""
+        return key in self._call
+
+    def get_before(self, key: bytes) -> bytes | None:
+        """Return the encoded value under a flat key before the block."""
+        return self._parent.get(key)
 
     def begin(self) -> None:
         """Start a call, forgetting whatever one before left undecided."""
@@ -39,11 +51,19 @@ class CallHost:
     def keep(self) -> None:
         """Take the call's writes over into the block."""
         if self._block_keys is not None:
-            for key in self._call:
-                if key not in self._block:
-                    insort(self._block_keys, key)
+            for key, value in self._call.items():
+                self._note_kept(self._block_keys, key, is_there=value is not None)
         self._block.update(self._call)
         self.begin()
+
+    def _note_kept(self, block_keys: list[bytes], key: bytes, *, is_there: bool) -> None:
+        if key not in self._block:
+            self._unwritten.remove(key)
+        was_there = self._block.get(key) is not None
+        if is_there and not was_there:
+            insort(block_keys, key)
+        elif was_there and not is_there:
+            del block_keys[bisect_left(block_keys, key)]
 
     def get(self, key: bytes) -> bytes | None:
         """Return the encoded value under a flat key, or None."""
@@ -69,39 +89,28 @@ class CallHost:
         """Do nothing: events come with the call's outcome, which alone decides whether they count."""
 
     def scan(self, prefix: bytes, limit: int) -> list[tuple[bytes, bytes]]:
-        """Return at most `limit` pairs under the prefix, in key order, as the call sees them."""
-        if not self._call and not self._block:
-            return list(self._parent.scan(prefix, limit))
-        own, own_count = self._own(prefix)
-        if not own_count:
-            return list(self._parent.scan(prefix, limit))
-        below = ((key, value) for key, value in self._parent.scan(prefix, limit + own_count) if not self._writes(key))
-        return list(islice(merge(below, own), limit))
+        """Return at most `limit` pairs under the prefix, in key order, as the call sees them.
 
-    def _writes(self, key: bytes) -> bool:
-        return key in self._call or key in self._block
-
-    def _own(self, prefix: bytes) -> tuple[Iterator[tuple[bytes, bytes]], int]:
-        """Return what was written under a prefix and not deleted, in order, and how many keys were touched there."""
+        Passes what the call itself deleted, and nothing else that is not there more than once in a block.
+        """
         if self._block_keys is None:
-            self._block_keys = sorted(self._block)
+            self._block_keys = sorted(key for key, value in self._block.items() if value is not None)
         if self._call_keys is None:
             self._call_keys = sorted(self._call)
-        call, block = _under(self._call_keys, prefix), _under(self._block_keys, prefix)
-        of_call = ((key, self._call[key]) for key in islice(self._call_keys, call.start, call.stop))
-        of_block = (
-            (key, self._block[key])
-            for key in islice(self._block_keys, block.start, block.stop)
-            if key not in self._call
-        )
-        pairs = ((key, value) for key, value in merge(of_call, of_block) if value is not None)
-        return pairs, len(call) + len(block)
+        end = prefix_end(prefix)
+        touched = keys_between(self._call_keys, prefix, end)
+        of_block = keys_between(self._block_keys, prefix, end)
+        keys: Iterable[bytes] = self._unwritten.first(prefix, end, limit + len(touched))
+        if of_block:
+            keys = merge(keys, _at(self._block_keys, of_block))
+        if touched:
+            of_call = (key for key in _at(self._call_keys, touched) if self._call[key] is not None)
+            keys = merge((key for key in keys if key not in self._call), of_call)
+        return [(key, cast(bytes, self.get(key))) for key in islice(keys, limit)]
+
+    def _read_unwritten(self, start: bytes, end: bytes) -> Iterator[bytes]:
+        return (key for key, _ in self._parent.scan_range(start, end) if key not in self._block)
 
 
-def _under(keys: list[bytes], prefix: bytes) -> range:
-    """Return the places of the keys that begin with `prefix` in a list of keys in order."""
-    first = bisect_left(keys, prefix)
-    beyond = prefix.rstrip(b"\xff")
-    if not beyond:
-        return range(first, len(keys))
-    return range(first, bisect_left(keys, beyond[:-1] + bytes([beyond[-1] + 1]), first))
+def _at(keys: list[bytes], places: range) -> Iterator[bytes]:
+    return islice(keys, places.start, places.stop)

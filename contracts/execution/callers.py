@@ -21,6 +21,7 @@ STRANGER = "stranger"
 FORMER = "former"
 MEMBERS = frozenset({"subject", "staff", "robot", "officer", "auditor"})
 RECORDED = frozenset({"subject", "staff"})
+REPRESENTING = RECORDED | {"officer"}
 ROLES: Mapping[str, str] = MappingProxyType(
     {
         STRANGER: "a key that the chain does not know, or a visit's owner key that was replaced",
@@ -85,13 +86,22 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "the grantee's key of the grant": _own("grantee"),
     "a custodian": _always("custodian"),
     "a custodian, once": _always("custodian"),
-    "a custodian, once for the same records": _always("custodian"),
+    "a custodian, once for each record": _always("custodian"),
     "a custodian of the request, once": _own("custodian"),
     "the organisation's officers": _own("officer"),
     "an officer of the robot's organisation": _own("officer"),
+    "an officer or admin of the robot's organisation": _own("admin", "officer"),
+    "an officer or admin of the robot's organisation, or an admin of another once that one was removed": _own(
+        "admin", "officer"
+    ),
     "another officer of the robot's organisation": _own("officer"),
     "either of the two officers": _own("officer"),
-    "the person of the handle": _own(*RECORDED),
+    "an officer of the represented member's organisation": _own("officer"),
+    "another officer of the represented member's organisation": _own("officer"),
+    "the representative it names": _own(*REPRESENTING),
+    "the represented, the representative, or an officer of the organisation": _own(*REPRESENTING),
+    "an active member": _always(*MEMBERS),
+    "the person of the handle, or who acts for her by a mandate": _own(*REPRESENTING),
     "the member of the handle": _own(*MEMBERS),
     "the member of the handle, with the new key's agreement": _own(*MEMBERS),
     "whoever holds the card's key, under a registrar's voucher": _own(*NOT_YET_MEMBERS),
@@ -101,9 +111,11 @@ _RULES: dict[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = {
     "an admin of the organisation that proposed it": _own("admin"),
     "a candidate that has no seat": _always("candidate"),
     "a producer or candidate": _always("producer", "candidate"),
+    "the contract `consent`": _contracts("consent"),
     "the contract `erasure`": _contracts("erasure"),
     "the contract `identity`": _contracts("identity"),
     "the contract `lifecycle`": _contracts("lifecycle"),
+    "the contract `mandates`": _contracts("mandates"),
     "the contract `membership`": _contracts("membership"),
     "the contracts by which officers decide": _contracts("officers", "rights"),
     "the contract `rights`, for herself": _contracts("rights"),

@@ -15,6 +15,7 @@ from contracts.execution.catalogue import ActiveContracts
 from contracts.execution.changes import Reader
 from contracts.execution.describing import EntryRow, VersionRow, read_version
 from contracts.vm.abi import Accepts, parse_type
+from contracts.vm.reading import parse_alone
 
 CONTRACT_DISABLED = "CONTRACT_DISABLED"
 CONTRACT_UNKNOWN = "CONTRACT_UNKNOWN"
@@ -37,7 +38,8 @@ def explain_absence(contracts: object, name: str) -> tuple[str, str]:
 def _accepts(kind: str) -> Accepts:
     """Return the test for a type as an interface writes it."""
     try:
-        accepts = parse_type(ast.parse(kind, mode="eval").body) if len(kind) <= TYPE_MAX_CHARS else None
+        tree = parse_alone(kind, "eval") if len(kind) <= TYPE_MAX_CHARS else None
+        accepts = parse_type(tree.body) if isinstance(tree, ast.Expression) else None
     except (SyntaxError, ValueError):
         accepts = None
     if accepts is None:

@@ -25,6 +25,7 @@ GOVERNING = (
     "forms",
     "identity",
     "lifecycle",
+    "mandates",
     "membership",
     "officers",
     "producers",

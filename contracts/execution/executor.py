@@ -6,7 +6,7 @@ interpreter did not foresee gives no receipt at all: a leader leaves that transa
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -16,13 +16,25 @@ from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import ActiveContracts
 from contracts.execution.changed_calls import ARGUMENTS_INVALID, ENTRY_UNKNOWN, explain_absence, explain_call
-from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits
+from contracts.execution.epochs import EPOCH_KEY, is_fit_to_follow
+from contracts.execution.results import (
+    PROTOCOL_LIMITS,
+    BlockContext,
+    BlockResult,
+    ExecutionFault,
+    ExecutionLimits,
+    note_nothing,
+)
 from contracts.state.trie import apply_batch
 from contracts.state.view import StateView
 from contracts.vm import CallContext, CompiledContract, InternalFault, Outcome, invoke
 
 UNKNOWN_CONTRACT_GAS = 100
+WIRE_BYTES_A_GAS = 4
+"""Every node keeps a transaction's bytes for a year, whatever the call comes to: so many of them cost one unit."""
 EXPLANATION_GAS = 1_000
+EPOCH_INVALID = "EPOCH_INVALID"
+_EPOCH_REFUSED = "The chain could not go on with the producers or settings that this call wrote."
 
 Contracts = Mapping[str, CompiledContract]
 
@@ -40,7 +52,7 @@ def _receipt_of(transaction: Transaction, outcome: Outcome) -> Receipt:
     )
 
 
-def _no_contract(transaction: Transaction, contracts: Contracts) -> Receipt:
+def _no_contract(transaction: Transaction, contracts: Contracts, wire_gas: int, gas_limit: int) -> Receipt:
     code, message = explain_absence(contracts, transaction.body.contract)
     return Receipt(
         txid=transaction.txid,
@@ -48,7 +60,7 @@ def _no_contract(transaction: Transaction, contracts: Contracts) -> Receipt:
         code=code,
         message=message,
         line=None,
-        gas_used=UNKNOWN_CONTRACT_GAS,
+        gas_used=min(wire_gas + UNKNOWN_CONTRACT_GAS, gas_limit),
         events=(),
     )
 
@@ -62,8 +74,9 @@ def execute_transaction(
     """
     body = transaction.body
     host.begin()
+    wire_gas = min(len(transaction.wire) // WIRE_BYTES_A_GAS, gas_limit)
     if body.contract not in contracts:
-        return _no_contract(transaction, contracts)
+        return _no_contract(transaction, contracts, wire_gas, gas_limit)
     call = CallContext(
         caller=body.sender,
         height=context.height,
@@ -78,14 +91,19 @@ def execute_transaction(
         transaction.arguments(),
         host=host,
         context=call,
-        gas_limit=gas_limit,
+        gas_limit=gas_limit - wire_gas,
         mode="export",
     )
+    outcome = replace(outcome, gas_used=wire_gas + outcome.gas_used)
     if outcome.code in (ENTRY_UNKNOWN, ARGUMENTS_INVALID) and isinstance(contracts, ActiveContracts):
         told = explain_call(host, contracts, body.contract, body.entry, transaction.arguments())
         if told is not None:
             gas_used = min(outcome.gas_used + EXPLANATION_GAS, gas_limit)
             outcome = replace(outcome, message=told[1], gas_used=gas_used)
+    if outcome.ok and host.has_written(EPOCH_KEY):
+        before = host.get_before(EPOCH_KEY)
+        if before is not None and not is_fit_to_follow(before, host.get(EPOCH_KEY)):
+            outcome = replace(outcome, ok=False, code=EPOCH_INVALID, message=_EPOCH_REFUSED)
     return _receipt_of(transaction, outcome)
 
 
@@ -98,28 +116,33 @@ def execute_block(
     limits: ExecutionLimits = PROTOCOL_LIMITS,
     leader: bool = False,
     host: CallHost | None = None,
+    note: Callable[[int], None] = note_nothing,
 ) -> BlockResult:
     """Execute transactions in order and return what they make of the parent's state.
 
     `host` holds what the block did before them (see `contracts.execution.opening`), if it did anything.
     A leader leaves out what the interpreter fails on, and stops at the first that no longer fits. For a
-    voter both are reasons to refuse the block: raises InternalFault or BLOCK_INVALID.
+    voter both are reasons to refuse the block: raises ExecutionFault or BLOCK_INVALID. `note` hears the place of each
+    transaction before it is executed.
     """
     host = CallHost(parent) if host is None else host
     receipts: list[Receipt] = []
     faulty: list[bytes] = []
+    fault: InternalFault | None = None
     gas_used = 0
     unfitting: Sequence[Transaction] = ()
     for place, transaction in enumerate(transactions):
         if len(receipts) == limits.transactions_count:
             unfitting = transactions[place:]
             break
+        note(place)
         try:
             receipt = execute_transaction(host, contracts, context, transaction, limits.call_gas)
-        except InternalFault:
+        except InternalFault as error:
             if not leader:
-                raise
+                raise ExecutionFault(str(error), txid=transaction.txid) from error
             faulty.append(transaction.txid)
+            fault = fault or error
             continue
         if gas_used + receipt.gas_used > limits.block_gas:
             unfitting = transactions[place:]
@@ -140,4 +163,5 @@ def execute_block(
         gas_used=gas_used,
         left_out=(*faulty, *(transaction.txid for transaction in unfitting)),
         faulty=tuple(faulty),
+        fault=fault,
     )

@@ -5,7 +5,7 @@ Which contracts answer is said by the parent's state, and by what takes effect w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from consensus.genesis import Genesis
 from consensus.transaction import Transaction
@@ -14,7 +14,7 @@ from contracts.execution.catalogue import Catalogue
 from contracts.execution.executor import execute_block
 from contracts.execution.opening import open_block
 from contracts.execution.registry import require_contracts
-from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits
+from contracts.execution.results import PROTOCOL_LIMITS, BlockContext, BlockResult, ExecutionLimits, note_nothing
 from contracts.state.view import StateView
 
 
@@ -35,23 +35,46 @@ class ContractMachine:
     def _context(self, height: int, time_ms: int) -> BlockContext:
         return BlockContext(chain_id=self._chain_id, height=height, time_ms=time_ms)
 
-    def _execute(
-        self, parent: StateView, context: BlockContext, transactions: Sequence[Transaction], *, leader: bool
-    ) -> BlockResult:
-        host = CallHost(parent)
-        contracts = open_block(host, self._catalogue, context)
-        return execute_block(parent, contracts, context, transactions, limits=self._limits, leader=leader, host=host)
-
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        note: Callable[[int], None] = note_nothing,
     ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids that no block should ever hold."""
-        result = self._execute(parent, self._context(height, time_ms), transactions, leader=True)
+        """Execute what fits into a block, in order; return that and the txids that no block should ever hold.
+
+        With `gives_up_change` the version of a contract that is due fails (R42). `note` hears of what comes next. Raises
+        ExecutionFault if the interpreter fails on that version.
+        """
+        context, host = self._context(height, time_ms), CallHost(parent)
+        contracts = open_block(host, self._catalogue, context, gives_up=gives_up_change, note=note)
+        limits = self._limits
+        result = execute_block(
+            parent, contracts, context, transactions, limits=limits, leader=True, host=host, note=note
+        )
         return result, list(result.faulty)
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        effort: int = 0,
+        note: Callable[[int], None] = note_nothing,
+    ) -> BlockResult:
         """Execute exactly these transactions. Raises BLOCK_INVALID if they do not fit into one block.
 
-        Raises InternalFault if the interpreter fails on one: no verdict on the block, and no vote.
+        Raises ExecutionFault if the interpreter fails: no verdict on the block, and no vote. `effort` says how much a
+        machine of another process may use up; here it means nothing.
         """
-        return self._execute(parent, self._context(height, time_ms), transactions, leader=False)
+        del effort
+        context, host = self._context(height, time_ms), CallHost(parent)
+        contracts = open_block(host, self._catalogue, context, gives_up=gives_up_change, note=note)
+        return execute_block(parent, contracts, context, transactions, limits=self._limits, host=host, note=note)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import (
@@ -26,6 +27,7 @@ from contracts.execution.changes import (
     TRIAL_MS,
     TRIALS_KEY,
     TRIALS_SHOWN_KEY,
+    Reader,
     Row,
     read_due,
     read_record,
@@ -34,19 +36,45 @@ from contracts.execution.changes import (
     version_key,
 )
 from contracts.execution.epochs import EPOCH_KEY
-from contracts.execution.results import BlockContext
-from contracts.vm import CallContext, CompiledContract, ContractSourceError, invoke
+from contracts.execution.results import IN_CHANGE, BlockContext, ExecutionFault, note_nothing
+from contracts.vm import CallContext, CompiledContract, ContractSourceError, InternalFault, invoke
 from contracts.vm.sources import compile_once
 
 MIGRATION_GAS_MAX = 2_000_000
 _NOBODY = bytes(33)
 _NO_TRANSACTION = bytes(32)
+_GIVEN_UP = (
+    "EXHAUSTED: Too few nodes could put this version into force: it asks for more than they have, or they failed."
+)
 
 Table = dict[str, list[Any]]
 
 
-def open_block(host: CallHost, catalogue: Catalogue, context: BlockContext) -> ActiveContracts:
-    """Let what is due take effect on the host, and return the contracts that this block runs with."""
+def find_activation(state: Reader, height: int, time_ms: int) -> tuple[str, int] | None:
+    """Return name and version of what a block of this height and time puts into force on this state, or None.
+
+    That is what a block can give up (R42): to disable or to keep a contract takes nothing that a node could lack.
+    """
+    ready = (row for row in read_due(state) if row["from_height"] <= height and row["from_ms"] <= time_ms)
+    row = next((row for row in ready if row["kind"] != "keep"), None)
+    return None if row is None or row["kind"] != "activate" else (row["name"], row["version"])
+
+
+def open_block(
+    host: CallHost,
+    catalogue: Catalogue,
+    context: BlockContext,
+    *,
+    gives_up: bool = False,
+    note: Callable[[int], None] = note_nothing,
+) -> ActiveContracts:
+    """Let what is due take effect on the host, and return the contracts that this block runs with.
+
+    With `gives_up` the version that is due fails and nothing of it is run. Raises BLOCK_INVALID if none is due, and
+    ExecutionFault if the interpreter fails on it.
+    """
+    if gives_up and find_activation(host, context.height, context.time_ms) is None:
+        raise BlockRobotError("BLOCK_INVALID", "The block gives up a change of contracts, and none is due.")
     due = read_due(host)
     ready = [row for row in due if _is_ready(row, context)]
     keeps = [row for row in ready if row["kind"] == "keep"]
@@ -61,7 +89,14 @@ def open_block(host: CallHost, catalogue: Catalogue, context: BlockContext) -> A
     for row in ended:
         _return(host, context, row)
     for row in changes:
-        _take_effect(host, catalogue, context, row)
+        note(IN_CHANGE)
+        if gives_up:
+            _fail(host, context, row["name"], row["version"], _GIVEN_UP)
+            continue
+        try:
+            _take_effect(host, catalogue, context, row)
+        except (InternalFault, MemoryError, RecursionError, SystemError) as error:
+            raise ExecutionFault(f"{type(error).__name__}: {error}", in_change=True) from error
     if ready or ended:
         _show(host)
     return catalogue.active(host)
@@ -118,14 +153,19 @@ def _take_effect(host: CallHost, catalogue: Catalogue, context: BlockContext, ro
     if before is None or before[:2] != [version, source_hash]:
         failure = _prepare(host, catalogue, context, name, source_hash)
         if failure:
-            fields = {"status": "failed", "since_height": context.height, "failure": failure}
-            host.begin()
-            _change_version(host, name, version, lambda record: record.update(fields))
-            host.keep()
+            _fail(host, context, name, version, failure)
             return
     _put_in_force(host, context, name, version, source_hash)
     if name in GOVERNING and before is not None:
         _set_trial(host, context, name, [version, source_hash], before)
+    host.keep()
+
+
+def _fail(host: CallHost, context: BlockContext, name: str, version: int, failure: str) -> None:
+    """Write down why a version is not in force, and nothing else of it."""
+    fields = {"status": "failed", "since_height": context.height, "failure": failure}
+    host.begin()
+    _change_version(host, name, version, lambda record: record.update(fields))
     host.keep()
 
 

@@ -18,7 +18,17 @@ from contracts.vm import LANGUAGE_VERSION, CompiledContract
 from contracts.vm.sources import compile_once, describe_source
 from contracts.vm.sources import compute_source_hash as hash_source
 
-PRIVACY_CONTRACTS = ("access", "audit", "consent", "erasure", "identity", "officers", "records", "rights")
+PRIVACY_CONTRACTS = (
+    "access",
+    "audit",
+    "consent",
+    "erasure",
+    "identity",
+    "mandates",
+    "officers",
+    "records",
+    "rights",
+)
 SYSTEM_CONTRACTS = ("forms", "lifecycle", "membership", "producers", "settings")
 SHIPPED_CONTRACTS = PRIVACY_CONTRACTS + SYSTEM_CONTRACTS
 

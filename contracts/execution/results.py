@@ -8,6 +8,22 @@ from dataclasses import dataclass
 from consensus.block import Receipt
 from consensus.limits import BLOCK_GAS_MAX, BLOCK_TRANSACTIONS_MAX_COUNT, CALL_GAS_MAX
 from consensus.transaction import Transaction
+from contracts.vm.faults import InternalFault
+
+IN_CHANGE = -1
+"""What an execution notes while a change of contracts takes effect; otherwise the place of the transaction."""
+
+
+class ExecutionFault(InternalFault):
+    """A block could not be executed: no verdict. `txid` or `in_change` say what was in hand, if that is known."""
+
+    def __init__(self, reason: str, *, txid: bytes | None = None, in_change: bool = False) -> None:
+        self.reason, self.txid, self.in_change = reason, txid, in_change
+        super().__init__(reason)
+
+
+def note_nothing(_place: int) -> None:
+    """Note nothing of how far an execution is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +43,7 @@ class ExpectedBlock:
     time_ms: int
     transactions: Sequence[Transaction]
     state_root: bytes
+    gives_up_change: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +63,8 @@ class BlockResult:
     """What a block does to its parent's state. Receipts stand for the transactions that were executed, in order.
 
     `left_out` names the transactions without a receipt: `faulty` are those that no block should ever hold, since the
-    interpreter itself failed on them; the others no longer fitted. Both are empty for a valid block of somebody else.
+    interpreter itself failed on them (`fault`: how, on the first); the others no longer fitted. Both are empty for a valid
+    block of somebody else.
     """
 
     receipts: tuple[Receipt, ...]
@@ -57,3 +75,4 @@ class BlockResult:
     gas_used: int
     left_out: tuple[bytes, ...] = ()
     faulty: tuple[bytes, ...] = ()
+    fault: InternalFault | None = None

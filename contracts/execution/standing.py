@@ -11,6 +11,8 @@ card signature are good and whose handle is free.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 from consensus.errors import BlockRobotError
@@ -27,6 +29,7 @@ GRANTEE_ENTRIES = frozenset({"request_granted", "noticed"})
 PRODUCER_ENTRIES = frozenset({"ready", "accuse"})
 WITHOUT_STANDING = "SENDER_WITHOUT_STANDING"
 _REGISTER_ARGUMENTS_COUNT = 10
+_RECOVERED_KEPT_COUNT = 256
 
 
 class Reader(Protocol):
@@ -111,10 +114,74 @@ def name_grantees(owner: bytes) -> bytes:
     return b"grantees of " + owner
 
 
-def find_account(state: Reader, transaction: Transaction) -> bytes:
-    """Return in whose turns a transaction waits: its sender's, or those of all grantees of a visit."""
+@dataclass(frozen=True, slots=True)
+class Account:
+    """In whose turns transactions wait, by what no holder of a key can change; it stays when keys are replaced.
+
+    `is_of_visit` if it is a visit's, of which one person has many; `origin` names the robot that opened it, with all whose
+    visits it shares what is counted of visits together. `is_shared` if many keys use it at once.
+    """
+
+    name: bytes
+    is_of_visit: bool = False
+    origin: bytes = b""
+    is_shared: bool = False
+
+
+def find_handle(state: Reader, key: bytes) -> bytes:
+    """Return the handle under which this key is, or was, a member's; an empty text for a key of no member."""
+    data = state.get(b"identity\x00member/" + key)
+    return b"" if data is None else bytes(decode_value(data)["handle"])
+
+
+def name_key(state: Reader, key: bytes) -> bytes:
+    """Return what limits count for a key: its member's handle, whose admin, registrar or custodian it is, or its visit."""
+    if _is_registered(state, key):
+        return find_handle(state, key)
+    for role in (b"custodian", b"registrar", b"admin"):
+        data = state.get(b"identity\x00" + role + b"/" + key)
+        if data is not None:
+            entry = decode_value(data)
+            return role + b" of " + str(entry if isinstance(entry, str) else entry["name"]).encode()
+    if _is_producer(state, key):
+        return key
+    return find_root(state, key) or key
+
+
+def _name_origin(state: Reader, root: bytes) -> bytes:
+    """Return the name that all visits share which one robot opened."""
+    data = state.get(b"records\x00visit/" + root)
+    robot = b"" if data is None else bytes(decode_value(data)["robot"])
+    return b"visits of " + (find_handle(state, robot) or robot)
+
+
+def _find_newcomer(transaction: Transaction) -> bytes:
+    """Return the handle that a registration with standing is for: its card signs as many of them as one likes."""
+    try:
+        handle = transaction.arguments()[0]
+    except (BlockRobotError, IndexError):
+        return b""
+    return handle if isinstance(handle, bytes) and len(handle) == HASH_SIZE_BYTES else b""
+
+
+def find_account(state: Reader, transaction: Transaction) -> Account:
+    """Return in whose turns a transaction waits, and who pays for its bytes: its sender's, or all grantees' of a visit.
+
+    For a transaction with standing only (see `find_fault`).
+    """
     grant = _named_grant(state, transaction, 0)
-    return transaction.body.sender if grant is None else name_grantees(grant["owner"])
+    if grant is not None:
+        root = bytes(grant["owner"])
+        return Account(name_grantees(root), is_of_visit=True, origin=_name_origin(state, root), is_shared=True)
+    sender = transaction.body.sender
+    name = name_key(state, sender)
+    # A robot may open a visit under anybody's key, which makes nobody else a visit's owner.
+    is_other = _is_registered(state, sender) or _has_office(state, sender) or _is_producer(state, sender)
+    if not is_other and _owns_visit(state, sender):
+        return Account(name, is_of_visit=True, origin=_name_origin(state, name))
+    if not is_other and is_registration(transaction):
+        name = _find_newcomer(transaction) or name
+    return Account(name)
 
 
 _OWN_MATTERS: dict[str, Callable[[Reader, bytes], bool]] = {
@@ -133,12 +200,17 @@ def _is_own_matter(state: Reader, sender: bytes, contract: str, entry: str) -> b
     return contract in _OWN_MATTERS and _OWN_MATTERS[contract](state, sender)
 
 
-def _is_producer(state: StateReader, sender: bytes) -> bool:
+def _has_office(state: Reader, sender: bytes) -> bool:
+    return any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin"))
+
+
+def _is_producer(state: Reader, sender: bytes) -> bool:
     """Tell whether the key is a producer's or candidate's, suspended ones among them."""
     data = state.get(b"producers\x00candidate/" + sender)
     return data is not None and decode_value(data)["status"] != "removed"
 
 
+@lru_cache(maxsize=_RECOVERED_KEPT_COUNT)
 def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
     try:
         return recover(tag, signature, message)
@@ -147,7 +219,10 @@ def _recovers(tag: str, signature: Any, message: bytes) -> bytes | None:
 
 
 def _find_registration_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
-    """Return why a registration has no standing (an error code), or an empty text if it has."""
+    """Return why a registration has no standing (an error code), or an empty text if it has.
+
+    What costs an elliptic-curve operation comes last, and first of that what only a registrar can have made.
+    """
     arguments = transaction.arguments()
     if len(arguments) != _REGISTER_ARGUMENTS_COUNT:
         return WITHOUT_STANDING
@@ -157,23 +232,29 @@ def _find_registration_fault(state: StateReader, transaction: Transaction, chain
     if not well_formed or type(not_after_ms) is not int or not 0 <= not_after_ms < 1 << 53:
         return WITHOUT_STANDING
     chain_id, sender = transaction.body.chain_id, transaction.body.sender
-    card = chain_id + handle + sender + spend + view + sealing
-    if _recovers(CARD_TAG, card_signature, card) != card_key:
-        return "VOUCHER_FOREIGN"
+    if state.get(b"identity\x00handle/" + handle) is not None:
+        return "HANDLE_TAKEN"
+    if chain_time_ms > not_after_ms:
+        return "VOUCHER_EXPIRED"
     voucher = chain_id + handle + card_key + u64(not_after_ms) + role.encode()
     registrar = _recovers(VOUCHER_TAG, voucher_signature, voucher)
     if registrar is None or state.get(b"identity\x00registrar/" + registrar) is None:
         return "VOUCHER_FOREIGN"
-    if state.get(b"identity\x00handle/" + handle) is not None:
-        return "HANDLE_TAKEN"
-    return "" if chain_time_ms <= not_after_ms else "VOUCHER_EXPIRED"
+    card = chain_id + handle + sender + spend + view + sealing
+    return "" if _recovers(CARD_TAG, card_signature, card) == card_key else "VOUCHER_FOREIGN"
+
+
+def is_registration(transaction: Transaction) -> bool:
+    """Tell whether it is a call by which somebody without any standing becomes a member."""
+    return transaction.body.contract == "identity" and transaction.body.entry == "register"
 
 
 def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int) -> str:
     """Return why the sender may not have this transaction wait, as an error code, or an empty text if he may.
 
-    Judged by the finalized state and its time in ms. The sender must have been verified before
-    (`Transaction.verify_sender`).
+    Judged by the finalized state and its time in ms, and for the sender that the transaction states: whether he signed
+    it is for the caller to check (`Transaction.verify_sender`), which costs more than all that is looked up here. Only
+    a registration costs elliptic-curve operations (`is_registration`).
     """
     sender, body = transaction.body.sender, transaction.body
     if find_role(state, sender):
@@ -181,11 +262,11 @@ def find_fault(state: StateReader, transaction: Transaction, chain_time_ms: int)
     is_own = _is_own_matter(state, sender, body.contract, body.entry)
     if is_own or _is_grantees_matter(state, transaction, chain_time_ms):
         return ""
-    if any(state.get(b"identity\x00" + role + b"/" + sender) for role in (b"custodian", b"registrar", b"admin")):
+    if _has_office(state, sender):
         return ""
     if body.contract == "producers" and body.entry in PRODUCER_ENTRIES and _is_producer(state, sender):
         return ""
-    if body.contract == "identity" and body.entry == "register":
+    if is_registration(transaction):
         return _find_registration_fault(state, transaction, chain_time_ms)
     return WITHOUT_STANDING
 

@@ -1,5 +1,7 @@
 """A chain of one's own for tests: the real interpreter, the real state, no nodes. Must never differ from what a node does.
 
+Sources are executed in a process behind the wall that nodes have: those of others cannot harm who tests them.
+
     chain = Chain()
     log = chain.deploy("visitor_log.py")
     alice = chain.caller("alice")
@@ -14,9 +16,7 @@ cross the same border as on a network. A failed call leaves nothing; why it fail
 from __future__ import annotations
 
 import itertools
-import sys
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,22 +25,19 @@ from consensus.limits import CALL_GAS_MAX
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.hashing import tagged_hash
 from consensus.primitives.keys import PrivateKey
-from contracts.execution.call_host import CallHost
 from contracts.execution.opening import MIGRATION_GAS_MAX
 from contracts.execution.views import VIEW_GAS_MAX
-from contracts.kit.recorder import ContractWatch, LineFigures, Recorder
+from contracts.kit.engine import Call
+from contracts.kit.recorder import LineFigures
 from contracts.kit.sources import read_source
-from contracts.kit.telling import told_short
 from contracts.kit.tracing import Trace
-from contracts.state.view import MemoryState
-from contracts.vm import CallContext, CompiledContract, Outcome, compile_contract, invoke
+from contracts.kit.walled import WalledEngine
+from contracts.vm import CallContext
 from contracts.vm.invoke import Mode
 
 FIRST_HEIGHT = 1
 FIRST_TIME_MS = 1_767_225_600_000
 BLOCK_MS = 1_000
-SCAN_MAX_COUNT = 100_000
-_RECURSION_LIMIT_FRAMES = 15_000
 
 
 class CallFailedError(AssertionError):
@@ -99,9 +96,8 @@ class Deployment:
     name: str
     source: str
     path: Path | None
-    compiled: CompiledContract
-    lines: dict[int, LineFigures]
-    gas: dict[str, list[int]] = field(default_factory=dict)
+    lines: Mapping[int, LineFigures]
+    gas: Mapping[str, list[int]]
 
 
 class Contract:
@@ -145,12 +141,10 @@ class Chain:
         self.height = height
         self.time_ms = time_ms
         self.chain_id = tagged_hash("blockrobot/kit-chain")
-        self.recorder = Recorder()
-        self.deployments: list[Deployment] = []
         self.events: list[Event] = []
-        self._deployed: dict[str, Deployment] = {}
+        self._sources: list[tuple[str, str, Path | None]] = []
         self._callers: dict[str, Caller] = {}
-        self._state = MemoryState()
+        self._engine = WalledEngine()
         self._numbers = itertools.count(1)
 
     # Setting up
@@ -168,23 +162,15 @@ class Chain:
 
         Raises CONTRACT_SOURCE_INVALID, CallFailedError if its migration fails.
         """
-        watch = ContractWatch(self.recorder, name)
-        compiled = compile_contract(source, name, watch=watch)
-        before = self._deployed.get(name)
-        self._put(Deployment(name, source, path, compiled, watch.lines))
-        self.deployments.append(self._deployed[name])
-        entry = next((one for one in compiled.abi.entries if one.kind == "migrate"), None)
-        if before is not None and entry is not None:
+        migrates_by = self._engine.deploy(source, name)
+        self._sources.append((name, source, path))
+        if migrates_by:
             try:
-                self._transact(name, entry.name, (), None, "migrate", MIGRATION_GAS_MAX)
+                self._transact(name, migrates_by, (), None, "migrate", MIGRATION_GAS_MAX)
             except CallFailedError:
-                self._put(before)
+                self._engine.withdraw(name)
                 raise
         return Contract(self, name, path)
-
-    def _put(self, deployment: Deployment) -> None:
-        self._deployed[deployment.name] = deployment
-        self.recorder.lines[deployment.name] = deployment.lines
 
     def caller(self, name: str) -> Caller:
         """Return somebody who signs; the same name is always the same key, on every chain."""
@@ -215,41 +201,45 @@ class Chain:
         self, code: str, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None
     ) -> Called:
         """Call an entry that has to fail with this code; nothing is changed by it. Raises CallFailedError."""
-        context, given = self._context(caller), _across(list(arguments))
-        called = self._run(contract, entry, given, context, CallHost(self._state), "export", CALL_GAS_MAX)
+        call = self._make_call(contract, entry, arguments, self._context(caller), "export", CALL_GAS_MAX)
+        called = self._run(call, keep=False)
         self._next_block()
         if called.code != code:
-            trace = self._trace(contract, entry, given, context, caller, "export", CALL_GAS_MAX)
-            raise CallFailedError(f"{contract}.{entry} came to {called.code} instead of {code}.", trace)
+            sentence = f"{contract}.{entry} came to {called.code} instead of {code}."
+            raise CallFailedError(sentence, self._engine.trace(call, _name_of(caller)))
         return called
 
     def view(self, contract: str, view: str, *arguments: Any) -> Any:
         """Ask a view on the present state. Raises CallFailedError."""
-        given, context = _across(list(arguments)), self._context(None, empty=True)
-        called = self._run(contract, view, given, context, CallHost(self._state), "view", VIEW_GAS_MAX)
+        call = self._make_call(contract, view, arguments, self._context(None, empty=True), "view", VIEW_GAS_MAX)
+        called = self._run(call, keep=False)
         if called.code != "OK":
-            trace = self._trace(contract, view, given, context, None, "view", VIEW_GAS_MAX)
-            raise CallFailedError(f"The view {contract}.{view} refused.", trace)
+            raise CallFailedError(f"The view {contract}.{view} refused.", self._engine.trace(call, _name_of(None)))
         return called.result
 
     def trace(self, contract: str, entry: str, *arguments: Any, caller: Caller | str | None = None) -> Trace:
         """Return how a call would go, statement by statement, without making it."""
-        return self._trace(
-            contract, entry, _across(list(arguments)), self._context(caller), caller, "export", CALL_GAS_MAX
-        )
+        call = self._make_call(contract, entry, arguments, self._context(caller), "export", CALL_GAS_MAX)
+        return self._engine.trace(call, _name_of(caller))
 
     # Looking
 
     def state(self, contract: str) -> dict[bytes, Any]:
         """Return what a contract has stored, by its own keys."""
-        prefix = contract.encode() + b"\x00"
-        rows = self._state.scan(prefix, SCAN_MAX_COUNT)
-        return {key[len(prefix) :]: decode_value(value) for key, value in rows}
+        rows, _ = self._engine.read_state(contract)
+        return {key: decode_value(value) for key, value in rows}
+
+    @property
+    def deployments(self) -> list[Deployment]:
+        """All sources that were deployed, in order, with what their tests came to so far."""
+        figures = zip(self._sources, self._engine.figures(), strict=True)
+        return [Deployment(*source, found.lines, found.gas) for source, found in figures]
 
     @property
     def state_root(self) -> bytes:
         """The 32-byte root of the whole state."""
-        return self._state.state_root
+        _, root = self._engine.read_state("")
+        return root
 
     # Inside
 
@@ -266,98 +256,33 @@ class Chain:
     def _transact(
         self, contract: str, entry: str, arguments: tuple[Any, ...], caller: Caller | str | None, mode: Mode, gas: int
     ) -> Called:
-        context = self._context(caller, empty=mode != "export")
-        given, host = _across(list(arguments)), CallHost(self._state)
-        called = self._run(contract, entry, given, context, host, mode, gas)
+        call = self._make_call(contract, entry, arguments, self._context(caller, empty=mode != "export"), mode, gas)
+        called = self._run(call, keep=True)
         self._next_block()
         if called.code != "OK":
-            trace = self._trace(contract, entry, given, context, caller, mode, gas)
-            raise CallFailedError(f"{contract}.{entry} failed.", trace)
-        host.keep()
-        self._state.apply(host.writes)
+            raise CallFailedError(f"{contract}.{entry} failed.", self._engine.trace(call, _name_of(caller)))
         if mode == "export":
             self.events.extend(called.events)
         return called
 
-    def _run(
-        self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
-    ) -> Called:
-        self.recorder.begin(tracing=False)
-        outcome = self._invoke(contract, entry, given, context, host, mode, gas)
-        self.recorder.finish(contract, self._line_of(contract, entry), outcome.gas_used)
-        if outcome.ok:
-            self._deployed[contract].gas.setdefault(entry, []).append(outcome.gas_used)
+    def _make_call(
+        self, contract: str, entry: str, arguments: tuple[Any, ...], context: CallContext, mode: Mode, gas: int
+    ) -> Call:
+        return Call(contract, entry, encode_value(list(arguments)), context, mode, gas)
+
+    def _run(self, call: Call, *, keep: bool) -> Called:
+        ran, height = self._engine.run(call, keep=keep), call.context.height
         return Called(
-            result=_across(outcome.result),
-            events=tuple(
-                Event(where, name, decode_value(data), context.height) for where, name, data in outcome.events
-            ),
-            gas_used=outcome.gas_used,
-            code=outcome.code,
-            message=outcome.message,
-            line=outcome.line,
-            height=context.height,
-            txid=context.txid,
+            result=decode_value(ran.result),
+            events=tuple(Event(where, name, decode_value(data), height) for where, name, data in ran.events),
+            gas_used=ran.gas_used,
+            code=ran.code,
+            message=ran.message,
+            line=ran.line,
+            height=height,
+            txid=call.context.txid,
         )
 
-    def _trace(
-        self,
-        contract: str,
-        entry: str,
-        given: list[Any],
-        context: CallContext,
-        caller: Caller | str | None,
-        mode: Mode,
-        gas: int,
-    ) -> Trace:
-        """Run a call again, with the state as it is, and keep its steps."""
-        self.recorder.begin(tracing=True)
-        outcome = self._invoke(contract, entry, given, context, CallHost(self._state), mode, gas)
-        self.recorder.finish(contract, 0, outcome.gas_used)
-        who = caller if isinstance(caller, str) else caller.name if caller is not None else "somebody"
-        shown = ", ".join(told_short(value) for value in given)
-        title = f"{contract}.{entry}({shown}) by {who} in block {context.height}"
-        sources = {name: deployment.source for name, deployment in self._deployed.items()}
-        return make_trace(title, outcome, self.recorder, sources)
 
-    def _invoke(
-        self, contract: str, entry: str, given: list[Any], context: CallContext, host: CallHost, mode: Mode, gas: int
-    ) -> Outcome:
-        with watched_stack():
-            contracts = {name: deployment.compiled for name, deployment in self._deployed.items()}
-            return invoke(contracts, contract, entry, given, host=host, context=context, gas_limit=gas, mode=mode)
-
-    def _line_of(self, contract: str, entry: str) -> int:
-        deployment = self._deployed.get(contract)
-        found = None if deployment is None else deployment.compiled.abi.entry(entry)
-        return 0 if found is None else found.line
-
-
-@contextmanager
-def watched_stack() -> Iterator[None]:
-    """Give watched contracts room on the stack: each of their statements stands there twice."""
-    before = sys.getrecursionlimit()
-    sys.setrecursionlimit(max(before, _RECURSION_LIMIT_FRAMES))
-    try:
-        yield
-    finally:
-        sys.setrecursionlimit(before)
-
-
-def make_trace(title: str, outcome: Outcome, recorder: Recorder, sources: Mapping[str, str]) -> Trace:
-    """Join an outcome with the steps that led to it."""
-    return Trace(
-        title=title,
-        code=outcome.code,
-        message=outcome.message,
-        line=outcome.line,
-        gas_used=outcome.gas_used,
-        steps=tuple(recorder.steps),
-        left_out_count=recorder.left_out_count,
-        sources=dict(sources),
-    )
-
-
-def _across(value: Any) -> Any:
-    """Return a value as it arrives on the other side of the border. Raises VALUE_INVALID for what cannot cross it."""
-    return decode_value(encode_value(value))
+def _name_of(caller: Caller | str | None) -> str:
+    return caller if isinstance(caller, str) else "somebody" if caller is None else caller.name

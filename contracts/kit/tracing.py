@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from consensus.visible_text import split_lines
 from contracts.kit.recorder import Step
 
 SOURCE_SHOWN_CHARS = 66
@@ -26,7 +27,7 @@ class Trace:
 
     def source_line(self, contract: str, number: int) -> str:
         """Return a line of a contract's source, stripped at its end."""
-        lines = self.sources.get(contract, "").splitlines()
+        lines = split_lines(self.sources.get(contract, ""))
         return lines[number - 1].rstrip() if 0 < number <= len(lines) else ""
 
     def text(self) -> str:

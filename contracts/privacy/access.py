@@ -3,7 +3,7 @@ request, nor name whom records are shared with.
 
 access/id -> {owner, records, purpose, time, released, refused}, the id being the request's txid and an empty list of
 records the whole visit; one by a grantee has the `grant` too. verdict/record id -> {verdict, frames, time};
-release/id+hash of custodian and records -> True.
+release/id+custodian+record id -> True.
 
 grant/id -> {owner, records, grantee, ephemeral, view_tag, member_hash, purpose, until_ms, ended_ms, time, height, status,
 noticed, notices}, the id being its txid, `status` active or revoked, `noticed` the records of which the grantee said that she
@@ -25,6 +25,7 @@ PAGE_MAX_COUNT = 128
 OWN_PURPOSE = "own-access"
 ID_BYTES = 32
 FRAMES_MAX_COUNT = 64
+FINDINGS_MAX_COUNT = 64
 CODE_MAX_CHARS = 64
 VERDICTS = ("verified", "corrupted")
 
@@ -45,11 +46,7 @@ def request(records: list, purpose: str):
         "refused": {},
     }
     state.put(b"access/" + ctx.txid, entry)
-    subject = b""
-    if len(records) == 1:
-        subject = records[0]
-    data = {"access_id": ctx.txid, "records": len(records), "purpose": purpose}
-    call("audit", "append", owner, subject, "access_requested", data)
+    note(owner, records, "access_requested", {"access_id": ctx.txid, "records": len(records), "purpose": purpose})
     emit("requested", {"access_id": ctx.txid, "owner": owner, "records": records, "purpose": purpose})
 
 
@@ -63,29 +60,27 @@ def require_access(access_id: bytes) -> dict:
 
 @export
 def released(access_id: bytes, record_ids: list):
-    """Say which records (1 to 64) were handed out. Who may call: a custodian, once for the same records.
+    """Say which records (1 to 64, sorted) were handed out. Who may call: a custodian, once for each record.
 
-    A custodian that was restarted may not know what it sent already: the audit must not show two releases then.
+    Of records that it named before only the others are written: restarted with an old store, it may not know what it
+    said already, and neither may a release stand twice nor one be left out.
     """
     entry = require_access(access_id)
-    require(len(record_ids) > 0, "RECORDS_MISSING", "No record is named.")
+    check_named(record_ids)
+    require(record_ids == sorted(record_ids), "RECORD_ID_WRONG", "The records are named in order.")
     call("records", "require_records", entry["owner"], record_ids, True)
-    if len(entry["records"]) > 0:
-        for record_id in record_ids:
-            require(record_id in entry["records"], "RECORD_NOT_REQUESTED", "The request does not name this record.")
-    told = ctx.caller
+    prefix = b"release/" + access_id + ctx.caller
+    fresh = []
     for record_id in record_ids:
-        told += record_id
-    told = b"release/" + access_id + sha256(told)
-    require(not state.has(told), "RELEASE_EXISTS", "The custodian has said so already.")
-    state.put(told, True)
-    entry["released"][ctx.caller] = entry["released"].get(ctx.caller, 0) + len(record_ids)
+        named = len(entry["records"]) == 0 or record_id in entry["records"]
+        require(named, "RECORD_NOT_REQUESTED", "The request does not name this record.")
+        if not state.has(prefix + record_id):
+            state.put(prefix + record_id, True)
+            fresh.append(record_id)
+    require(len(fresh) > 0, "RELEASE_EXISTS", "The custodian has said so already.")
+    entry["released"][ctx.caller] = entry["released"].get(ctx.caller, 0) + len(fresh)
     state.put(b"access/" + access_id, entry)
-    subject = b""
-    if len(record_ids) == 1:
-        subject = record_ids[0]
-    data = {"access_id": access_id, "custodian": ctx.caller, "records": len(record_ids)}
-    call("audit", "append", entry["owner"], subject, "access_released", data)
+    note(entry["owner"], fresh, "access_released", {"access_id": access_id, "custodian": ctx.caller, "records": len(fresh)})
     emit("released", {"access_id": access_id, "custodian": ctx.caller, "records": record_ids})
 
 
@@ -102,18 +97,37 @@ def refused(access_id: bytes, code: str):
     emit("refused", data)
 
 
-@export
-def verdict(record_id: bytes, judgement: str, frames: list):
-    """Say whether what was released is what the robot committed to. Who may call: the record's owner key."""
-    require(judgement in VERDICTS, "VERDICT_UNKNOWN", "A verdict is verified or corrupted.")
-    require(len(frames) <= FRAMES_MAX_COUNT, "FRAMES_WRONG", "A clip has at most 64 frames.")
+def check_finding(finding: list):
+    """A finding is [record id, judgement, frames that were changed]."""
+    require(isinstance(finding, list) and len(finding) == 3, "FINDING_WRONG", "A finding has an id, a verdict and frames.")
+    require(isinstance(finding[1], str) and finding[1] in VERDICTS, "VERDICT_UNKNOWN", "A verdict is verified or corrupted.")
+    frames = finding[2]
+    require(isinstance(frames, list) and len(frames) <= FRAMES_MAX_COUNT, "FRAMES_WRONG", "A clip has at most 64 frames.")
     for frame in frames:
         require(isinstance(frame, int) and frame >= 0 and frame < FRAMES_MAX_COUNT, "FRAMES_WRONG", "No such frame.")
+
+
+@export
+def verdict(findings: list):
+    """Say of 1 to 64 records of a visit whether what was released is what the robot committed to, as one audit entry.
+
+    A finding is [record id, `verified` or `corrupted`, frames that were changed]. Who may call: the visit's owner key.
+    """
+    require(len(findings) > 0, "RECORDS_MISSING", "No record is named.")
+    require(len(findings) <= FINDINGS_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
+    for finding in findings:
+        check_finding(finding)
+    named = [finding[0] for finding in findings]
+    check_named(named)
     owner = call("records", "root_of", ctx.caller)
-    call("records", "require_records", owner, [record_id], True)
-    state.put(b"verdict/" + record_id, {"verdict": judgement, "frames": frames, "time": ctx.time})
-    call("audit", "append", owner, record_id, "verdict", {"verdict": judgement, "frames": frames})
-    emit("verdict", {"record_id": record_id, "owner": owner, "verdict": judgement, "frames": frames})
+    call("records", "require_records", owner, named, True)
+    overall = VERDICTS[0]
+    for record_id, judgement, frames in findings:
+        state.put(b"verdict/" + record_id, {"verdict": judgement, "frames": frames, "time": ctx.time})
+        if judgement == VERDICTS[1]:
+            overall = judgement
+    note(owner, named, "verdict", {"verdict": overall, "findings": findings})
+    emit("verdict", {"owner": owner, "verdict": overall, "findings": findings})
 
 
 def check_named(records: list):
@@ -244,7 +258,7 @@ def revoke(grant_id: bytes):
 def request_granted(grant_id: bytes, records: list, purpose: str):
     """Ask for 1 to 64 records that were shared, for the purpose of the grant. Who may call: the grantee's key of the grant.
 
-    Custodians answer as to an owner's request. What was restricted, denied or erased meanwhile is refused.
+    64 times a day (UTC). What was restricted, denied or erased meanwhile is refused.
     """
     entry = require_grant(grant_id)
     require(entry["grantee"] == ctx.caller, "NOT_THE_GRANTEE", "The grant is for another key.")

@@ -1,11 +1,14 @@
-"""Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak.
+"""Who may be recorded, for what, by which sensor and until when, as each person says it. Must never let another speak,
+but for who acts for her by a mandate, within it, and never against her own no.
 
 of/handle -> {purpose: {sensor: [step, ...]}}; changes -> how often anything here changed. A step is [height, status,
-since_ms, from_ms, until_ms]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
+since_ms, from_ms, until_ms, mandate]: from that height on the status (`given`, `refused`, `withdrawn`, `objected`) holds.
+`mandate` is the id of the mandate under which it was said, or empty: she said it herself.
 `since_ms` is the chain's time when a no was said, or since when a consent has held without a break; `from_ms` and
 `until_ms` are the period in which pictures may be taken (0: no bound). A row has at most what holds now and one word
 that is still to come.
-said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
+nothing/handle -> {sensor: [purpose, ...]}: the sensors for which she took back everything herself, each with what she
+gave since. said/handle -> the height of the block of her last word. notice/organisation -> {version, hash, height, time} of what it
 tells people before anything is recorded, as it is in force; notice-text/u32 version + organisation -> the same with the
 `document`, for every version that there ever was.
 
@@ -29,21 +32,49 @@ GIVEN = "given"
 REFUSED = "refused"
 WITHDRAWN = "withdrawn"
 OBJECTED = "objected"
+MANDATED_ACT = "consent"
+OWN = b""
 
 
-def require_person(handle: bytes):
-    """Only a person who can be recorded speaks, under her own handle, in a transaction of her own."""
+def require_person(handle: bytes) -> dict | None:
+    """Only a person who can be recorded speaks, or who acts for her, in a transaction of the own: see `find_mandate`."""
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
-    require_own(handle)
+    return find_mandate(handle)
 
 
-def require_own(handle: bytes):
+def find_mandate(handle: bytes) -> dict | None:
+    """Return the mandate under which the caller speaks for a person; None if she speaks herself."""
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     found = call("identity", "member_of_handle", handle)
     require(found is not None, "HANDLE_UNKNOWN", "Nobody is registered under this handle.")
-    require(found["member"] == ctx.caller, "NOT_THE_MEMBER", "The caller is not registered under this handle.")
+    mandate = None
+    if found["member"] != ctx.caller:
+        mandate = call("mandates", "acting_for", handle, ctx.caller, MANDATED_ACT)
+        require(mandate is not None, "NOT_THE_MEMBER", "The caller is not registered under this handle.")
     require(found["status"] == "active", "MEMBER_NOT_ACTIVE", "The member has left.")
     require(found["role"] in RECORDED_ROLES, "NOT_RECORDED", "Only who may be recorded has something to consent to.")
+    return mandate
+
+
+def id_of(mandate: dict | None) -> bytes:
+    return b"" if mandate is None else mandate["mandate_id"]
+
+
+def standing(steps: list) -> list:
+    """Return the step that holds now and those that are still to come."""
+    now = holding(steps, ctx.height)
+    return [step for step in steps if step == now or step[0] > ctx.height]
+
+
+def own_nos(steps: list) -> list:
+    """Return the person's own nos that hold now or will: nobody else says yes to that, also where her yes comes later."""
+    return [step for step in standing(steps) if step[1] != GIVEN and step[5] == OWN]
+
+
+def note_act(mandate: dict | None, kind: str, purposes: list, sensors: list, from_ms: int, until_ms: int):
+    if mandate is not None:
+        data = {"purposes": purposes, "sensors": sensors, "from_ms": from_ms, "until_ms": until_ms}
+        call("mandates", "note", mandate["mandate_id"], kind, data)
 
 
 def require_identity():
@@ -93,7 +124,7 @@ def say(row: dict, purpose: str, sensor: str, step: list):
     if now is not None:
         kept = [now]
         if step[1] == GIVEN and lasts_until(now, step[0]):
-            step = [step[0], GIVEN, max(now[2], now[3]), step[3], step[4]]
+            step = [step[0], GIVEN, max(now[2], now[3]), step[3], step[4], step[5]]
     sensors[sensor] = kept + [step]
     row[purpose] = sensors
 
@@ -130,11 +161,12 @@ def note_change():
 
 @export
 def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: int, height: int, seen: int):
-    """Consent to be recorded, from a height on (0: soon) and in a period. Who may call: the person of the handle.
+    """Consent to be recorded, from a height on (0: soon) and in a period.
 
-    `seen` is the height of the newest final block that she knew: nothing was said after it.
+    `seen` is the height of the newest final block that she knew: nothing was said after it. Who acts for her names an end,
+    within the mandate. Who may call: the person of the handle, or who acts for her by a mandate.
     """
-    require_person(handle)
+    mandate = require_person(handle)
     check_purposes(purposes)
     check_sensors(sensors)
     check_period(from_ms, until_ms)
@@ -145,70 +177,162 @@ def give(handle: bytes, purposes: list, sensors: list, from_ms: int, until_ms: i
     ahead = height > ctx.height and height <= ctx.height + AHEAD_MAX_BLOCKS
     require(ahead, "HEIGHT_WRONG", "A consent takes effect at a later block.")
     check_newest(handle, seen)
+    if mandate is not None:
+        within = 0 < until_ms and until_ms <= mandate["until_ms"]
+        require(within, "BEYOND_MANDATE", "Who acts for another names an end, not later than the mandate's.")
     row = state.get(b"of/" + handle, {})
+    nothing = state.get(b"nothing/" + handle, {})
     for purpose in purposes:
         for sensor in sensors:
-            say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms])
+            if mandate is None:
+                if sensor in nothing and purpose not in nothing[sensor]:
+                    nothing[sensor].append(purpose)
+            else:
+                free = len(own_nos(row.get(purpose, {}).get(sensor, []))) == 0
+                free = free and (sensor not in nothing or purpose in nothing[sensor])
+                require(free, "OWN_NO_STANDS", "The person said no to that herself: nobody else can say yes.")
+            say(row, purpose, sensor, [height, GIVEN, ctx.time, from_ms, until_ms, id_of(mandate)])
+    if mandate is None and len(nothing) > 0:
+        state.put(b"nothing/" + handle, nothing)
     keep(handle, row)
     note_word(handle)
-    emit("given", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": height})
+    note_act(mandate, GIVEN, purposes, sensors, from_ms, until_ms)
+    told = {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": height}
+    told["mandate"] = id_of(mandate)
+    emit("given", told)
 
 
 @export
 def refuse(handle: bytes, purposes: list, sensors: list):
-    """Say no, whatever was said before; no sensor named: to all. Who may call: the person of the handle."""
-    require_person(handle)
+    """Say no, whatever was said before; no sensor named: to all.
+
+    Who may call: the person of the handle, or who acts for her by a mandate.
+    """
+    mandate = require_person(handle)
     check_purposes(purposes)
     check_sensors(sensors)
     require(len(purposes) > 0, "CHOICE_MISSING", "A refusal names its purposes.")
     if len(sensors) == 0:
         sensors = [sensor for sensor in SENSORS]
-    row = state.get(b"of/" + handle, {})
-    for purpose in purposes:
-        for sensor in sensors:
-            say(row, purpose, sensor, [ctx.height + 1, REFUSED, ctx.time, 0, 0])
-    keep(handle, row)
-    note_word(handle)
-    emit("refused", {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1})
+    say_no(handle, mandate, REFUSED, purposes, sensors)
+    told = {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1}
+    told["mandate"] = id_of(mandate)
+    emit("refused", told)
 
 
 @export
 def objected(handle: bytes, purposes: list):
     """Write that a person objects to purposes: a no by all sensors. Who may call: the contract `rights`, for herself."""
     require(ctx.calling_contract == "rights", "NOT_THE_RIGHTS_CONTRACT", "Only the contract rights may do that.")
-    require_own(handle)
+    mandate = find_mandate(handle)
     check_purposes(purposes)
+    say_no(handle, mandate, OBJECTED, purposes, [sensor for sensor in SENSORS])
+    told = {"member": ctx.caller, "purposes": purposes, "height": ctx.height + 1, "mandate": id_of(mandate)}
+    emit("objected", told)
+
+
+def say_no(handle: bytes, mandate: dict | None, status: str, purposes: list, sensors: list):
+    """Write a no to each of these choices."""
     row = state.get(b"of/" + handle, {})
+    count = 0
     for purpose in purposes:
-        for sensor in SENSORS:
-            say(row, purpose, sensor, [ctx.height + 1, OBJECTED, ctx.time, 0, 0])
-    keep(handle, row)
+        for sensor in sensors:
+            count += deny(row, purpose, sensor, status, mandate)
+    finish_no(handle, row, mandate, status, purposes, sensors, count)
+
+
+def deny(row: dict, purpose: str, sensor: str, status: str, mandate: dict | None) -> int:
+    """Write a no to one choice; return 1 if that changed it, else 0.
+
+    Her own no stays hers when another says it, too: only what was to come after it goes.
+    """
+    if mandate is not None:
+        steps = row.get(purpose, {}).get(sensor, [])
+        own = own_nos(steps)
+        if len(own) > 0:
+            changed = len(own) < len(standing(steps))
+            row[purpose][sensor] = own
+            return 1 if changed else 0
+        if len(steps) > 0 and steps[-1][1] != GIVEN and (status != OBJECTED or steps[-1][1] == OBJECTED):
+            return 0
+    say(row, purpose, sensor, [ctx.height + 1, status, ctx.time, 0, 0, id_of(mandate)])
+    return 1
+
+
+def finish_no(handle: bytes, row: dict, mandate: dict | None, status: str, purposes: list, sensors: list, count: int):
+    """Keep a no; one that changed nothing ends a giving that is under way, and leaves nothing in the mandate's trail."""
     note_word(handle)
-    emit("objected", {"member": ctx.caller, "purposes": purposes, "height": ctx.height + 1})
+    if count > 0:
+        keep(handle, row)
+        note_act(mandate, status, purposes, sensors, 0, 0)
 
 
 @export
 def withdraw(handle: bytes, purposes: list, sensors: list):
-    """Take back what was given; no purpose or sensor named: every one. Who may call: the person of the handle.
+    """Take back what was given; no purpose or sensor named: every one.
 
-    It counts where nothing was given, too: a giving that is still under way comes too late then.
+    It counts where nothing was given, too: a giving that is still under way comes too late then, and who acts for a
+    person gives nothing that she took back herself. Who may call: the person of the handle, or who acts for her by a
+    mandate.
     """
-    require_person(handle)
+    mandate = require_person(handle)
     check_purposes(purposes)
     check_sensors(sensors)
     row = state.get(b"of/" + handle, {})
     count = 0
+    if mandate is None:
+        count = withdraw_ahead(handle, row, purposes, sensors)
     for purpose in row:
         if len(purposes) == 0 or purpose in purposes:
             for sensor in row[purpose]:
                 if (len(sensors) == 0 or sensor in sensors) and row[purpose][sensor][-1][1] == GIVEN:
-                    say(row, purpose, sensor, [ctx.height + 1, WITHDRAWN, ctx.time, 0, 0])
-                    count += 1
+                    count += deny(row, purpose, sensor, WITHDRAWN, mandate)
+    finish_no(handle, row, mandate, WITHDRAWN, purposes, sensors, count)
+    told = {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1, "count": count}
+    told["mandate"] = id_of(mandate)
+    emit("withdrawn", told)
+
+
+def withdraw_ahead(handle: bytes, row: dict, purposes: list, sensors: list) -> int:
+    """Write a person's own no also to what she had not given; return to how many choices.
+
+    Where she names no purpose it is one for each sensor, from which her own givings are excepted later.
+    """
+    if len(sensors) == 0:
+        sensors = [sensor for sensor in SENSORS]
+    if len(purposes) == 0:
+        nothing = state.get(b"nothing/" + handle, {})
+        for sensor in sensors:
+            nothing[sensor] = []
+        state.put(b"nothing/" + handle, nothing)
+    count = 0
+    for purpose in purposes:
+        for sensor in sensors:
+            steps = row.get(purpose, {}).get(sensor, [])
+            if len(own_nos(steps)) == 0 and (len(steps) == 0 or steps[-1][1] != GIVEN):
+                count += deny(row, purpose, sensor, WITHDRAWN, None)
+    return count
+
+
+@export
+def end_mandate(handle: bytes, mandate_id: bytes):
+    """Take back what was given under a mandate that has ended. Who may call: the contract `mandates`."""
+    require(ctx.calling_contract == "mandates", "NOT_THE_MANDATES_CONTRACT", "Only the contract mandates may do that.")
+    row = state.get(b"of/" + handle, {})
+    count = 0
+    for purpose in row:
+        for sensor in row[purpose]:
+            steps = row[purpose][sensor]
+            now, last = holding(steps, ctx.height), steps[-1]
+            no = [ctx.height + 1, WITHDRAWN, ctx.time, 0, 0, mandate_id]
+            if last[1] == GIVEN and last[5] == mandate_id:
+                say(row, purpose, sensor, no)
+                count += 1
+            elif last[0] > no[0] and now is not None and now[1] == GIVEN and now[5] == mandate_id:
+                row[purpose][sensor] = [no, last]
+                count += 1
     if count > 0:
         keep(handle, row)
-    note_word(handle)
-    told = {"member": ctx.caller, "purposes": purposes, "sensors": sensors, "height": ctx.height + 1, "count": count}
-    emit("withdrawn", told)
 
 
 @export
@@ -218,7 +342,7 @@ def begin(handle: bytes, purposes: list):
     row = {}
     for purpose in purposes:
         for sensor in FIRST_SENSORS:
-            say(row, purpose, sensor, [ctx.height + GIVING_AFTER_BLOCKS, GIVEN, ctx.time, 0, 0])
+            say(row, purpose, sensor, [ctx.height + GIVING_AFTER_BLOCKS, GIVEN, ctx.time, 0, 0, OWN])
     keep(handle, row)
 
 
@@ -227,6 +351,7 @@ def end(handle: bytes):
     """Forget the choices of who is no member any more. Who may call: the contract `identity`."""
     require_identity()
     state.delete(b"of/" + handle)
+    state.delete(b"nothing/" + handle)
     state.delete(b"said/" + handle)
     note_change()
 

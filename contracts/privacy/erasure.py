@@ -101,12 +101,14 @@ def receipt(erasure_id: bytes, destroyed_frames: int, remains: str, remains_unti
 
 @export
 def expired(record_ids: list, digest: bytes):
-    """Say that 1 to 64 expired records were destroyed unasked; saying it again changes nothing. Who may call: a custodian."""
+    """Say that 1 to 64 expired records were destroyed unasked, or were never here. Who may call: a custodian.
+
+    Saying it again changes nothing, but where another that was awaited is no custodian any more.
+    """
     require(call("identity", "is_custodian", ctx.caller), "NOT_A_CUSTODIAN", "Only a custodian may do that.")
     require(len(digest) == HASH_BYTES, "RECEIPT_WRONG", "A digest has 32 bytes.")
     check_unlike(record_ids)
-    custodians = call("identity", "custodians")
-    for owner in call("records", "expire", record_ids, ctx.caller, len(custodians)):
+    for owner in call("records", "expire", record_ids, ctx.caller, call("identity", "custodians")):
         call("audit", "append", owner, b"", "expired", {"custodian": ctx.caller, "digest": digest})
     emit("expired", {"record_ids": record_ids, "custodian": ctx.caller})
 

@@ -3,14 +3,15 @@
 A handle is a random name that a registrar drew for a card. It is registered once, by whoever holds the card's one-time
 key, under a registrar's voucher.
 
-member/M -> {handle, role, org, spend, view, sealing, status, since}; handle/H -> M; org/name -> {admins, registrars};
+member/M -> {handle, role, org, spend, view, sealing, status, since}; handle/H -> M; short-handle/first 10 bytes of H -> H; org/name -> {admins, registrars};
 admin/M, registrar/M -> org; removed/name -> when (ms) an organisation was last removed; custodian/M -> {name, org};
-custodians -> sorted list; purpose/code -> True; changes -> how often a member's keys or status changed. What a member
+custodians -> sorted list; robot-name/M -> {name, place, organisation, time}; purpose/code -> True; changes -> how often a member's keys or status changed. What a member
 consents to is in the contract `consent` alone.
 """
 
 KEY_BYTES = 33
 HANDLE_BYTES = 32
+SHORT_HANDLE_BYTES = 10
 SEALING_BYTES = 32
 SIGNATURE_BYTES = 65
 PURPOSES_MAX_COUNT = 16
@@ -19,6 +20,10 @@ RECORDED_ROLES = ("subject", "staff")
 VOUCHER_TAG = "blockrobot/voucher"
 CARD_TAG = "blockrobot/card"
 ROTATION_TAG = "blockrobot/rotation"
+ROBOT_NAME_MAX_CHARS = 32
+ROBOT_PLACE_MAX_CHARS = 48
+NOT_SEEN = "\x7f\u00a0\u00ad"
+LAST_LATIN = "\u024f"
 
 
 @genesis
@@ -93,6 +98,7 @@ def remove_custodians(keys: list):
     for key in keys:
         state.delete(b"custodian/" + key)
     state.put(b"custodians", remaining)
+    emit("custodians_removed", {"custodians": keys})
 
 
 def check_keys(spend: bytes, view: bytes, sealing: bytes):
@@ -149,10 +155,12 @@ def register(
     require(org is not None, "NOT_A_REGISTRAR", "The voucher is not signed by a registrar for these fields.")
     card = ctx.chain + handle + ctx.caller + spend + view + sealing
     require(recover(CARD_TAG, card_signature, card) == card_key, "CARD_SIGNATURE_WRONG", "The card signed other keys.")
-    require(not state.has(b"handle/" + handle), "HANDLE_TAKEN", "The handle is registered already.")
+    short = b"short-handle/" + handle[:SHORT_HANDLE_BYTES]
+    require(not state.has(short), "HANDLE_TAKEN", "The handle is registered already, or begins as one that is.")
     require(not state.has(b"member/" + ctx.caller), "MEMBER_EXISTS", "The key is registered already.")
     check_purposes(purposes)
     state.put(b"handle/" + handle, ctx.caller)
+    state.put(short, handle)
     entry = {
         "handle": handle,
         "role": role,
@@ -194,6 +202,9 @@ def rotate(handle: bytes, new_member: bytes, spend: bytes, view: bytes, sealing:
     state.put(b"member/" + new_member, entry)
     state.put(b"handle/" + handle, new_member)
     state.put(b"member/" + ctx.caller, old)
+    named = state.get(b"robot-name/" + ctx.caller)
+    if named is not None:
+        state.put(b"robot-name/" + new_member, named)
     note_change()
     emit("rotated", {"member": ctx.caller, "new_member": new_member})
 
@@ -211,6 +222,15 @@ def leave(handle: bytes):
 @export
 def revoke(handle: bytes):
     """End another's membership (a stolen robot). Who may call: an admin or registrar of the member's organisation."""
+    owner, entry = member_of_own_organisation(handle)
+    state.put(b"member/" + owner, reduced(entry, "revoked"))
+    note_change()
+    call("consent", "end", handle)
+    emit("revoked", {"member": owner})
+
+
+def member_of_own_organisation(handle: bytes) -> list:
+    """Return [key, state] of an active member; the caller must be an admin or registrar of its organisation."""
     require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
     require(len(handle) == HANDLE_BYTES, "HANDLE_SIZE_WRONG", "A handle has 32 bytes.")
     owner = state.get(b"handle/" + handle)
@@ -220,10 +240,29 @@ def revoke(handle: bytes):
     org = state.get(b"org/" + entry["org"].encode())
     entitled = ctx.caller in org["admins"] or ctx.caller in org["registrars"]
     require(entitled, "NOT_AN_ADMIN", "Only an admin or a registrar of the member's organisation may do that.")
-    state.put(b"member/" + owner, reduced(entry, "revoked"))
-    note_change()
-    call("consent", "end", handle)
-    emit("revoked", {"member": owner})
+    return [owner, entry]
+
+
+@export
+def name_robot(handle: bytes, name: str, place: str):
+    """Say what people call a robot, and where it is. Who may call: an admin or registrar of the member's organisation."""
+    robot, entry = member_of_own_organisation(handle)
+    require(entry["role"] == "robot", "ROBOT_UNKNOWN", "Only robots have a public name; people never do.")
+    require(0 < len(name), "ROBOT_NAME_WRONG", "A name has 1 to 32 characters.")
+    check_words(name, ROBOT_NAME_MAX_CHARS)
+    check_words(place, ROBOT_PLACE_MAX_CHARS)
+    named = {"name": name, "place": place, "organisation": entry["org"], "time": ctx.time}
+    state.put(b"robot-name/" + robot, named)
+    emit("robot_named", {"member": robot, "name": name, "place": place})
+
+
+def check_words(words: str, most: int):
+    require(len(words) <= most, "ROBOT_NAME_WRONG", "A name has 1 to 32 characters, a place at most 48.")
+    require(words == words.strip(), "ROBOT_NAME_WRONG", "A name and a place begin and end with no space.")
+    for character in words:
+        known = " " <= character and character <= LAST_LATIN and character not in NOT_SEEN
+        known = known and not ("\x7f" < character and character < "\u00a0")
+        require(known, "ROBOT_NAME_WRONG", "A name and a place are of Latin letters, digits and signs that can be seen.")
 
 
 def note_change():
@@ -263,6 +302,12 @@ def member_of_handle(handle: bytes) -> dict | None:
 
 
 @view
+def robot_name(m: bytes) -> dict | None:
+    """Return {name, place, organisation, time} of a robot, or None."""
+    return state.get(b"robot-name/" + m)
+
+
+@view
 def role_of(m: bytes) -> str:
     """Return the role of an active member, or an empty text. Only subjects outlast their organisation.
 
@@ -274,6 +319,12 @@ def role_of(m: bytes) -> str:
     if found["role"] != "subject" and found["since"] <= state.get(b"removed/" + found["org"].encode(), -1):
         return ""
     return found["role"]
+
+
+@view
+def removed_ms(org: str) -> int:
+    """Return when (ms) an organisation was last removed, or -1."""
+    return state.get(b"removed/" + org.encode(), -1)
 
 
 @view

@@ -6,7 +6,8 @@ that span may go with them, so the span is short, the number of visits is bounde
 proposal/id -> {number, robot, org, from_ms, until_ms, reason, visits_max, visits, records, status, proposer, approver,
 proposed_ms, approved_ms, ends_ms}, the id being the txid that proposed it, until_ms the first moment that is no more of
 the span, and ends_ms the moment up to which it is to be approved, and later to be carried out; proposal-number/n -> id;
-proposal-count -> n; touched/id+O -> True for every visit of which records were erased under it.
+proposal-count -> n; touched/id+O -> True for every visit of which records were erased under it; day/officer's handle ->
+[day, how many proposals of that day].
 """
 
 KEY_BYTES = 33
@@ -17,6 +18,8 @@ VISITS_MAX_COUNT = 64
 APPROVE_MS = 259200000
 CARRY_OUT_MS = 604800000
 REASONS = ("authority-order", "guardian-request", "key-lost", "owner-died")
+PROPOSALS_A_DAY_MAX_COUNT = 64
+DAY_MS = 86400000
 PAGE_MAX_COUNT = 128
 
 
@@ -48,6 +51,16 @@ def require_proposal(proposal_id: bytes) -> dict:
     return entry
 
 
+def count_proposal(handle: bytes):
+    """Count one more of an officer's proposals of today (UTC)."""
+    today = ctx.time // DAY_MS
+    day, count = state.get(b"day/" + handle, [today, 0])
+    if day != today:
+        count = 0
+    require(count < PROPOSALS_A_DAY_MAX_COUNT, "WORDS_TOO_MANY", "An officer proposes 64 times a day.")
+    state.put(b"day/" + handle, [today, count + 1])
+
+
 @export
 def propose(robot: bytes, from_ms: int, until_ms: int, reason: str, visits_max: int):
     """Propose to erase the visits that a robot opened in a span of 5 to 60 minutes that is over.
@@ -67,6 +80,7 @@ def propose(robot: bytes, from_ms: int, until_ms: int, reason: str, visits_max: 
     require(reason in REASONS, "REASON_UNKNOWN", "The reason is not on the published list.")
     bounded = visits_max > 0 and visits_max <= VISITS_MAX_COUNT
     require(bounded, "VISITS_WRONG", "Name how many visits it is at most: 1 to 64.")
+    count_proposal(handle_of(ctx.caller))
     number = state.get(b"proposal-count", 0)
     entry = {
         "number": number,

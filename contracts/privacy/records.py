@@ -2,15 +2,19 @@
 
 visit/O -> {robot, ephemeral, view_tag, bucket_ms, purpose, status, record_count, height, sequence}; record/id -> {owner,
 robot, commitment_root, ciphertext_root, sealed_metadata, bucket_ms, expires_at_ms, height, txid, status, erased_frames,
-custodians}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True
-while the record is active.
+awaited}; announcement/n -> [O, R, view_tag, bucket_ms, robot]; announcement-count -> n; of-visit/O+id -> True
+while the record is active; asked-frames/id -> sorted numbers of the frames whose erasure was asked for.
 
 A visit can be transferred to a new owner key, after a theft. Whatever is kept of it stays under its first key O, its
 root: current/O -> {owner, transfers} names the key that decides now, root/K -> O leads there from each later key K, and
 K is announced with the root as a sixth part.
 
+empty-frames/robot -> [[sha256, approver, time], ...]: the pictures of the empty scene that a robot may publish.
+empty-frame/sha256 -> for how many robots it is approved.
+
 A record's status goes active -> erasing -> erased (asked for), or active -> expired -> erased (by itself). From "expired"
-or "erased" on its roots and metadata are gone. `custodians` lists those that reported its expiry.
+or "erased" on its roots and metadata are gone. `awaited` lists who has yet to report its expiry: those who were custodians
+at the first report, since who comes later finds nothing of it any more. Who is no custodian any more is not waited for.
 """
 
 KEY_BYTES = 33
@@ -27,6 +31,8 @@ RECORD_COUNT_MAX = 100000
 SCAN_MAX_COUNT = 256
 SCAN_PART_COUNT = 32
 TRANSFERS_MAX_COUNT = 64
+EMPTY_FRAMES_MAX_COUNT = 128
+EMPTY_FRAMES_A_CALL_MAX_COUNT = 32
 TRANSFER_TAG = "blockrobot/transfer"
 
 
@@ -128,7 +134,7 @@ def record(
         "txid": ctx.txid,
         "status": "active",
         "erased_frames": [],
-        "custodians": [],
+        "awaited": [],
     }
     state.put(b"record/" + record_id, entry)
     state.put(b"of-visit/" + owner + record_id, True)
@@ -211,6 +217,84 @@ def current_of(root: bytes) -> bytes:
     return current["owner"]
 
 
+def organisation_of_robot(robot: bytes) -> str:
+    known = None
+    if len(robot) == KEY_BYTES:
+        known = call("identity", "member", robot)
+    require(known is not None and known["role"] == "robot", "ROBOT_UNKNOWN", "There is no such robot.")
+    return known["org"]
+
+
+def speaks_for(key: bytes, org: str) -> bool:
+    """Tell whether a key is of an admin or an officer of an organisation."""
+    if call("identity", "admin_of", key) == org:
+        return True
+    return call("identity", "role_of", key) == "officer" and call("identity", "member", key)["org"] == org
+
+
+def check_empty_frames(frames: list):
+    require(ctx.calling_contract == "", "CALL_INDIRECT", "Only a transaction does that, no other contract in its name.")
+    bounded = len(frames) > 0 and len(frames) <= EMPTY_FRAMES_A_CALL_MAX_COUNT
+    require(bounded, "EMPTY_FRAMES_COUNT_WRONG", "A call names 1 to 32 empty frames.")
+    for frame in frames:
+        known = isinstance(frame, bytes) and len(frame) == HASH_BYTES
+        require(known, "EMPTY_FRAME_WRONG", "An empty frame is named by its SHA-256, 32 bytes.")
+
+
+@export
+def approve_empty_frames(robot: bytes, frames: list):
+    """Let a robot publish these pictures, which show nobody. Who may call: an officer or admin of the robot's organisation."""
+    check_empty_frames(frames)
+    org = organisation_of_robot(robot)
+    require(speaks_for(ctx.caller, org), "NOT_OF_THE_ORGANISATION", "Only an officer or admin of the robot's organisation may do that.")
+    require(call("identity", "role_of", robot) == "robot", "ROBOT_UNKNOWN", "The robot was revoked.")
+    approved = state.get(b"empty-frames/" + robot, [])
+    known = [row[0] for row in approved]
+    for frame in frames:
+        if frame not in known:
+            known.append(frame)
+            approved.append([frame, ctx.caller, ctx.time])
+            state.put(b"empty-frame/" + frame, state.get(b"empty-frame/" + frame, 0) + 1)
+    fits = len(approved) <= EMPTY_FRAMES_MAX_COUNT
+    require(fits, "EMPTY_FRAMES_TOO_MANY", "A robot has at most 128 approved empty frames: withdraw old ones first.")
+    state.put(b"empty-frames/" + robot, approved)
+    emit("empty_frames_approved", {"robot": robot, "frames": frames, "approver": ctx.caller})
+
+
+@export
+def withdraw_empty_frames(robot: bytes, frames: list):
+    """Take pictures back; every custodian deletes those that are left to no robot.
+
+    Who may call: an officer or admin of the robot's organisation, or an admin of another once that one was removed.
+    """
+    check_empty_frames(frames)
+    org = organisation_of_robot(robot)
+    entitled = speaks_for(ctx.caller, org)
+    if not entitled and call("identity", "admin_count", org) == 0:
+        entitled = call("identity", "admin_of", ctx.caller) != ""
+    require(entitled, "NOT_OF_THE_ORGANISATION", "Only an officer or admin of the robot's organisation may do that.")
+    approved = state.get(b"empty-frames/" + robot, [])
+    known = [row[0] for row in approved]
+    gone = []
+    for frame in frames:
+        require(frame in known, "EMPTY_FRAME_UNKNOWN", "An empty frame is not approved for this robot, or is named twice.")
+        known.remove(frame)
+        others = state.get(b"empty-frame/" + frame) - 1
+        if others > 0:
+            state.put(b"empty-frame/" + frame, others)
+        else:
+            state.delete(b"empty-frame/" + frame)
+            gone.append(frame)
+    state.put(b"empty-frames/" + robot, [row for row in approved if row[0] in known])
+    emit("empty_frames_withdrawn", {"robot": robot, "frames": frames, "gone": gone})
+
+
+@view
+def empty_frames(robot: bytes) -> list:
+    """Return [sha256, approver, time] of the empty frames that a robot may publish, the oldest first."""
+    return state.get(b"empty-frames/" + robot, [])
+
+
 def check_ids(record_ids: list):
     require(len(record_ids) > 0, "RECORDS_MISSING", "No record is named.")
     require(len(record_ids) <= RECORDS_A_CALL_MAX_COUNT, "RECORDS_TOO_MANY", "At most 64 records may be named.")
@@ -260,6 +344,19 @@ def begin_erasure(owner: bytes, record_ids: list, frames: list):
             entry["status"] = "erasing"
             state.put(b"record/" + record_id, entry)
             state.delete(b"of-visit/" + owner + record_id)
+        else:
+            note_asked(record_id, frames)
+
+
+def note_asked(record_id: bytes, frames: list):
+    """Each request names a frame more, so that a record has no more requests than a clip has frames."""
+    asked = state.get(b"asked-frames/" + record_id, [])
+    before = len(asked)
+    for frame in frames:
+        if frame not in asked:
+            asked.append(frame)
+    require(len(asked) > before, "RECORD_ERASED", "All these frames are erased, or their erasure is asked for.")
+    state.put(b"asked-frames/" + record_id, sorted(asked))
 
 
 @export
@@ -281,10 +378,10 @@ def complete_erasure(record_ids: list, frames: list):
 
 
 @export
-def expire(record_ids: list, custodian: bytes, custodian_count: int) -> list:
-    """Reduce expired records and note who destroyed them. Returns their owners, each once.
+def expire(record_ids: list, custodian: bytes, custodians: list) -> list:
+    """Reduce expired records and note who destroyed them; they are erased once none of `custodians` is awaited.
 
-    Who may call: the contract `erasure`.
+    Returns the owners of what changed, each once. Who may call: the contract `erasure`.
     """
     require(ctx.calling_contract == "erasure", "NOT_THE_ERASURE_CONTRACT", "Only the contract erasure may do that.")
     check_ids(record_ids)
@@ -298,14 +395,14 @@ def expire(record_ids: list, custodian: bytes, custodian_count: int) -> list:
     call("rights", "require_not_held", [[entry["owner"], name, entry["expires_at_ms"]] for name, entry in expiring])
     owners = []
     for record_id, entry in zip(record_ids, entries):
-        reported = entry["custodians"]
+        awaited = entry["awaited"]
+        if entry["status"] == "active":
+            awaited = custodians
+        left = [key for key in awaited if key != custodian and key in custodians]
         waiting = entry["status"] == "active" or entry["status"] == "expired"
-        if waiting and custodian not in reported:
-            reported.append(custodian)
-            status = "expired"
-            if len(reported) >= custodian_count:
-                status = "erased"
-            state.put(b"record/" + record_id, reduce(entry, status))
+        if waiting and len(left) < len(awaited):
+            entry["awaited"] = left
+            state.put(b"record/" + record_id, reduce(entry, "expired" if len(left) > 0 else "erased"))
             state.delete(b"of-visit/" + entry["owner"] + record_id)
             if entry["owner"] not in owners:
                 owners.append(entry["owner"])

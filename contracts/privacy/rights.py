@@ -157,9 +157,10 @@ def check_purposes(purposes: list):
 
 @export
 def object_to(handle: bytes, purposes: list):
-    """Object to being recorded for purposes, by whatever sensor (Art. 21). Who may call: the person of the handle.
+    """Object to being recorded for purposes, by whatever sensor (Art. 21).
 
     It counts as a no in the contract `consent`, from the next block on, whatever the recording was based on.
+    Who may call: the person of the handle, or who acts for her by a mandate.
     """
     require_direct()
     check_purposes(purposes)

@@ -6,11 +6,12 @@ a block is finalized its children are rebased onto the store, which then says th
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from typing import Protocol
 
 from consensus.primitives.trie import EMPTY_ROOT, Proof
+from contracts.state.key_cache import keys_between, prefix_end
 from contracts.state.trie import PageReader, TrieUpdate, apply_batch, prove
 
 
@@ -25,6 +26,13 @@ class StateReader(Protocol):
         """Yield up to `limit` pairs of flat key and encoded value under the prefix, in key order."""
         ...
 
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs of flat key and encoded value from `start` up to but without `end`, in key order.
+
+        Reads nothing beyond the pair that is asked for next.
+        """
+        ...
+
 
 class StateView(StateReader, PageReader, Protocol):
     """One version of the state, with its trie: what a block is executed on."""
@@ -33,14 +41,6 @@ class StateView(StateReader, PageReader, Protocol):
     def state_root(self) -> bytes:
         """The 32-byte root of this version."""
         ...
-
-
-def _prefixed(keys: list[bytes], prefix: bytes) -> Iterator[bytes]:
-    """Yield the keys under a prefix from a sorted list, in order."""
-    for position in range(bisect_left(keys, prefix), len(keys)):
-        if not keys[position].startswith(prefix):
-            return
-        yield keys[position]
 
 
 class Overlay:
@@ -105,34 +105,37 @@ class Overlay:
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs under the prefix, in key order: the block's writes merged into the parent's."""
+        return islice(self.scan_range(prefix, prefix_end(prefix)), limit)
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
+        return ((key, value) for key, value in self._walk(start, end) if value is not None)
+
+    def _walk(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes | None]]:
+        """Yield every key that this block or one before it wrote, or that stands below (None: it is deleted), in order.
+
+        What is deleted is told too, so that no overlay passes deleted keys beyond the one that is asked for next.
+        """
         if self._sorted_keys is None:
             self._sorted_keys = sorted(self._writes)
-        own = list(_prefixed(self._sorted_keys, prefix))
-        if not own:
-            yield from self._parent.scan(prefix, limit)
-            return
-        count = 0
-        for key, value in self._merge(own, self._parent.scan(prefix, limit + len(own))):
-            if count >= limit:
-                return
-            if value is not None:
-                count += 1
-                yield key, value
-
-    def _merge(self, own: list[bytes], below: Iterator[tuple[bytes, bytes]]) -> Iterator[tuple[bytes, bytes | None]]:
-        """Yield both sides in key order, one's own value where both have the key (None: deleted)."""
-        position = 0
+        parent, writes = self._parent, self._writes
+        own = keys_between(self._sorted_keys, start, end)
+        mine = islice(self._sorted_keys, own.start, own.stop)
+        head = next(mine, None)
+        below: Iterator[tuple[bytes, bytes | None]]
+        below = parent._walk(start, end) if isinstance(parent, Overlay) else parent.scan_range(start, end)
         for key, value in below:
-            while position < len(own) and own[position] < key:
-                yield own[position], self._writes[own[position]]
-                position += 1
-            if position < len(own) and own[position] == key:
-                yield key, self._writes[key]
-                position += 1
+            while head is not None and head < key:
+                yield head, writes[head]
+                head = next(mine, None)
+            if head == key:
+                yield key, writes[key]
+                head = next(mine, None)
             else:
                 yield key, value
-        for mine in own[position:]:
-            yield mine, self._writes[mine]
+        while head is not None:
+            yield head, writes[head]
+            head = next(mine, None)
 
     def prove(self, key: bytes) -> Proof:
         """Return the proof of a flat key's presence or absence under `state_root`."""
@@ -168,11 +171,14 @@ class MemoryState:
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs under the prefix, in key order."""
+        return islice(self.scan_range(prefix, prefix_end(prefix)), limit)
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order."""
         if self._sorted_keys is None:
             self._sorted_keys = sorted(self._values)
-        for count, key in enumerate(_prefixed(self._sorted_keys, prefix)):
-            if count >= limit:
-                return
+        there = keys_between(self._sorted_keys, start, end)
+        for key in islice(self._sorted_keys, there.start, there.stop):
             yield key, self._values[key]
 
     def apply(self, writes: Mapping[bytes, bytes | None]) -> TrieUpdate:

@@ -8,7 +8,10 @@ SERIAL_BYTES = 20
 NAME_MAX_CHARS = 40
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-"
 HOST_MAX_CHARS = 253
+HOST_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-._:[]%"
 URL_MAX_CHARS = 256
+URL_CHARS = HOST_CHARS + "/?#@!$&'()*+,;=~"
+CERTIFICATE_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789+/= -\n"
 CERTIFICATE_MAX_CHARS = 4096
 CERTIFICATE_BEGIN = "-----BEGIN CERTIFICATE-----"
 KEYS_MAX_COUNT = 16
@@ -74,6 +77,11 @@ def check_fields(kind: str, arguments: dict):
         require(known, "FIELDS_WRONG", f"The proposal needs the field {field} of type {wanted}.")
 
 
+def is_of_these(text: str, characters: str) -> bool:
+    """Tell whether a text is of these characters alone, in small letters or capitals."""
+    return len(text.lower().strip(characters)) == 0
+
+
 def check_name(name: str):
     require(0 < len(name) and len(name) <= NAME_MAX_CHARS, "NAME_WRONG", "A name has 1 to 40 characters.")
     for character in name:
@@ -81,7 +89,7 @@ def check_name(name: str):
 
 
 def check_certificate(certificate: str):
-    known = certificate.isascii() and certificate.startswith(CERTIFICATE_BEGIN)
+    known = is_of_these(certificate, CERTIFICATE_CHARS) and certificate.startswith(CERTIFICATE_BEGIN)
     require(known and len(certificate) <= CERTIFICATE_MAX_CHARS, "CERTIFICATE_WRONG", "That is no certificate in PEM.")
 
 
@@ -117,11 +125,13 @@ def check_possession(name: str, key: bytes, proof: bytes):
 def check_node(node: dict):
     check_name(node["name"])
     host = node["host"]
-    require(0 < len(host) and len(host) <= HOST_MAX_CHARS and host.isascii(), "HOST_WRONG", "That is no host.")
+    known = 0 < len(host) and len(host) <= HOST_MAX_CHARS and is_of_these(host, HOST_CHARS)
+    require(known, "HOST_WRONG", "That is no host.")
     require(0 < node["p2p_port"] and node["p2p_port"] < 65536, "PORT_WRONG", "A port is 1 to 65535.")
     url = node["api_url"]
     known = url.startswith("http://") or url.startswith("https://")
-    require(known and len(url) <= URL_MAX_CHARS and url.isascii(), "URL_WRONG", "An API address begins with https://.")
+    known = known and len(url) <= URL_MAX_CHARS and is_of_these(url, URL_CHARS)
+    require(known, "URL_WRONG", "An API address begins with https://.")
     producer_key, custodian_key = [node["producer_key"], node["custodian_key"]]
     if len(custodian_key) > 0:
         require(len(custodian_key) == KEY_BYTES, "KEY_SIZE_WRONG", "A node's key has 33 bytes.")

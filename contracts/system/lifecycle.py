@@ -26,6 +26,12 @@ VERSIONS_MAX_COUNT = 1000
 ENTRIES_MAX_COUNT = 100
 DUE_MAX_COUNT = 32
 NOTE_MAX_CHARS = 280
+HIDDEN_IN_NOTES = (
+    "\x00\x01\x02\x03\x04\x05\x06\x07\x08\x09\x0a\x0b\x0c\x0d\x0e\x0f\x10\x11\x12\x13\x14\x15\x16\x17\x18\x19\x1a\x1b\x1c\x1d"
+    + "\x1e\x1f\x7f\x80\x81\x82\x83\x84\x85\x86\x87\x88\x89\x8a\x8b\x8c\x8d\x8e\x8f\x90\x91\x92\x93\x94\x95\x96\x97\x98\x99\x9a\x9b"
+    + "\x9c\x9d\x9e\x9f\xad\u061c\u200b\u200c\u200d\u200e\u200f\u2028\u2029\u202a\u202b\u202c\u202d\u202e\u2060\u2061\u2062"
+    + "\u2063\u2064\u2066\u2067\u2068\u2069\u206a\u206b\u206c\u206d\u206e\u206f\ufeff\ufff9\ufffa\ufffb"
+)
 AHEAD_MAX_BLOCKS = 10000000
 NAME_MAX_CHARS = 32
 NAME_CHARS = "abcdefghijklmnopqrstuvwxyz0123456789-_"
@@ -38,6 +44,7 @@ GOVERNING = (
     "forms",
     "identity",
     "lifecycle",
+    "mandates",
     "membership",
     "officers",
     "producers",
@@ -268,6 +275,8 @@ def check_when(arguments: dict):
     known = 0 <= arguments["delay"] and arguments["delay"] <= AHEAD_MAX_BLOCKS
     require(known, "HEIGHT_WRONG", "The delay is 0 to 10,000,000 blocks.")
     require(len(arguments["note"]) <= NOTE_MAX_CHARS, "NOTE_WRONG", "A note has at most 280 characters.")
+    for hidden in HIDDEN_IN_NOTES:
+        require(hidden not in arguments["note"], "NOTE_WRONG", "A note is one line of characters that can be seen.")
     require(len(state.get(b"due", [])) < DUE_MAX_COUNT, "DUE_TOO_MANY", "Too many changes of contracts wait already.")
 
 

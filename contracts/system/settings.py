@@ -1,6 +1,7 @@
 """The chain's settings, as the organisations decide them together. Must never take a value that stops the chain.
 
-The values in force are in the contract `producers`, as part of the epoch; the proposals in `membership`.
+The values in force are in the contract `producers`, as part of the epoch; the proposals in `membership`. What custodians
+take of robots is here alone, since no block depends on it: quota/name -> value, its default while nobody decided it.
 """
 
 RANGES = {
@@ -11,6 +12,14 @@ RANGES = {
     "max_clock_drift_ms": [500, 60000],
     "blocks_per_turn": [1, 100],
     "max_producers": [1, 21],
+}
+QUOTAS = {
+    "robot_staged_max_mib": [1, 1048576, 512],
+    "robot_staged_max_count": [1, 1000000, 4096],
+    "robot_day_max_mib": [1, 1073741824, 204800],
+    "organisation_staged_max_mib": [1, 1048576, 8192],
+    "organisation_staged_max_count": [1, 1000000, 65536],
+    "organisation_day_max_mib": [1, 1073741824, 2097152],
 }
 INTERVAL_MAX_MS = 60000
 INTERVAL = "interval:"
@@ -42,12 +51,15 @@ def check_production(value: int | str):
 
 def check(name: str, value: int | str):
     """Refuse a value out of its range, also in view of the others that are in force."""
-    require(name in NAMES, "SETTING_UNKNOWN", "There is no such setting.")
+    require(name in NAMES or name in QUOTAS, "SETTING_UNKNOWN", "There is no such setting.")
     if name == "production":
         check_production(value)
         return
     require(isinstance(value, int), "VALUE_WRONG", "The setting is a whole number.")
-    least, most = RANGES[name]
+    if name in QUOTAS:
+        least, most, _default = QUOTAS[name]
+    else:
+        least, most = RANGES[name]
     require(least <= value and value <= most, "VALUE_WRONG", f"The setting is {least} to {most}.")
     if name not in TIMEOUTS:
         return
@@ -83,17 +95,23 @@ def approve(proposal_id: bytes):
 
 
 def take_effect(name: str, value: int | str):
-    call("producers", "change_setting", name, value)
+    if name in QUOTAS:
+        state.put(b"quota/" + name.encode(), value)
+    else:
+        call("producers", "change_setting", name, value)
     emit("changed", {"name": name, "value": value, "height": ctx.height})
 
 
 @view
 def names() -> list:
     """Return the names of the settings that organisations may change."""
-    return list(NAMES)
+    return list(NAMES) + list(QUOTAS)
 
 
 @view
 def in_force() -> dict:
     """Return all settings by name."""
-    return call("producers", "settings_in_force")
+    values = call("producers", "settings_in_force")
+    for name in QUOTAS:
+        values[name] = state.get(b"quota/" + name.encode(), QUOTAS[name][2])
+    return values

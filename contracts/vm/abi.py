@@ -127,6 +127,11 @@ def type_text(node: ast.expr | None) -> str:
     return "object"
 
 
+def count_choices(node: ast.expr | None) -> int:
+    """Return how many `|` an annotation has: so many more looks a walk of an argument may take at each item."""
+    return 0 if node is None else sum(isinstance(part, ast.BitOr) for part in ast.walk(node))
+
+
 def plain_types(params: tuple[tuple[str, str], ...]) -> list[type] | None:
     """Return the types of parameters given as (name, type), or None unless each is of one plain type."""
     types = [_PLAIN[kind] for _, kind in params if kind in _PLAIN]

@@ -20,18 +20,20 @@ from contracts.vm.values import (
     HEADER_BYTES,
     ITEM_BYTES,
     MISSING,
-    check_dict_key,
+    charge_int_keys,
+    charge_key,
     check_int,
     need_bytes,
     need_int,
     need_str,
-    text_bytes,
     type_fault,
+    unit_bytes,
 )
 
 _SIZED = frozenset((str, bytes, list, dict, tuple, range))
 _INT_TEXT = re.compile(r"[+-]?[0-9]{1,78}", re.ASCII)
-_HEX_TEXT = re.compile(r"(?:[0-9a-fA-F]{2})*", re.ASCII)
+_HEX_TEXT = re.compile(r"[0-9a-fA-F]*", re.ASCII)
+"""One class, repeated: `re` takes memory for each step of a repeated group."""
 TYPES: dict[str, type] = {
     "bool": bool, "int": int, "str": str, "bytes": bytes, "list": list, "dict": dict, "tuple": tuple,
 }  # fmt: skip
@@ -60,6 +62,7 @@ def _range(runtime: Runtime, first: Any, second: Any = MISSING, step: Any = 1) -
             raise Fault(VALUE_ERROR, "A range goes up to 60 bits.")
     if step == 0:
         raise Fault(VALUE_ERROR, "The step of a range is zero.")
+    runtime.charge(5)
     runtime.allocate(HEADER_BYTES)
     return range(start, stop, step)
 
@@ -68,7 +71,7 @@ def _extreme(name: str, reverse: bool) -> Callable[..., Any]:
     def run(runtime: Runtime, *values: Any) -> Any:
         if len(values) == 2 and type(values[0]) is int and type(values[1]) is int:
             return (max if reverse else min)(values)
-        source = values[0] if len(values) == 1 else list(values)
+        source = values[0] if len(values) == 1 else values
         items = sorted_list(runtime, source)
         if not items:
             raise Fault(VALUE_ERROR, f"{name} of nothing.")
@@ -124,7 +127,7 @@ def _enumerate(runtime: Runtime, values: Any, start: Any = 0) -> list[Any]:
 def _zip(runtime: Runtime, *sequences: Any) -> list[Any]:
     columns = [list_of(runtime, sequence) for sequence in sequences]
     shortest = min(len(column) for column in columns)
-    runtime.charge(4 + shortest)
+    runtime.charge(4 + 4 * len(columns) + shortest)
     runtime.allocate((HEADER_BYTES + ITEM_BYTES * len(columns)) * shortest)
     return list(zip(*columns, strict=False))
 
@@ -172,13 +175,14 @@ def _dict(runtime: Runtime, value: Any = MISSING) -> dict[Any, Any]:
         return {}
     if type(value) is dict:
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+        charge_int_keys(runtime, value)
         return dict(value)
     result: dict[Any, Any] = {}
     for pair in list_of(runtime, value):
         if type(pair) not in (list, tuple) or len(pair) != 2:
             raise Fault(VALUE_ERROR, "A dict is made of another dict or of pairs.")
-        check_dict_key(pair[0])
-        runtime.charge(3)
+        charge_key(runtime, result, pair[0])
+        runtime.charge(6)
         runtime.allocate(DICT_ENTRY_BYTES)
         result[pair[0]] = pair[1]
     return result
@@ -204,9 +208,9 @@ def _bytes(runtime: Runtime, value: Any = MISSING) -> bytes:
 
 def _bytes_from_hex(runtime: Runtime, text: Any) -> bytes:
     need_str(text, "bytes.fromhex")
-    runtime.charge(3 + (len(text) >> 2))
+    runtime.charge(3 + (len(text) >> 4))
     runtime.allocate(HEADER_BYTES + len(text))
-    if _HEX_TEXT.fullmatch(text) is None:
+    if len(text) % 2 or _HEX_TEXT.fullmatch(text) is None:
         raise Fault(VALUE_ERROR, "The text is not pairs of hexadecimal digits.")
     return bytes.fromhex(text)
 
@@ -225,6 +229,7 @@ def _fixed_width(name: str, width: int) -> Callable[..., bytes]:
     def run(runtime: Runtime, number: Any) -> bytes:
         if not 0 <= need_int(number, name) < limit:
             raise Fault(VALUE_ERROR, f"{name} takes 0 to 2^{8 * width}-1.")
+        runtime.charge(3)
         runtime.allocate(HEADER_BYTES + width)
         return int(number).to_bytes(width, "big")
 
@@ -250,10 +255,9 @@ def require_fault(code: Any, message: Any = MISSING) -> Fault:
 
 def join_texts(runtime: Runtime, parts: list[str]) -> str:
     """Return the parts of an f-string as one text, charged."""
-    runtime.charge(2 + 2 * len(parts))
-    text = "".join(parts)
-    runtime.allocate(text_bytes(text))
-    return text
+    runtime.charge(4 + 3 * len(parts))
+    runtime.allocate(HEADER_BYTES + unit_bytes(*parts) * sum(map(len, parts)))
+    return "".join(parts)
 
 
 BUILTINS: dict[str, Builtin] = {

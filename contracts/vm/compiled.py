@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, get_args
 
 from consensus.primitives.hashing import sha256
-from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, parse_type, plain_types, type_text
+from contracts.vm.abi import Abi, Accepts, Entry, EntryKind, count_choices, parse_type, plain_types, type_text
 from contracts.vm.checker import check_source, check_thoroughly
 from contracts.vm.compiler_expressions import FunctionCode
 from contracts.vm.compiler_statements import compile_function
@@ -23,7 +23,7 @@ from contracts.vm.values import DICT_ENTRY_BYTES, HEADER_BYTES, ITEM_BYTES, MISS
 from contracts.vm.watch import Watch
 
 CONSTANT_GAS = 100_000
-CONSTANTS_MAX_BYTES = 128 * 1024
+CONSTANTS_MAX_BYTES = 192 * 1024
 _OF_CONSTANTS = (ast.BinOp, ast.UnaryOp, ast.Tuple, ast.List, ast.Dict, ast.Constant, ast.Name)
 _OF_VALUES = (type(None), bool, int, str, bytes)
 _NO_CONTEXT = CallContext(b"", 0, 0, b"", b"")
@@ -34,6 +34,7 @@ class CompiledEntry:
     """One entry ready to run: its description, the tests of its arguments and result, its code and defaults.
 
     `plain` are the types of its parameters, if each is of one plain type: the quick test of its arguments.
+    `choices` are how many `|` the types of its parameters have, and that of its result.
     """
 
     entry: Entry
@@ -42,6 +43,7 @@ class CompiledEntry:
     accepts_result: Accepts | None
     function: FunctionCode
     defaults: tuple[Any, ...]
+    choices: tuple[int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +104,8 @@ def _entry(facts: FunctionFacts, function: FunctionCode, defaults: tuple[Any, ..
     accepts = [parse_type(argument.annotation) for argument in node.args.args]
     entry = Entry(node.name, kind, params, type_text(node.returns), facts.required, node.lineno)
     checked = tuple(test for test in accepts if test is not None)
-    return CompiledEntry(entry, checked, plain_types(params), parse_type(node.returns), function, defaults)
+    choices = sum(count_choices(argument.annotation) for argument in node.args.args), count_choices(node.returns)
+    return CompiledEntry(entry, checked, plain_types(params), parse_type(node.returns), function, defaults, choices)
 
 
 def find_problems(source: str, name: str) -> tuple[Diagnostic, ...]:

@@ -58,7 +58,7 @@ from contracts.vm.values import (
     HEADER_BYTES,
     ITEM_BYTES,
     UNSET,
-    check_dict_key,
+    charge_key,
     fresh_constant,
     is_mutable,
     type_name,
@@ -66,7 +66,12 @@ from contracts.vm.values import (
 
 CALL_NODE_GAS = 2
 FUNCTION_GAS = 10
+SLOTS_SHIFT = 5
+"""A call costs one unit more for each 32 (2 to this power) variables and constants of the function."""
 COMPREHENSION_STEP_GAS = 3
+UNPACKED_GAS = 2
+CHAIN_STEP_GAS = 2
+ITEM_GAS = 1
 
 
 class FunctionCode:
@@ -161,6 +166,7 @@ class ExpressionCompiler:
         if operation is add and left.gives is bytes:
             return add_to_bytes(operation, left, right)
         of_ints = ARITHMETIC.get(operation)
+        self.cost += of_ints is None
         return binary(operation, left, right) if of_ints is None else fast_arithmetic(operation, of_ints, left, right)
 
     def _unaryop(self, node: ast.UnaryOp) -> Code:
@@ -193,6 +199,7 @@ class ExpressionCompiler:
         operands = [self.expression(part) for part in (node.left, *node.comparators)]
         if len(node.ops) == 1:
             return self._comparison(node.ops[0], operands[0], operands[1])
+        self.cost += CHAIN_STEP_GAS * len(node.ops)
         holders = [self.scope.new_slot() for _ in operands]
         tests = [
             self._comparison(op, read_slot(holders[place]), read_slot(holders[place + 1])).run
@@ -230,6 +237,7 @@ class ExpressionCompiler:
 
     def _subscript(self, node: ast.Subscript) -> Code:
         container = self.expression(node.value)
+        self.cost += ITEM_GAS
         if not isinstance(node.slice, ast.Slice):
             key = self.expression(node.slice)
             if type(key.constant) is str:
@@ -291,7 +299,7 @@ class ExpressionCompiler:
             result: dict[Any, Any] = {}
             for name, value in entries:
                 key = name(frame)
-                check_dict_key(key)
+                charge_key(frame[0], result, key)
                 result[key] = value(frame)
             return result
 
@@ -339,7 +347,7 @@ class ExpressionCompiler:
                 bind_item(frame, item)
                 if all_pass(tests, frame):
                     key = name(frame)
-                    check_dict_key(key)
+                    charge_key(runtime, result, key)
                     runtime.allocate(DICT_ENTRY_BYTES)
                     result[key] = value(frame)
             return result
@@ -357,7 +365,9 @@ class ExpressionCompiler:
             self.scope.slots[element.id] = slot
             self.scope.definite.add(slot)
             slots.append(slot)
-        bind_item = bind_many(slots) if isinstance(generator.target, ast.Tuple) else bind_one(slots[0])
+        unpacks = isinstance(generator.target, ast.Tuple)
+        self.cost += UNPACKED_GAS * len(slots) if unpacks else 0
+        bind_item = bind_many(slots) if unpacks else bind_one(slots[0])
         tests = [self.expression(test).run for test in generator.ifs]
         return bind_item, tests, before, cost
 

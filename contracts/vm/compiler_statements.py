@@ -12,7 +12,15 @@ from typing import Any, Final
 
 from contracts.vm.builtins_table import require_fault
 from contracts.vm.closures import RESULT_SLOT, Code, Frame, Run
-from contracts.vm.compiler_expressions import FUNCTION_GAS, ExpressionCompiler, FunctionCode, Scope, bind_many
+from contracts.vm.compiler_expressions import (
+    FUNCTION_GAS,
+    SLOTS_SHIFT,
+    UNPACKED_GAS,
+    ExpressionCompiler,
+    FunctionCode,
+    Scope,
+    bind_many,
+)
 from contracts.vm.faults import OUT_OF_GAS, Fault
 from contracts.vm.names import CALLABLES, Bound, FunctionFacts, bind, dotted_name
 from contracts.vm.operations import BINARY, delete_item, get_item, iterate, set_item
@@ -24,8 +32,10 @@ BREAK: Final = Mark("break")
 CONTINUE: Final = Mark("continue")
 LOOP_STEP_GAS = 1
 LOOP_GAS = 1
-ITEM_UPDATE_GAS = 2
+ITEM_STORE_GAS = 2
+ITEM_UPDATE_GAS = 5
 FRAMES_PER_CALL = 12
+SLOTS_PER_FRAME = 32
 _PLAIN_STATEMENTS = (ast.Assign, ast.AnnAssign, ast.AugAssign, ast.Expr, ast.Delete)
 
 
@@ -35,7 +45,7 @@ class StatementCompiler(ExpressionCompiler):
     watch: Watch | None = None
     function_name = ""
 
-    def block(self, body: list[ast.stmt], extra_cost: int = 0) -> tuple[Run, bool]:
+    def block(self, body: list[ast.stmt], extra_cost: int = 0, *, is_function: bool = False) -> tuple[Run, bool]:
         """Compile a block; also tell whether it always leaves by return, break or continue."""
         outer_cost, self.cost = self.cost, extra_cost
         steps: list[Run] = []
@@ -57,6 +67,8 @@ class StatementCompiler(ExpressionCompiler):
                     step = watched(step, place, self.watch)
                 steps.append(step)
                 lines[step] = statement.lineno
+        if is_function:
+            self.cost += len(self.scope.initial) >> SLOTS_SHIFT
         run = _run_block(steps, plain_count, lines, self.cost, body[0].lineno)
         self.cost = outer_cost
         return run, leaves
@@ -115,6 +127,7 @@ class StatementCompiler(ExpressionCompiler):
             return store
         if isinstance(target, ast.Subscript):
             container, key = self.expression(target.value).run, self.expression(target.slice).run
+            self.cost += ITEM_STORE_GAS
 
             def store_item(frame: Frame) -> None:
                 item = run(frame)
@@ -122,6 +135,7 @@ class StatementCompiler(ExpressionCompiler):
 
             return store_item
         bind_items = self._unpacking(target)
+        self.cost += UNPACKED_GAS * len(target.elts) if isinstance(target, ast.Tuple | ast.List) else 0
 
         def store_many(frame: Frame) -> None:
             bind_items(frame, run(frame))
@@ -131,7 +145,6 @@ class StatementCompiler(ExpressionCompiler):
     def _unpacking(self, target: ast.expr) -> Callable[[Frame, Any], None]:
         assert isinstance(target, ast.Tuple | ast.List)
         slots = [self.scope.slots[element.id] for element in target.elts if isinstance(element, ast.Name)]
-        self.cost += len(slots)
         self.scope.definite.update(slots)
         return bind_many(slots)
 
@@ -261,7 +274,8 @@ class StatementCompiler(ExpressionCompiler):
             run = _for_one(source, slot, body)
         else:
             bind_items = self._unpacking(node.target)
-            body, _ = self.block(node.body, LOOP_STEP_GAS)
+            assert isinstance(node.target, ast.Tuple | ast.List)
+            body, _ = self.block(node.body, LOOP_STEP_GAS + UNPACKED_GAS * len(node.target.elts))
             run = _for_many(source, bind_items, body)
         self.scope.definite = before
         return run
@@ -427,6 +441,6 @@ def compile_function(
     scope = Scope(facts)
     compiler = StatementCompiler(constants, functions, codes, defaults, scope)
     compiler.watch, compiler.function_name = watch, facts.node.name
-    function.body, _ = compiler.block(facts.node.body, FUNCTION_GAS)
+    function.body, _ = compiler.block(facts.node.body, FUNCTION_GAS, is_function=True)
     function.tail = scope.initial
-    function.depth = 2 * nesting(facts.node) + FRAMES_PER_CALL
+    function.depth = 2 * nesting(facts.node) + FRAMES_PER_CALL + len(scope.initial) // SLOTS_PER_FRAME

@@ -41,13 +41,13 @@ GET_GAS = 15
 HAS_GAS = 15
 PUT_GAS = 120
 DELETE_GAS = 120
-SCAN_GAS = 60
+SCAN_GAS = 120
 SCAN_ITEM_GAS = 16
-SCAN_DELETED_GAS = 4
+SCAN_WRITTEN_GAS = 1
 EMIT_GAS = 50
 HASH_GAS = 15
-RECOVER_GAS = 80
-RECOVERED_GAS = 600
+RECOVER_GAS = 680
+"""Whatever comes of it: a signature that leads to no key is found out only after the same work."""
 
 
 @lru_cache(maxsize=256)
@@ -111,7 +111,6 @@ def _state_delete(runtime: Runtime, key: Any) -> None:
     if type(key) is not bytes or not 0 < len(key) <= STATE_KEY_MAX_BYTES:
         raise _key_fault(key)
     runtime.check_write()
-    runtime.deleted += 1
     runtime.charge(DELETE_GAS)
     runtime.host.delete(runtime.prefix + key)
 
@@ -121,7 +120,7 @@ def _state_scan(runtime: Runtime, prefix: Any, limit: Any) -> list[Any]:
         raise _key_fault(prefix)
     if not 0 < need_int(limit, "state.scan") <= SCAN_MAX_COUNT:
         raise Fault(VALUE_ERROR, f"A scan returns 1 to {SCAN_MAX_COUNT} entries.")
-    runtime.charge(SCAN_GAS + SCAN_DELETED_GAS * runtime.deleted)
+    runtime.charge(SCAN_GAS + SCAN_WRITTEN_GAS * (runtime.writes_max - runtime.writes_left))
     skipped = len(runtime.prefix)
     found: list[Any] = []
     for key, data in runtime.host.scan(runtime.prefix + prefix, limit):
@@ -174,11 +173,9 @@ def _recover(runtime: Runtime, tag: Any, signature: Any, message: Any) -> bytes 
     runtime.charge(RECOVER_GAS + (len(need_bytes(message, "recover")) >> 6))
     runtime.allocate(HEADER_BYTES + 33)
     try:
-        found = keys.recover(tag, signature, message)
+        return keys.recover(tag, signature, message)
     except BlockRobotError:
         return None
-    runtime.charge(RECOVERED_GAS)
-    return found
 
 
 def _call(runtime: Runtime, contract: Any, fn: Any, *arguments: Any) -> Any:

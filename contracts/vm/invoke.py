@@ -5,6 +5,7 @@ The caller owns what the host gathered: on failure (`ok` false) it discards all 
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -28,20 +29,23 @@ from contracts.vm.faults import (
 )
 from contracts.vm.meter import (
     GENESIS_WRITES_MAX_COUNT,
+    MEMORY_MAX_BYTES,
     MIGRATE_WRITES_MAX_COUNT,
     WRITES_MAX_COUNT,
     CallContext,
     HostInterface,
     Runtime,
 )
-from contracts.vm.values import INT_FLOOR, INT_LIMIT, copy_across, fresh_constant
+from contracts.vm.values import INT_FLOOR, INT_LIMIT, copy_across, count_items, fresh_constant
 
 Mode = Literal["export", "view", "genesis", "migrate"]
 
 ENTRY_GAS = 30
 CROSS_CALL_GAS = 15
 CROSS_CALL_FRAMES = 40
+CHOICE_GAS = 2
 _RECURSION_LIMIT_FRAMES = 6000
+GARBAGE_MAX_BYTES = 8 * MEMORY_MAX_BYTES
 _WRITES_MAX_COUNT: dict[Mode, int] = {
     "export": WRITES_MAX_COUNT,
     "view": 0,
@@ -66,6 +70,23 @@ class Outcome(msgspec.Struct, frozen=True):
     result: Any
     gas_used: int
     events: list[tuple[str, str, bytes]]
+
+
+class _Garbage:
+    """Lists that hold themselves outlast their call until they are looked for: so they are, by what calls made."""
+
+    def __init__(self) -> None:
+        self._made_bytes = 0
+
+    def note(self, made_bytes: int) -> None:
+        """Count what a call made; look for what is left of the last ones if it may be much."""
+        self._made_bytes += made_bytes
+        if self._made_bytes > GARBAGE_MAX_BYTES:
+            self._made_bytes = 0
+            gc.collect()
+
+
+_garbage = _Garbage()
 
 
 def invoke(
@@ -106,6 +127,8 @@ def invoke(
     except Exception as error:
         where = f"{contract}.{entry} in {runtime.contract or contract}"
         raise InternalFault(f"{where}: {type(error).__name__}: {error}") from error
+    finally:
+        _garbage.note(MEMORY_MAX_BYTES - runtime.memory)
 
 
 def _find(runtime: Runtime, contract: str, entry: str, kinds: tuple[str, ...]) -> CompiledEntry:
@@ -146,6 +169,8 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
     if runtime.gas < 0:
         runtime.exhausted()
     if list(map(type, arguments)) != found.plain:
+        if found.choices[0]:
+            runtime.charge(CHOICE_GAS * found.choices[0] * sum(map(count_items, arguments)))
         check_arguments(found.entry, found.accepts, arguments)
     missing = len(found.accepts) - len(arguments)
     if missing:
@@ -161,6 +186,8 @@ def _run(runtime: Runtime, compiled: CompiledContract, found: CompiledEntry, arg
     result = frame[RESULT_SLOT]
     if type(result) not in _PLAIN:
         result = copy_across(runtime, result, "A result")
+        if found.choices[1]:
+            runtime.charge(CHOICE_GAS * found.choices[1] * count_items(result))
     if found.accepts_result is not None and not found.accepts_result(result):
         message = f"{found.entry.name} did not return {found.entry.returns}."
         raise Fault(TYPE_ERROR, message, found.entry.line)

@@ -16,7 +16,7 @@ from contracts.vm.faults import EVENT_BUDGET, MEMORY_BUDGET, OUT_OF_GAS, VIEW_WR
 if TYPE_CHECKING:
     from contracts.vm.compiled import CompiledContract
 
-LANGUAGE_VERSION = 2
+LANGUAGE_VERSION = 4
 """The version of the language: whatever changes a result or a charge raises it, and chains of another one are refused."""
 
 MEMORY_MAX_BYTES = 8 * 1024 * 1024
@@ -66,8 +66,8 @@ class Runtime:
     """
 
     __slots__ = (
-        "calling_contract", "context_values", "contract", "contracts", "deleted", "depth", "enter", "events", "gas",
-        "host", "memory", "prefix", "read_only", "stack", "writes_left",
+        "calling_contract", "context_values", "contract", "contracts", "depth", "enter", "events", "gas",
+        "host", "memory", "prefix", "read_only", "stack", "writes_left", "writes_max",
     )  # fmt: skip
 
     def __init__(
@@ -87,8 +87,7 @@ class Runtime:
         self.enter = enter
         self.memory = MEMORY_MAX_BYTES
         self.depth = DEPTH_MAX_FRAMES
-        self.writes_left = writes_max
-        self.deleted = 0
+        self.writes_left = self.writes_max = writes_max
         self.events: list[tuple[str, str, bytes]] = []
         self.read_only = read_only
         self.contract = ""

@@ -12,21 +12,34 @@ from typing import Any, TypeVar
 
 from contracts.vm.faults import INDEX_ERROR, KEY_ERROR, VALUE_ERROR, Fault
 from contracts.vm.meter import Runtime
-from contracts.vm.operations import charge_search, check_index, find_item, iterate
+from contracts.vm.operations import (
+    DELETE_GAS,
+    SHIFT_SHIFT,
+    charge_search,
+    check_index,
+    close_holes,
+    compare_shift,
+    find_item,
+    iterate,
+)
 from contracts.vm.values import (
     DICT_ENTRY_BYTES,
     HEADER_BYTES,
     ITEM_BYTES,
     MISSING,
-    allocate_list,
-    check_dict_key,
+    charge_int_keys,
+    charge_key,
     need_int,
     text_bytes,
     type_fault,
+    unit_bytes,
 )
 
 INT_BYTES_MAX = 33
+UPDATE_GAS = 6
 _STRIP_PIECE_CHARS = 64
+WIDE_SORT_SHIFT = 6
+"""Beyond ASCII a letter counts in sorting as 64 (2 to this power): texts may be compared letter by letter."""
 _SPACE = " \t\n\r\x0b\x0c"
 _UPPER = {code: code - 32 for code in range(97, 123)}
 _LOWER = {code: code + 32 for code in range(65, 91)}
@@ -66,13 +79,15 @@ def _same(text: Any, part: Any, what: str) -> Any:
 
 @_method((str, bytes), "startswith", "prefix")
 def _startswith(runtime: Runtime, text: Any, prefix: Any) -> bool:
-    runtime.charge(1 + (len(_same(text, prefix, "startswith")) >> 10))
+    _same(text, prefix, "startswith")
+    runtime.charge(1 + (len(prefix) >> compare_shift(text, prefix)))
     return bool(text.startswith(prefix))
 
 
 @_method((str, bytes), "endswith", "suffix")
 def _endswith(runtime: Runtime, text: Any, suffix: Any) -> bool:
-    runtime.charge(1 + (len(_same(text, suffix, "endswith")) >> 10))
+    _same(text, suffix, "endswith")
+    runtime.charge(1 + (len(suffix) >> compare_shift(text, suffix)))
     return bool(text.endswith(suffix))
 
 
@@ -90,11 +105,11 @@ def _count(runtime: Runtime, text: Any, part: Any) -> int:
 
 @_method((str, bytes), "replace", "old new")
 def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
-    charge_search(runtime, text, _same(text, old, "replace"))
+    charge_search(runtime, text, _same(text, old, "replace"), times=3)
     _same(text, new, "replace")
     hits = text.count(old)
-    runtime.charge(5 + (hits >> (5 if type(text) is str else 4)))
-    unit = 4 if type(text) is str and not (text.isascii() and new.isascii()) else 1
+    runtime.charge(10 + (hits >> (5 if type(text) is str else 4)))
+    unit = unit_bytes(text, new) if type(text) is str else 1
     runtime.allocate(HEADER_BYTES + unit * (len(text) + hits * len(new)))
     return text.replace(old, new)
 
@@ -103,12 +118,12 @@ def _replace(runtime: Runtime, text: Any, old: Any, new: Any) -> Any:
 def _split(runtime: Runtime, text: Any, separator: Any = MISSING) -> list[Any]:
     if separator is MISSING:
         separator = " " if type(text) is str else b" "
-    charge_search(runtime, text, _same(text, separator, "split"))
+    charge_search(runtime, text, _same(text, separator, "split"), times=2)
     if not separator:
         raise Fault(VALUE_ERROR, "The separator is empty.")
     pieces = text.count(separator) + 1
-    runtime.charge(pieces >> 2)
-    unit = 4 if type(text) is str and not text.isascii() else 1
+    runtime.charge(4 + (pieces >> 2))
+    unit = unit_bytes(text) if type(text) is str else 1
     runtime.allocate(HEADER_BYTES + (ITEM_BYTES + HEADER_BYTES) * pieces + unit * len(text))
     result: list[Any] = text.split(separator)
     return result
@@ -118,7 +133,7 @@ def _split(runtime: Runtime, text: Any, separator: Any = MISSING) -> list[Any]:
 def _join(runtime: Runtime, text: Any, parts: Any) -> Any:
     if type(parts) not in (list, tuple):
         raise type_fault("join", parts)
-    runtime.charge(2 * len(parts))
+    runtime.charge(4 + 2 * len(parts))
     size = 0
     ascii_only = type(text) is bytes or text.isascii()
     for part in parts:
@@ -160,6 +175,7 @@ def _strip_right(runtime: Runtime, text: Any, characters: Any) -> Any:
 
 
 def _charge_stripped(runtime: Runtime, text: Any) -> None:
+    runtime.charge(5)
     runtime.allocate(HEADER_BYTES + (len(text) if type(text) is bytes or text.isascii() else 4 * len(text)))
 
 
@@ -258,6 +274,7 @@ def _to_bytes(runtime: Runtime, number: int, length: Any, byteorder: Any = "big"
         raise Fault(VALUE_ERROR, f"An int makes 0 to {INT_BYTES_MAX} bytes.")
     if byteorder not in ("big", "little") or type(signed) is not bool:
         raise Fault(VALUE_ERROR, "The byte order is 'big' or 'little', and signed is True or False.")
+    runtime.charge(4)
     runtime.allocate(HEADER_BYTES + length)
     try:
         return number.to_bytes(length, byteorder, signed=signed)
@@ -281,7 +298,7 @@ def _extend(runtime: Runtime, items: list[Any], more: Any) -> None:
 @_method(list, "insert", "index item")
 def _insert(runtime: Runtime, items: list[Any], index: Any, item: Any) -> None:
     place = max(min(need_int(index, "insert"), len(items)), -len(items))
-    runtime.charge(3 + (len(items) >> 8))
+    runtime.charge(3 + (len(items) >> SHIFT_SHIFT))
     runtime.allocate(HEADER_BYTES)
     items.insert(place, item)
 
@@ -291,7 +308,7 @@ def _pop(runtime: Runtime, items: list[Any], index: Any = -1) -> Any:
     if not items:
         raise Fault(INDEX_ERROR, "The list is empty.")
     place = check_index(items, index)
-    runtime.charge(1 + (len(items) >> 8) if place != -1 else 0)
+    runtime.charge(1 + (len(items) >> SHIFT_SHIFT) if place != -1 else 0)
     return items.pop(place)
 
 
@@ -300,6 +317,7 @@ def _remove(runtime: Runtime, items: list[Any], item: Any) -> None:
     place = find_item(runtime, items, item)
     if place < 0:
         raise Fault(VALUE_ERROR, "The list does not hold the item.")
+    runtime.charge(len(items) >> SHIFT_SHIFT)
     del items[place]
 
 
@@ -324,7 +342,8 @@ def _clear_list(runtime: Runtime, items: list[Any]) -> None:
 
 @_method(list, "copy")
 def _copy_list(runtime: Runtime, items: list[Any]) -> list[Any]:
-    return allocate_list(runtime, list(items))
+    runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(items))
+    return list(items)
 
 
 @_method(list, "sort", "reverse", 0)
@@ -334,20 +353,23 @@ def _sort(runtime: Runtime, items: list[Any], reverse: Any = False) -> None:
 
 @_method(dict, "get", "key default", 1)
 def _get(runtime: Runtime, entries: dict[Any, Any], key: Any, default: Any = None) -> Any:
-    check_dict_key(key)
+    charge_key(runtime, entries, key)
+    runtime.charge(1)
     return entries.get(key, default)
 
 
 @_method(dict, "keys")
 def _keys(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
     runtime.charge(2 + (len(entries) >> 4))
-    return allocate_list(runtime, list(entries))
+    runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(entries))
+    return list(entries)
 
 
 @_method(dict, "values")
 def _values(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
     runtime.charge(2 + (len(entries) >> 4))
-    return allocate_list(runtime, list(entries.values()))
+    runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(entries))
+    return list(entries.values())
 
 
 @_method(dict, "items")
@@ -359,9 +381,12 @@ def _items(runtime: Runtime, entries: dict[Any, Any]) -> list[Any]:
 
 @_method(dict, "pop", "key default", 1)
 def _pop_key(runtime: Runtime, entries: dict[Any, Any], key: Any, default: Any = MISSING) -> Any:
-    check_dict_key(key)
+    charge_key(runtime, entries, key)
     if key in entries:
-        return entries.pop(key)
+        runtime.charge(DELETE_GAS)
+        value = entries.pop(key)
+        close_holes(entries)
+        return value
     if default is MISSING:
         raise Fault(KEY_ERROR, "The dict does not have the key.")
     return default
@@ -369,7 +394,8 @@ def _pop_key(runtime: Runtime, entries: dict[Any, Any], key: Any, default: Any =
 
 @_method(dict, "setdefault", "key default", 1)
 def _setdefault(runtime: Runtime, entries: dict[Any, Any], key: Any, default: Any = None) -> Any:
-    check_dict_key(key)
+    charge_key(runtime, entries, key)
+    runtime.charge(2)
     if key not in entries:
         runtime.allocate(DICT_ENTRY_BYTES)
         entries[key] = default
@@ -380,13 +406,16 @@ def _setdefault(runtime: Runtime, entries: dict[Any, Any], key: Any, default: An
 def _update(runtime: Runtime, entries: dict[Any, Any], more: Any) -> None:
     if type(more) is not dict:
         raise type_fault("update", more)
+    runtime.charge(UPDATE_GAS)
     runtime.allocate(DICT_ENTRY_BYTES * len(more))
+    charge_int_keys(runtime, more, len(entries))
     entries.update(more)
 
 
 @_method(dict, "copy")
 def _copy_dict(runtime: Runtime, entries: dict[Any, Any]) -> dict[Any, Any]:
     runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(entries))
+    charge_int_keys(runtime, entries)
     return dict(entries)
 
 
@@ -401,7 +430,7 @@ def list_of(runtime: Runtime, value: Any) -> list[Any]:
     count = len(value)
     if count > runtime.memory:
         runtime.allocate(ITEM_BYTES * count)
-    runtime.charge(3 + (count >> (2 if type(value) is range else 4)))
+    runtime.charge(5 + (count >> (2 if type(value) is range else 4)))
     runtime.allocate(HEADER_BYTES + ITEM_BYTES * count + (HEADER_BYTES * count if type(value) is str else 0))
     return list(source)
 
@@ -422,8 +451,10 @@ def sorted_list(runtime: Runtime, value: Any, reverse: Any = False) -> list[Any]
     for item in items:
         if type(item) is not kind:
             raise type_fault("Sorting", items[0], item)
-        if kind is not int:
+        if kind is bytes or (kind is str and item.isascii()):
             size += len(item)
-    runtime.charge((count + (size >> 9)) * count.bit_length() // 12)
+        elif kind is str:
+            size += len(item) << WIDE_SORT_SHIFT
+    runtime.charge((count * (1 if kind is int else 2) + (size >> 9)) * count.bit_length() // 12)
     items.sort(reverse=reverse)
     return items

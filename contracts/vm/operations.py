@@ -20,19 +20,33 @@ from contracts.vm.values import (
     INT_LIMIT,
     ITEM_BYTES,
     MISSING,
-    check_dict_key,
+    charge_int_keys,
+    charge_key,
     check_int,
     need_int,
-    text_bytes,
     type_fault,
+    unit_bytes,
 )
 
 Operation = Callable[[Runtime, Any, Any], Any]
 
 COMPARE_DEPTH_MAX = 30
 FREE_COMPARE_MAX_BYTES = 127
+COMPARE_SHIFT = 10
+WIDE_EQUAL_SHIFT = 8
+WIDE_COMPARE_SHIFT = 5
+TEXT_GAS = 4
+SLICE_GAS = 12
+SEARCH_GAS = 6
+DELETE_GAS = 3
+ORDER_GAS = 3
+KEYS_GAS = 3
+SHIFT_SHIFT = 8
+"""Items that may move as one is put in or taken out of a list cost one unit for each 256 (2 to this power)."""
 RANGE_LIMIT = 1 << 60
 SHIFT_MAX_BITS = 256
+HOLES_MIN_BYTES = 512
+HOLES_ENTRY_BYTES = 256
 
 
 def add(runtime: Runtime, left: Any, right: Any) -> Any:
@@ -52,7 +66,8 @@ def add(runtime: Runtime, left: Any, right: Any) -> Any:
                 runtime.exhausted()
             return left + right
         if kind is str:
-            runtime.allocate(text_bytes(left) + text_bytes(right))
+            runtime.charge(TEXT_GAS)
+            runtime.allocate(HEADER_BYTES + unit_bytes(left, right) * (len(left) + len(right)))
             return left + right
         if kind is list or kind is tuple:
             runtime.charge((len(left) + len(right)) >> 6)
@@ -85,6 +100,7 @@ def multiply(runtime: Runtime, left: Any, right: Any) -> Any:
     unit = ITEM_BYTES if kind is list or kind is tuple else 1
     if kind is str and not left.isascii():
         unit = 4
+    runtime.charge(TEXT_GAS)
     runtime.allocate(HEADER_BYTES + len(left) * unit * count)
     return left * count if left else left[:]
 
@@ -169,6 +185,16 @@ def is_short_text(value: Any) -> bool:
     return (type(value) is str or type(value) is bytes) and len(value) <= FREE_COMPARE_MAX_BYTES
 
 
+def compare_shift(left: Any, right: Any) -> int:
+    """Return by which power of two characters a comparison of two texts, or two bytes, is charged.
+
+    Texts beyond ASCII may be compared letter by letter, where their letters are of different widths in memory.
+    """
+    if type(left) is bytes or (left.isascii() and right.isascii()):
+        return COMPARE_SHIFT
+    return WIDE_COMPARE_SHIFT
+
+
 def equal(runtime: Runtime, left: Any, right: Any) -> bool:
     """`left == right`; values of different types are never equal."""
     kind = type(left)
@@ -176,7 +202,7 @@ def equal(runtime: Runtime, left: Any, right: Any) -> bool:
         return False
     if kind is bytes or kind is str:
         if len(left) > FREE_COMPARE_MAX_BYTES and len(left) == len(right):
-            runtime.charge(len(left) >> 10)
+            runtime.charge(len(left) >> (COMPARE_SHIFT if kind is bytes or left.isascii() else WIDE_EQUAL_SHIFT))
         return bool(left == right)
     if kind is list or kind is tuple or kind is dict:
         return _equal_containers(runtime, left, right, 0)
@@ -190,6 +216,7 @@ def _equal_containers(runtime: Runtime, left: Any, right: Any, depth: int) -> bo
     if len(left) != len(right):
         return False
     if type(left) is dict:
+        charge_int_keys(runtime, left)
         for key, item in left.items():
             if key not in right or not _equal_items(runtime, item, right[key], depth):
                 return False
@@ -217,7 +244,7 @@ def _order(sign: str, apply: Callable[[Any, Any], bool]) -> Operation:
             if kind is int:
                 return apply(left, right)
             if kind is bytes or kind is str:
-                runtime.charge(min(len(left), len(right)) >> 10)
+                runtime.charge(ORDER_GAS + (min(len(left), len(right)) >> compare_shift(left, right)))
                 return apply(left, right)
         raise type_fault(sign, left, right)
 
@@ -228,7 +255,7 @@ def contains(runtime: Runtime, item: Any, container: Any) -> bool:
     """`item in container`: an element, a dict's key, or a part of a text or of bytes."""
     kind = type(container)
     if kind is dict:
-        check_dict_key(item)
+        charge_key(runtime, container, item)
         return item in container
     if kind is list or kind is tuple:
         return find_item(runtime, container, item) >= 0
@@ -260,23 +287,22 @@ def find_item(runtime: Runtime, items: Any, wanted: Any) -> int:
     return -1
 
 
-def charge_search(runtime: Runtime, text: Any, part: Any) -> None:
+def charge_search(runtime: Runtime, text: Any, part: Any, times: int = 1) -> None:
     """Charge a search for `part` in `text` before it is made: by how often the last letter of `part` stands in `text`.
 
     Only there is more than one letter looked at. From some lengths on the search is linear (as CPython decides it too).
+    `times` says how often it is made.
     """
     size, width = len(text), len(part)
     if size < 64 or not width:
-        runtime.charge(3)
-        return
-    if width == 1:
-        runtime.charge(3 + (size >> 8))
-        return
-    runtime.charge(3 + (size >> 7))
-    if size < 2500 or width < 6 or (width < 100 and size < 30000):
-        runtime.charge(text.count(part[-1:]) * (width + 14) >> 9)
+        runtime.charge(SEARCH_GAS)
+    elif width == 1:
+        runtime.charge(SEARCH_GAS + (size >> 8))
+    elif size < 2500 or width < 6 or (width < 100 and size < 30000):
+        runtime.charge(SEARCH_GAS + times * (size >> 5))
+        runtime.charge(times * (text.count(part[-1:]) * (width + 14) >> 9))
     else:
-        runtime.charge((size + width) >> 5)
+        runtime.charge(SEARCH_GAS + (size >> 7) + times * ((size + width) >> 5))
 
 
 def not_contains(runtime: Runtime, item: Any, container: Any) -> bool:
@@ -295,7 +321,7 @@ def get_item(runtime: Runtime, container: Any, key: Any) -> Any:
     kind = type(container)
     if kind is dict:
         if type(key) is not str:
-            check_dict_key(key)
+            charge_key(runtime, container, key)
         value = container.get(key, MISSING)
         if value is not MISSING:
             return value
@@ -329,7 +355,7 @@ def get_slice(runtime: Runtime, container: Any, start: Any, stop: Any) -> Any:
     unit = ITEM_BYTES if kind is list or kind is tuple else 1
     if kind is str and not container.isascii():
         unit = 4
-    runtime.charge(5)
+    runtime.charge(SLICE_GAS)
     runtime.allocate(HEADER_BYTES + unit * count)
     return container[first:last]
 
@@ -338,7 +364,7 @@ def set_item(runtime: Runtime, container: Any, key: Any, value: Any) -> None:
     """`container[key] = value` of a list or dict."""
     kind = type(container)
     if kind is dict:
-        check_dict_key(key)
+        charge_key(runtime, container, key)
         if key not in container:
             runtime.allocate(DICT_ENTRY_BYTES)
         container[key] = value
@@ -352,22 +378,36 @@ def delete_item(runtime: Runtime, container: Any, key: Any) -> None:
     """`del container[key]` of a list or dict."""
     kind = type(container)
     if kind is dict:
-        check_dict_key(key)
+        charge_key(runtime, container, key)
         if key not in container:
             raise Fault(KEY_ERROR, f"The dict has no key{_key_text(key)}.")
+        runtime.charge(DELETE_GAS)
         del container[key]
+        close_holes(container)
     elif kind is list:
         index = check_index(container, key)
-        runtime.charge(len(container) >> 8)
+        runtime.charge(len(container) >> SHIFT_SHIFT)
         del container[index]
     else:
         raise type_fault("'del'", container)
+
+
+def close_holes(entries: dict[Any, Any]) -> None:
+    """Make a dict anew in its place if most of its room is of deleted entries: a walk passes each of them.
+
+    The deletions have paid for it: it takes three of them for each entry that remains.
+    """
+    if entries.__sizeof__() > HOLES_MIN_BYTES + HOLES_ENTRY_BYTES * len(entries):
+        kept = list(entries.items())
+        entries.clear()
+        entries.update(kept)
 
 
 def iterate(runtime: Runtime, value: Any) -> Iterable[Any]:
     """Return what a `for` runs over; a dict gives a snapshot of its keys."""
     kind = type(value)
     if kind is dict:
+        runtime.charge(KEYS_GAS)
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return list(value)
     if kind in _INDEXED:

@@ -8,9 +8,11 @@ text that follows can still be told apart, and notes each logical line, so that 
 
 from __future__ import annotations
 
+import itertools
 import re
 from dataclasses import dataclass, field
 
+from consensus.visible_text import find_hidden
 from contracts.vm.faults import Diagnostic
 
 SOURCE_MAX_BYTES = 60_000
@@ -178,6 +180,10 @@ def _describe_stray(character: str) -> tuple[str, str, str]:
     return "CHARACTER", "This character has no meaning here.", "Remove it."
 
 
+def _told_hidden(character: str) -> str:
+    return f"The character U+{ord(character):04X} cannot be seen, or changes how the text around it is shown."
+
+
 def _take(state: _State, match: re.Match[str]) -> None:
     kind = match.lastgroup
     if match["string"] is not None:
@@ -215,10 +221,8 @@ def _check_token(state: _State, match: re.Match[str], kind: str) -> None:
 
 
 def _check_comment(state: _State, match: re.Match[str]) -> None:
-    for offset, character in enumerate(match[0]):
-        if (ord(character) < 32 and character != "\t") or 0xD800 <= ord(character) < 0xE000:
-            message = "A comment holds a control character or half of a character."
-            state.report("CHARACTER", match.start() + offset, message, "Remove it.", fatal=True)
+    for offset in find_hidden(match[0]):
+        state.report("CHARACTER", match.start() + offset, _told_hidden(match[0][offset]), "Remove it.", fatal=True)
     if "coding" in match[0] and state.line <= 2 and re.search(r"coding[=:]", match[0]):
         state.report("ENCODING_COMMENT", match.start(), "A source is always UTF-8.", "Remove the comment.", fatal=True)
 
@@ -276,11 +280,21 @@ def _begin_line(state: _State, match: re.Match[str]) -> None:
         )
 
 
+def _check_hidden(state: _State, text: str, start: int) -> None:
+    """Report what cannot be seen in a text of many lines, which begins at `start` of the source."""
+    for offset in itertools.islice(find_hidden(text, "\n"), PROBLEMS_MAX_COUNT):
+        before = text[:offset]
+        line = state.line + before.count("\n")
+        column = len(before) - before.rfind("\n") + (0 if "\n" in before else start - state.line_start)
+        state.report_at("CHARACTER", line, column, _told_hidden(text[offset]), "Write it as an escape.", fatal=True)
+
+
 def _check_string(state: _State, match: re.Match[str]) -> None:
     prefix, quoted, start = match["prefix"], match["quoted"], match.start()
     if len(quoted) == 2 and state.source[match.end() : match.end() + 1] == quoted[0]:
         message = "A text in triple quotes is never closed."
         state.report("STRING_OPEN", start, message, "Close it with the same three quotes.", fatal=True)
+        _check_hidden(state, state.source[start:], start)
         state.stopped = True
         return
     if prefix not in ("", "b", "f"):
@@ -290,10 +304,7 @@ def _check_string(state: _State, match: re.Match[str]) -> None:
     triple = quoted[:3] in ('"""', "'''")
     content = quoted[3:-3] if triple else quoted[1:-1]
     _check_escapes(state, content, prefix, start)
-    if any((ord(character) < 32 and character != "\n") or 0xD800 <= ord(character) < 0xE000 for character in content):
-        state.report(
-            "CHARACTER", start, "A text holds a control character or half of one.", "Write it as an escape.", fatal=True
-        )
+    _check_hidden(state, match[0], start)
     state.operators += 1
     if prefix == "f" and (
         triple or "\\" in content or not _check_fields(state, match.end() - len(quoted) + 1, content)

@@ -7,9 +7,12 @@ one after another, so that one slip does not hide the other problems.
 from __future__ import annotations
 
 import ast
+import gc
 import re
+import threading
 import warnings
 from bisect import bisect_right
+from typing import Literal
 
 from contracts.vm.faults import Diagnostic, InternalFault
 from contracts.vm.prelex import LogicalLine, Prelexed
@@ -17,24 +20,49 @@ from contracts.vm.prelex import LogicalLine, Prelexed
 SYNTAX_ERRORS_MAX_COUNT = 40
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
 _DEFINITION = re.compile(r"def +([A-Za-z_][A-Za-z0-9_]*)", re.ASCII)
+_PARSES_MAX_COUNT = 2
+_parsing = threading.RLock()
+
+
+def parse_alone(source: str, mode: Literal["exec", "eval"] = "exec") -> ast.AST:
+    """Return what `ast.parse` gives, with no other parse and no collection of garbage in between.
+
+    CPython counts the depth of a tree in one place for the whole process: a parse in another thread, or in a finalizer that
+    the collector runs, makes it fail with SystemError (gh-106905). Raises SyntaxError, ValueError, and InternalFault if the
+    parser itself fails twice: that depends on the machine and says nothing about the source.
+    """
+    failure: Exception | None = None
+    for _ in range(_PARSES_MAX_COUNT):
+        with _parsing:
+            was_collecting = gc.isenabled()
+            gc.disable()
+            try:
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")
+                    return ast.parse(source, mode=mode)
+            except (MemoryError, RecursionError, SystemError) as error:
+                failure = error
+            finally:
+                if was_collecting:
+                    gc.enable()
+    raise InternalFault(f"The parser failed on a bounded source: {type(failure).__name__}.") from failure
 
 
 def parse_source(source: str) -> ast.Module | Diagnostic:
     """Return the tree of a source that the pre-lexer let through, or what Python says against it.
 
-    Raises InternalFault if Python's parser fails for want of stack or memory: that depends on the machine.
+    Raises InternalFault as `parse_alone` does.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return ast.parse(source)
+        tree = parse_alone(source)
     except SyntaxError as error:
         line, column = error.lineno or 1, max(error.offset or 1, 1)
         return Diagnostic("SYNTAX", line, column, "This is not Python.", f"Python says: {error.msg}.")
     except ValueError as error:
         return Diagnostic("SYNTAX", 1, 1, "This is not Python.", f"Python says: {error}.")
-    except (MemoryError, RecursionError) as error:
-        raise InternalFault(f"The parser failed on a bounded source: {type(error).__name__}.") from error
+    if not isinstance(tree, ast.Module):
+        raise AssertionError("a source parses to a module")
+    return tree
 
 
 def read_what_can_be_read(

@@ -53,12 +53,14 @@ def _select(keys: list[Any]) -> Select:
 
 def _work_out(names: tuple[Any, ...], value: dict[Any, Any]) -> _Shape | None:
     size = len(names) + sum(1 if type(name) is int else len(name) for name in names)
+    if size > _KEYS_MAX_BYTES:
+        return None
     keys = sort_keys(names)
     kinds = tuple([type(value[key]) for key in keys])
     texts = [place for place, kind in enumerate(kinds) if kind is bytes or kind is str]
     containers = [place for place, kind in enumerate(kinds) if kind in _CONTAINERS]
     scalars = sum(kind in _SCALARS for kind in kinds)
-    if len(texts) + len(containers) + scalars != len(names) or size > _KEYS_MAX_BYTES:
+    if len(texts) + len(containers) + scalars != len(names):
         return None
     gas = 2 + 3 * len(names) + 2 * len(containers)
     inner = _select(containers) if containers else None

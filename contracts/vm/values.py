@@ -18,7 +18,11 @@ INT_FLOOR = -INT_LIMIT
 """Integers lie between these two, and are neither."""
 DICT_KEY_INT_LIMIT = 1 << 60
 DICT_KEY_MAX_CHARS = 1024
-ITEM_BYTES = 8
+FREE_INT_KEYS_MAX_COUNT = 256
+INT_KEY_SHIFT = 6
+"""A search for an int in a dict of more entries than that costs one unit more for each 64 (2 to this power) of them."""
+ITEM_BYTES = 24
+"""Of a list or tuple: the reference, and most of what an int of 256 bits takes, which no operation charges by itself."""
 HEADER_BYTES = 64
 BIG_INT_GAS = 8
 DICT_ENTRY_BYTES = 128
@@ -99,21 +103,31 @@ def check_dict_key(key: Any) -> None:
     raise Fault(TYPE_ERROR, f"A dict key is str, bytes or int, not {type_name(key)}.")
 
 
+def charge_key(runtime: Runtime, entries: dict[Any, Any], key: Any) -> None:
+    """Refuse what may not be a key of a dict; charge a search for an int among many.
+
+    Python finds ints by their low bits: keys can be chosen so that a search for one passes all the others.
+    """
+    check_dict_key(key)
+    if type(key) is int and len(entries) > FREE_INT_KEYS_MAX_COUNT:
+        runtime.charge(len(entries) >> INT_KEY_SHIFT)
+
+
+def charge_int_keys(runtime: Runtime, entries: dict[Any, Any], more: int = 0) -> None:
+    """Charge the same for each int of a dict whose keys are all looked up, among themselves and `more` others."""
+    count = len(entries) + more
+    if count > FREE_INT_KEYS_MAX_COUNT:
+        runtime.charge(sum(type(key) is int for key in entries) * (count >> INT_KEY_SHIFT))
+
+
+def unit_bytes(*texts: str) -> int:
+    """Return the modelled size of one character of a text that is made of these: Python takes 1, 2 or 4 for all of it."""
+    return 1 if all(map(str.isascii, texts)) else 4
+
+
 def text_bytes(text: str) -> int:
     """Return the modelled size of a text."""
     return HEADER_BYTES + (len(text) if text.isascii() else 4 * len(text))
-
-
-def allocate_text(runtime: Runtime, text: str) -> str:
-    """Charge a new text and return it."""
-    runtime.allocate(text_bytes(text))
-    return text
-
-
-def allocate_list(runtime: Runtime, items: list[Any]) -> list[Any]:
-    """Charge a new list and return it."""
-    runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(items))
-    return items
 
 
 def charge_decoded(runtime: Runtime, value: Any) -> None:
@@ -137,12 +151,15 @@ def _measure(root: Any) -> tuple[int, int]:
     while pending:
         container = pending.pop()
         if type(container) is dict:
-            size += HEADER_BYTES + DICT_ENTRY_BYTES * len(container)
-            gas += 2 + 3 * len(container)
+            count = len(container)
+            size += HEADER_BYTES + DICT_ENTRY_BYTES * count
+            gas += 2 + 3 * count
+            if count > FREE_INT_KEYS_MAX_COUNT:
+                gas += sum(type(key) is int for key in container) * (count >> INT_KEY_SHIFT)
             items: Any = container.values()
         else:
             size += HEADER_BYTES + ITEM_BYTES * len(container)
-            gas += 2 + (3 * len(container) >> 2)
+            gas += 2 + len(container)
             items = container
         for item in items:
             kind = type(item)
@@ -220,24 +237,24 @@ def _too_large(what: str) -> Fault:
 def _walk(runtime: Runtime, value: Any, depth: int, left: int, what: str) -> int:
     """Charge the walk of a value; return what is left of `left` bytes after a lower bound of its encoded size."""
     kind = type(value)
-    if kind is bytes or kind is str:
-        left -= len(value)
-    elif kind is int or kind is bool or value is None:
-        left -= 1
+    left -= 1 + len(value) if kind is bytes or kind is str else 1
+    if kind in _IMMUTABLE:
+        pass
     elif depth >= VALUE_DEPTH_MAX:
         raise Fault(VALUE_ERROR, f"{what} is nested deeper than {VALUE_DEPTH_MAX} levels.")
     elif kind is dict:
         runtime.charge(2 + 3 * len(value))
+        charge_int_keys(runtime, value)
+        left -= 2 * len(value)
         for key, item in value.items():
-            left -= 1 if type(key) is int else len(key)
+            left -= 0 if type(key) is int else len(key)
             inner = type(item)
             if inner is bytes or inner is str:
                 left -= len(item)
             elif inner is not int:
-                left = _walk(runtime, item, depth + 1, left, what)
+                left = _walk(runtime, item, depth + 1, left + 1, what)
     elif kind is list or kind is tuple:
         runtime.charge(2 + 3 * len(value))
-        left -= 1
         for item in value:
             left = _walk(runtime, item, depth + 1, left, what)
     else:
@@ -272,6 +289,7 @@ def copy_across(runtime: Runtime, value: Any, what: str, depth: int = 0) -> Any:
     if kind is dict:
         runtime.gas -= 6 + 3 * len(value)
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+        charge_int_keys(runtime, value)
         for key in value:
             check_dict_key(key)
         return {key: copy_across(runtime, item, what, depth + 1) for key, item in value.items()} if value else {}
@@ -294,20 +312,34 @@ def _copy_text(runtime: Runtime, text: str, what: str) -> str:
     return text
 
 
+def count_items(root: Any) -> int:
+    """Return how many values stand inside of one that was just copied, at every depth."""
+    count = 0
+    pending = [root]
+    while pending:
+        container = pending.pop()
+        if type(container) is list or type(container) is dict:
+            count += len(container)
+            items = container.values() if type(container) is dict else container
+            pending.extend([item for item in items if type(item) is list or type(item) is dict])
+    return count
+
+
 def fresh_constant(runtime: Runtime, value: Any) -> Any:
     """Return a new copy of a module constant that holds lists or dicts, so that no call can change it for the next."""
     kind = type(value)
     if kind is list:
-        runtime.charge(1 + len(value))
+        runtime.charge(4 + 2 * len(value))
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return [fresh_constant(runtime, item) for item in value]
     if kind is tuple:
-        runtime.charge(1 + len(value))
+        runtime.charge(4 + 2 * len(value))
         runtime.allocate(HEADER_BYTES + ITEM_BYTES * len(value))
         return tuple([fresh_constant(runtime, item) for item in value])
     if kind is dict:
-        runtime.charge(1 + 2 * len(value))
+        runtime.charge(4 + 3 * len(value))
         runtime.allocate(HEADER_BYTES + DICT_ENTRY_BYTES * len(value))
+        charge_int_keys(runtime, value)
         return {key: fresh_constant(runtime, item) for key, item in value.items()}
     return value
 

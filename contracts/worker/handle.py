@@ -12,6 +12,7 @@ import select
 import subprocess
 import time
 from collections.abc import Callable, Sequence
+from itertools import islice
 
 import msgspec
 
@@ -20,7 +21,6 @@ from contracts.worker.wire import (
     FROM_WORKER,
     Begin,
     Broken,
-    Doing,
     Executed,
     ExecutedRun,
     FromNode,
@@ -34,19 +34,23 @@ from contracts.worker.wire import (
     Scan,
     Value,
     Viewed,
+    newest_place,
 )
 
 LOOK_INTERVAL_MS = 500
 STALLED_MAX_MS = 15_000
-PROCESSOR_MAX_MS = 120_000
-SCAN_ROWS_MAX_COUNT = 100_000
+PROCESSOR_MAX_MS = 10_000
+"""The dearest block takes some 2 s of a slow machine: compiling as much as its gas buys."""
+NOTES_MAX_BYTES = 64 * 1024
+ENDLESS = "it does not come to an end"
+SCAN_ROWS_MAX_COUNT = 256
 _CLOSED_WAIT_S = 5.0
 
 Answer = Hello | Executed | ExecutedRun | Viewed | Refused | Broken
 
 
 class WorkerLostError(Exception):
-    """The worker died, hung or spoke nonsense; `place` is the transaction that it had in hand, if it said so."""
+    """The worker died, hung or spoke nonsense; `place` is what it noted last: a transaction, or IN_CHANGE."""
 
     def __init__(self, reason: str, place: int | None = None) -> None:
         self.reason = reason
@@ -57,14 +61,24 @@ class WorkerLostError(Exception):
 class WorkerHandle:
     """A running worker. One thread at a time."""
 
-    def __init__(self, command: Sequence[str], begin: Begin, *, stalled_max_ms: int = STALLED_MAX_MS) -> None:
-        """Start the process and tell it the beginning. Raises WorkerLostError if the system starts no process."""
+    def __init__(
+        self,
+        command: Sequence[str],
+        begin: Begin,
+        *,
+        stalled_max_ms: int = STALLED_MAX_MS,
+        processor_max_ms: int | None = PROCESSOR_MAX_MS,
+    ) -> None:
+        """Start the process and tell it the beginning. Raises WorkerLostError if the system starts no process.
+
+        `processor_max_ms` is how much processor time one question may take, once it has begun; None sets no limit.
+        """
         try:
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
                 env={},
                 cwd="/",
                 bufsize=0,
@@ -72,11 +86,13 @@ class WorkerHandle:
             )
         except OSError as error:
             raise WorkerLostError(f"no process could be started: {error}") from error
-        if self._process.stdin is None or self._process.stdout is None:
+        if self._process.stdin is None or self._process.stdout is None or self._process.stderr is None:
             raise AssertionError("the process was started with pipes")
-        self._to, self._from = self._process.stdin, self._process.stdout
+        self._to, self._from, self._notes = self._process.stdin, self._process.stdout, self._process.stderr
         os.set_blocking(self._to.fileno(), False)
+        os.set_blocking(self._notes.fileno(), False)
         self._stalled_max_ms = stalled_max_ms
+        self._processor_max_ms = processor_max_ms
         self._reading, self._writing = select.poll(), select.poll()
         self._reading.register(self._from.fileno(), select.POLLIN)
         self._writing.register(self._to.fileno(), select.POLLOUT)
@@ -85,7 +101,6 @@ class WorkerHandle:
         )
         self._asked_cpu_ms = self._cpu_ms = 0.0
         self._moved_ms = 0.0
-        self._place: int | None = None
         self._hello: Hello | None = None
         self.answers_count = 0
         """How many questions it has answered: a worker that has answered none is as good as new."""
@@ -113,19 +128,28 @@ class WorkerHandle:
         Raises WorkerLostError, and whatever reading `state` raises.
         """
         self.hello()
-        self._place = None
+        self._read_notes()
         self._send(message)
         answer = self._receive(state)
         if isinstance(answer, Hello):
-            raise WorkerLostError("it began a second time", self._place)
+            raise WorkerLostError("it began a second time")
         self.answers_count += 1
         return answer
+
+    def newest_place(self) -> int | None:
+        """Return what the worker noted last since it was asked: the transaction in hand, IN_CHANGE, or None."""
+        return newest_place(self._read_notes())
+
+    def _read_notes(self) -> bytes:
+        with contextlib.suppress(OSError):
+            return os.read(self._notes.fileno(), NOTES_MAX_BYTES)
+        return b""
 
     def end(self) -> None:
         """Kill the process, if it still runs, and let go of it; one that the kernel holds on to is reaped later."""
         self._process.kill()
-        self._to.close()
-        self._from.close()
+        for pipe in (self._to, self._from, self._notes):
+            pipe.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_CLOSED_WAIT_S)
 
@@ -144,14 +168,13 @@ class WorkerHandle:
             while True:
                 message: FromWorker = self._pipe.receive(FROM_WORKER)
                 self._moved_ms = time.monotonic() * 1000
-                if isinstance(message, Doing):
-                    self._place = message.place
-                elif isinstance(message, Get | Page | Scan):
+                if isinstance(message, Get | Page | Scan):
                     self._pipe.send(_read(message, state))
                 else:
                     return message
         except (EOFError, OSError, msgspec.MsgspecError) as error:
-            raise WorkerLostError(self._how_it_ended(error), self._place) from error
+            how = self._how_it_ended(error)
+            raise WorkerLostError(how, self.newest_place()) from error
 
     def _how_it_ended(self, error: Exception) -> str:
         if isinstance(error, msgspec.MsgspecError):
@@ -171,9 +194,10 @@ class WorkerHandle:
             if cpu_ms != self._cpu_ms:
                 self._cpu_ms, self._moved_ms = cpu_ms, now_ms
             if now_ms - self._moved_ms > self._stalled_max_ms:
-                raise WorkerLostError("it hangs", self._place)
-            if cpu_ms - self._asked_cpu_ms > PROCESSOR_MAX_MS:
-                raise WorkerLostError("it does not come to an end", self._place)
+                raise WorkerLostError("it hangs", self.newest_place())
+            limit_ms = None if self._hello is None else self._processor_max_ms
+            if limit_ms is not None and cpu_ms - self._asked_cpu_ms > limit_ms:
+                raise WorkerLostError(ENDLESS, self.newest_place())
 
     def _processor_ms(self) -> float:
         """Return the process's processor time; where the system does not tell, the time that passes."""
@@ -189,6 +213,7 @@ def _read(question: Get | Page | Scan, state: StateReader | StateView | None) ->
     if isinstance(question, Get):
         return Value(state.get(question.key))
     if isinstance(question, Scan):
-        return Rows(list(state.scan(question.prefix, min(question.limit, SCAN_ROWS_MAX_COUNT))))
+        limit = min(max(question.limit, 0), SCAN_ROWS_MAX_COUNT)
+        return Rows(list(islice(state.scan_range(question.start, question.end), limit)))
     page: Callable[[bytes], bytes | None] | None = getattr(state, "page", None)
     return Value(None if page is None else page(question.path))

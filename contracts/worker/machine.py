@@ -2,24 +2,26 @@
 
 `WorkerMachine` builds and verifies blocks as `ContractMachine` does, with the same results; `WorkerViews` answers
 views in a worker of its own, so that they never delay blocks. A worker that dies, hangs or takes too much memory is
-replaced, and what was asked is asked again; only what fails in new workers too counts as the interpreter's own failure.
+replaced, and what was asked is asked again. What fails in a new worker too gives no verdict: `ExecutionFault` says what
+was in hand. With each step of effort a worker may take twice the memory and time, in the end all that the machine has.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import encode_value
 from consensus.primitives.trie import hash_page
 from consensus.transaction import Transaction
-from contracts.execution.results import BlockResult, ExpectedBlock
+from contracts.execution.results import IN_CHANGE, BlockResult, ExecutionFault, ExpectedBlock
 from contracts.state.view import StateReader, StateView
 from contracts.vm import InternalFault
-from contracts.worker.handle import STALLED_MAX_MS, WorkerHandle, WorkerLostError
+from contracts.worker.handle import ENDLESS, PROCESSOR_MAX_MS, STALLED_MAX_MS, WorkerHandle, WorkerLostError
 from contracts.worker.wall import REQUIRED_PARTS
 from contracts.worker.wire import (
     Begin,
@@ -34,8 +36,10 @@ from contracts.worker.wire import (
     WallPart,
 )
 
-ATTEMPTS_MAX_COUNT = 3
-CULPRITS_MAX_COUNT = 8
+ATTEMPTS_MAX_COUNT = 2
+STARTS_MAX_COUNT = 3
+EFFORT_MAX = 4
+"""The last step of effort that has a limit: sixteen times the memory and time."""
 _RENEWAL_DIVISOR = 4
 """The ledger is read anew once it took a quarter of the blocks that the worker keeps above it."""
 
@@ -60,14 +64,6 @@ class Ledger(Protocol):
         ...
 
 
-class _StuckError(InternalFault):
-    """One block could not be executed by any worker; `place` is the transaction that the last one had in hand."""
-
-    def __init__(self, reason: str, place: int | None) -> None:
-        self.place = place
-        super().__init__(reason)
-
-
 @dataclass(frozen=True, slots=True)
 class Staff:
     """How workers are started: the command, what they are told first, and who hears why one was replaced."""
@@ -84,45 +80,79 @@ class _Post:
     def __init__(self, staff: Staff) -> None:
         self._staff = staff
         self._handle: WorkerHandle | None = None
+        self._spare: WorkerHandle | None = None
+        self._effort = 0
         self._closed = False
         self.parts: tuple[WallPart, ...] = ()
         self.replaced_count = 0
+        self.last_loss = ""
 
     @property
     def pid(self) -> int | None:
         return None if self._handle is None else self._handle.pid
 
-    def worker(self) -> WorkerHandle:
-        """Return the worker, a new one if there is none. Raises WorkerLostError."""
+    def worker(self, effort: int = 0) -> WorkerHandle:
+        """Return the worker, a new one if there is none that may take so much. Raises WorkerLostError."""
         if self._closed:
             raise InternalFault("the node is closing")
+        if self._handle is not None and effort != self._effort:
+            self._let_go()
         if self._handle is None:
-            staff = self._staff
-            self._handle = WorkerHandle(staff.command, staff.begin, stalled_max_ms=staff.stalled_max_ms)
+            if effort == 0 and self._spare is not None:
+                self._handle, self._spare = self._spare, None
+                self._keep_spare()
+            else:
+                self._handle = self._start(effort)
+            self._effort = effort
         return self._handle
 
-    def greet(self) -> None:
-        """Wait until the worker is behind its wall. Raises WorkerLostError."""
-        self.parts = self.worker().hello().parts
+    def _start(self, effort: int) -> WorkerHandle:
+        staff, is_limited = self._staff, effort <= EFFORT_MAX
+        memory_max_bytes = staff.begin.memory_max_bytes << effort if is_limited else 0
+        begin = Begin(staff.begin.genesis_json, staff.begin.ledger_dir, memory_max_bytes)
+        processor_max_ms = PROCESSOR_MAX_MS << effort if is_limited else None
+        return WorkerHandle(
+            staff.command, begin, stalled_max_ms=staff.stalled_max_ms, processor_max_ms=processor_max_ms
+        )
 
-    def dismiss(self, reason: str) -> None:
-        """End the worker; the next one is started when it is needed."""
+    def newest_place(self) -> int | None:
+        """Return what the worker noted last of what it had in hand."""
+        return None if self._handle is None else self._handle.newest_place()
+
+    def _let_go(self) -> None:
         handle, self._handle = self._handle, None
         if handle is not None:
             handle.end()
+
+    def greet(self, effort: int = 0) -> None:
+        """Wait until the worker is behind its wall. Raises WorkerLostError."""
+        self.parts = self.worker(effort).hello().parts
+
+    def dismiss(self, reason: str) -> None:
+        """End the worker. From the first loss on a spare one is kept ready: who was attacked once is so again."""
+        self._let_go()
         self.replaced_count += 1
+        self.last_loss = "".join(character if character.isprintable() else "?" for character in reason)
+        self._keep_spare()
         self._staff.note_loss(reason)
+
+    def _keep_spare(self) -> None:
+        if self._spare is None and not self._closed:
+            with contextlib.suppress(WorkerLostError):
+                self._spare = self._start(0)
 
     def close(self) -> None:
         self._closed = True
-        handle, self._handle = self._handle, None
-        if handle is not None:
-            handle.end()
+        self._let_go()
+        if self._spare is not None:
+            self._spare.end()
+            self._spare = None
 
     def describe(self) -> dict[str, Any]:
         return {
             "pid": self.pid,
             "replaced": self.replaced_count,
+            "last_loss": self.last_loss,
             "missing": {part.name: part.detail for part in self.parts if not part.had},
         }
 
@@ -138,6 +168,7 @@ class WorkerMachine:
         self._hold: Hold | None = ledger.hold()
         self._base_height: int | None = None
         self._layers_count = 0
+        self._effort = 0
         try:
             self._post.worker()
         except WorkerLostError as error:
@@ -146,7 +177,7 @@ class WorkerMachine:
     def greet(self) -> tuple[WallPart, ...]:
         """Wait for the worker's wall; return its parts. Raises CONTRACT_WORKER_FAILED if no worker can be had."""
         with self._lock:
-            for _ in range(ATTEMPTS_MAX_COUNT):
+            for _ in range(STARTS_MAX_COUNT):
                 try:
                     self._post.greet()
                 except WorkerLostError as error:
@@ -169,30 +200,50 @@ class WorkerMachine:
                 self._hold = None
 
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
     ) -> tuple[BlockResult, list[bytes]]:
-        """Execute what fits into a block, in order; return that and the txids that no block should ever hold.
+        """Execute what fits into a block, in order; return that and the txids on which the execution failed.
 
-        What ends every worker that executes it is among these.
+        If it fails on a transaction, the block ends before that one: what comes after it waits for the next block.
+        Raises ExecutionFault if it fails on anything else.
         """
-        left = list(transactions)
-        culprits: list[bytes] = []
-        while True:
-            try:
-                result = self._execute(parent, height, time_ms, left, culprits, leader=True)
-            except _StuckError as error:
-                if error.place is None or error.place >= len(left) or len(culprits) == CULPRITS_MAX_COUNT:
-                    raise
-                culprits.append(left.pop(error.place).txid)
-            else:
-                return result, list(result.faulty)
+        try:
+            return self._execute(
+                parent, height, time_ms, transactions, leader=True, gives_up_change=gives_up_change
+            ), []
+        except ExecutionFault as fault:
+            txids = [transaction.txid for transaction in transactions]
+            if fault.txid is None:
+                raise
+            place, culprits = txids.index(fault.txid), [fault.txid]
+        before = transactions[:place]
+        result = self._execute(parent, height, time_ms, before, leader=True, gives_up_change=gives_up_change)
+        return replace(result, left_out=(*result.left_out, *txids[place:]), faulty=tuple(culprits)), culprits
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        effort: int = 0,
+    ) -> BlockResult:
         """Execute exactly these transactions. Raises BLOCK_INVALID if they do not fit into one block.
 
-        Raises InternalFault if the interpreter fails on one, or ends every worker: no verdict, and no vote.
+        Raises ExecutionFault if the interpreter fails or its process ends: no verdict, and no vote. With each step of
+        `effort` it may take twice as much.
         """
-        return self._execute(parent, height, time_ms, transactions, [], leader=False)
+        return self._execute(
+            parent, height, time_ms, transactions, leader=False, gives_up_change=gives_up_change, effort=effort
+        )
 
     def verify_ahead(self, parent: StateView, blocks: Sequence[ExpectedBlock]) -> list[BlockResult]:
         """Execute consecutive blocks in one message; return what the first ones gave, as `verify` would one by one.
@@ -201,12 +252,12 @@ class WorkerMachine:
         """
         questions, root = [], parent.state_root
         with self._lock:
-            renew = bool(blocks) and self._is_renewal_due()
+            renew = bool(blocks) and (self._effort != 0 or self._is_renewal_due())
             for number, block in enumerate(blocks):
                 wires = tuple((transaction.txid, transaction.wire) for transaction in block.transactions)
                 is_renewing = renew and number == 0
                 questions.append(
-                    Execute(root, block.height, block.time_ms, wires, leader=False, renew=is_renewing, careful=False)
+                    Execute(root, block.height, block.time_ms, wires, False, is_renewing, block.gives_up_change)
                 )
                 root = block.state_root
             try:
@@ -214,9 +265,11 @@ class WorkerMachine:
             except WorkerLostError as error:
                 self._dismiss(error.reason)
                 return []
+            if isinstance(answer, Broken):
+                self._dismiss(answer.text)
         if not isinstance(answer, ExecutedRun):
             return []
-        return [_result_of(executed, ()) for executed in answer.blocks[: len(blocks)]]
+        return [_result_of(executed) for executed in answer.blocks[: len(blocks)]]
 
     def _execute(
         self,
@@ -224,33 +277,41 @@ class WorkerMachine:
         height: int,
         time_ms: int,
         transactions: Sequence[Transaction],
-        culprits: Sequence[bytes],
         *,
         leader: bool,
+        gives_up_change: bool,
+        effort: int = 0,
     ) -> BlockResult:
-        reason, place = "", None
+        """Ask a worker, then a new one; for what fails before anything is in hand, one that may take more and more."""
         wires = tuple((transaction.txid, transaction.wire) for transaction in transactions)
+        reason, place, first, is_spent = "", None, effort, False
         with self._lock:
-            for attempt in range(1, ATTEMPTS_MAX_COUNT + 1):
-                is_last = attempt == ATTEMPTS_MAX_COUNT
-                renew = self._is_renewal_due()
+            for attempt in range(1, ATTEMPTS_MAX_COUNT + EFFORT_MAX + 2):
+                renew = effort != self._effort or self._is_renewal_due()
                 question = Execute(
-                    parent.state_root, height, time_ms, wires, leader=leader, renew=renew, careful=leader and is_last
+                    parent.state_root, height, time_ms, wires, leader, renew, gives_up_change=gives_up_change
                 )
                 try:
-                    answer, is_new = self._ask(question, parent, renew=renew)
+                    answer, is_new = self._ask(question, parent, renew=renew, effort=effort)
                 except WorkerLostError as error:
-                    reason, place = error.reason, error.place
-                    self._dismiss(reason)
-                    continue
-                if isinstance(answer, Executed) and (is_new or not answer.faulty):
-                    return _result_of(answer, culprits)
-                if isinstance(answer, Refused) and (is_last or not answer.code.startswith("STORAGE_")):
-                    raise BlockRobotError(answer.code, answer.detail)
-                if isinstance(answer, Broken) and is_new:
-                    raise InternalFault(answer.text)
-                self._dismiss(answer.text if isinstance(answer, Broken) else "it failed within")
-        raise _StuckError(f"the block ended {ATTEMPTS_MAX_COUNT} workers, one after another: {reason}", place)
+                    answer, is_new, reason, place = None, False, error.reason, error.place
+                    is_spent = reason == ENDLESS
+                if isinstance(answer, Executed):
+                    return _result_of(answer)
+                if isinstance(answer, Refused):
+                    if not answer.code.startswith("STORAGE_"):
+                        raise BlockRobotError(answer.code, answer.detail)
+                    reason, place, is_new = f"{answer.code}: {answer.detail}", None, False
+                elif isinstance(answer, Broken):
+                    reason, place = answer.text, self._post.newest_place()
+                    is_spent = answer.exhausted
+                self._dismiss(reason)
+                if place is not None and (is_new or is_spent or attempt >= ATTEMPTS_MAX_COUNT):
+                    break
+                if place is None and attempt >= ATTEMPTS_MAX_COUNT:
+                    effort = min(effort + 1, max(first, EFFORT_MAX + 1))
+        txid = transactions[place].txid if place is not None and 0 <= place < len(transactions) else None
+        raise ExecutionFault(f"the block could not be executed: {reason}", txid=txid, in_change=place == IN_CHANGE)
 
     def _is_renewal_due(self) -> bool:
         if self._base_height is None:
@@ -258,15 +319,16 @@ class WorkerMachine:
         return self._ledger.height() - self._base_height > self._layers_count // _RENEWAL_DIVISOR
 
     def _ask(
-        self, question: Execute | ExecuteRun, parent: StateView, *, renew: bool
+        self, question: Execute | ExecuteRun, parent: StateView, *, renew: bool, effort: int = 0
     ) -> tuple[Executed | ExecutedRun | Refused | Broken, bool]:
         """Return the answer, and whether it is the first one of this worker."""
         hold = self._ledger.hold() if renew else None
         try:
-            worker = self._post.worker()
+            worker = self._post.worker(effort)
+            self._effort = effort
             is_new = worker.answers_count == 0
             if is_new:
-                self._post.greet()
+                self._post.greet(effort)
             answer = worker.ask(question, parent)
         except BaseException as error:
             if hold is not None:
@@ -307,7 +369,7 @@ class WorkerViews:
         """
         question, reason = View(root, height, time_ms, contract, view, encode_value(arguments)), ""
         with self._lock:
-            for _ in range(ATTEMPTS_MAX_COUNT):
+            for _ in range(STARTS_MAX_COUNT):
                 try:
                     worker = self._post.worker()
                     is_new = worker.answers_count == 0
@@ -353,7 +415,7 @@ def _require_sound(answer: Executed) -> None:
         raise WorkerLostError("it spoke nonsense: the state root is not that of its page")
 
 
-def _result_of(answer: Executed, culprits: Sequence[bytes]) -> BlockResult:
+def _result_of(answer: Executed) -> BlockResult:
     return BlockResult(
         receipts=answer.receipts,
         writes=answer.writes,
@@ -361,6 +423,5 @@ def _result_of(answer: Executed, culprits: Sequence[bytes]) -> BlockResult:
         state_root=answer.state_root,
         receipt_root=answer.receipt_root,
         gas_used=answer.gas_used,
-        left_out=(*answer.left_out, *culprits),
-        faulty=(*answer.faulty, *culprits),
+        left_out=answer.left_out,
     )

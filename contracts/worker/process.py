@@ -6,9 +6,12 @@ is needed is loaded before the wall closes; afterwards no file can be opened.
 
 from __future__ import annotations
 
+import contextlib
 import gc
+import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -17,7 +20,8 @@ import msgspec
 from consensus.errors import BlockRobotError
 from consensus.primitives.encoding import decode_value
 from consensus.transaction import Transaction, TransactionBody, TransactionWire
-from contracts.execution.results import BlockResult
+from contracts.execution.results import BlockResult, ExecutionFault, note_nothing
+from contracts.state.key_cache import prefix_end
 from contracts.state.view import StateReader, StateView
 from contracts.worker.layers import Layers
 from contracts.worker.wall import close_wall
@@ -25,7 +29,6 @@ from contracts.worker.wire import (
     FROM_NODE,
     Begin,
     Broken,
-    Doing,
     Execute,
     Executed,
     ExecutedRun,
@@ -41,10 +44,14 @@ from contracts.worker.wire import (
     Value,
     View,
     Viewed,
+    pack_place,
 )
 
 _WIRE = msgspec.msgpack.Decoder(TransactionWire)
 _BODY = msgspec.msgpack.Decoder(TransactionBody)
+_NOTES_FD = 2
+ASKED_ROWS_MAX_COUNT = 64
+ASKED_KEPT_MAX_BYTES = 8 * 1_048_576
 
 
 class LedgerView(StateView, Protocol):
@@ -64,12 +71,28 @@ class BlockMachine(Protocol):
     """What executes blocks: `contracts.execution.machine.ContractMachine`."""
 
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        note: Callable[[int], None] = note_nothing,
     ) -> tuple[BlockResult, list[bytes]]:
         """Execute what fits into a block."""
         ...
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        note: Callable[[int], None] = note_nothing,
+    ) -> BlockResult:
         """Execute exactly these transactions."""
         ...
 
@@ -85,11 +108,17 @@ class Workplace:
 
 
 class AskedState:
-    """The parent's state as the node has it, asked for row by row: right always, and slow."""
+    """The parent's state as the node has it, asked for row by row: right always, and slow.
+
+    What a call pays for bounds what crosses the pipe: a scan asks for at most about twice the rows that are taken of it,
+    and the values of those are kept for the `get` that follows.
+    """
 
     def __init__(self, pipe: Pipe, state_root: bytes) -> None:
         self._pipe = pipe
         self.state_root = state_root
+        self._kept: dict[bytes, bytes] = {}
+        self._kept_bytes = 0
 
     def _ask(self, question: Get | Page | Scan) -> FromNode:
         self._pipe.send(question)
@@ -103,7 +132,8 @@ class AskedState:
 
     def get(self, key: bytes) -> bytes | None:
         """Return the encoded value under a flat key, or None."""
-        return self._value(Get(key))
+        kept = self._kept.get(key)
+        return self._value(Get(key)) if kept is None else kept
 
     def page(self, path: bytes) -> bytes | None:
         """Return the trie page under a nibble path, or None."""
@@ -111,23 +141,36 @@ class AskedState:
 
     def scan(self, prefix: bytes, limit: int) -> Iterator[tuple[bytes, bytes]]:
         """Yield up to `limit` pairs under the prefix, in key order."""
-        answer = self._ask(Scan(prefix, limit))
-        if not isinstance(answer, Rows):
-            raise BlockRobotError("STORAGE_DAMAGED", "The node answered something else than rows.")
-        yield from answer.rows
+        return islice(self.scan_range(prefix, prefix_end(prefix)), limit)
+
+    def scan_range(self, start: bytes, end: bytes) -> Iterator[tuple[bytes, bytes]]:
+        """Yield the pairs from `start` up to but without `end`, in key order: asked for piece by piece."""
+        count = 1
+        while True:
+            answer = self._ask(Scan(start, end, count))
+            if not isinstance(answer, Rows):
+                raise BlockRobotError("STORAGE_DAMAGED", "The node answered something else than rows.")
+            for row in answer.rows:
+                self._keep(*row)
+                yield row
+            if len(answer.rows) < count:
+                return
+            start = answer.rows[-1][0] + b"\x00"
+            count = min(2 * count, ASKED_ROWS_MAX_COUNT)
+
+    def _keep(self, key: bytes, value: bytes) -> None:
+        if self._kept_bytes > ASKED_KEPT_MAX_BYTES:
+            self._kept.clear()
+            self._kept_bytes = 0
+        if key not in self._kept:
+            self._kept[key] = value
+            self._kept_bytes += len(value)
 
 
-class _Announcing(list[Transaction]):
-    """Transactions that say, when they are gone through, which one comes next."""
-
-    def __init__(self, transactions: list[Transaction], pipe: Pipe) -> None:
-        super().__init__(transactions)
-        self._pipe = pipe
-
-    def __iter__(self) -> Iterator[Transaction]:
-        for place in range(len(self)):
-            self._pipe.send(Doing(place))
-            yield self[place]
+def _note(place: int) -> None:
+    """Say what comes next, on the pipe that the node reads if this is the last that it hears. Must never wait."""
+    with contextlib.suppress(OSError):
+        os.write(_NOTES_FD, pack_place(place))
 
 
 class _Worker:
@@ -150,7 +193,8 @@ class _Worker:
         except (EOFError, BrokenPipeError):
             raise
         except Exception as error:  # noqa: BLE001 - whatever it was, it is no verdict, and the node decides what to do
-            return Broken(f"{type(error).__name__}: {error}"[:1000])
+            text = f"{type(error).__name__}: {error}".encode("ascii", "backslashreplace").decode()[:1000]
+            return Broken(text, exhausted=_is_exhaustion(error))
         raise AssertionError("the node answers only what it was asked")
 
     def _renew(self) -> LedgerView:
@@ -170,13 +214,15 @@ class _Worker:
                 raise LookupError("the parent's state is not known here")
             parent = AskedState(self._pipe, message.parent_root)
         transactions = [_read_transaction(txid, wire) for txid, wire in message.transactions]
-        if message.careful:
-            transactions = _Announcing(transactions, self._pipe)
-        machine, height, time_ms = self._place.machine, message.height, message.time_ms
+        execute, place = self._place.machine, (parent, message.height, message.time_ms, transactions)
+        gives_up, note = message.gives_up_change, _note if asks else note_nothing
         if message.leader:
-            result, faulty = machine.build(parent, height, time_ms, transactions)
+            result, faulty = execute.build(*place, gives_up_change=gives_up, note=note)
+            if faulty:
+                _note(next(number for number, one in enumerate(transactions) if one.txid == faulty[0]))
+                raise ExecutionFault(str(result.fault)) from result.fault  # nothing it did since is believed
         else:
-            result, faulty = machine.verify(parent, height, time_ms, transactions), []
+            result = execute.verify(*place, gives_up_change=gives_up, note=note)
         writes, pages = dict(result.writes), dict(result.page_writes)
         self._layers.add(ledger.state_root, message.parent_root, result.state_root, writes, pages)
         return Executed(
@@ -187,22 +233,19 @@ class _Worker:
             receipt_root=result.receipt_root,
             gas_used=result.gas_used,
             left_out=result.left_out,
-            faulty=tuple(faulty),
             base_height=ledger.height,
             layers_count=self._layers.count,
         )
 
     def _execute_run(self, message: ExecuteRun) -> ExecutedRun:
-        """Execute blocks ahead, up to the first one that fails in any way: the node asks for that one again."""
+        """Execute blocks ahead, up to the first one that is refused: the node asks for that one again."""
         done: list[Executed] = []
         for block in message.blocks:
             if done and done[-1].state_root != block.parent_root:
                 break
             try:
                 done.append(self._execute(block, asks=not done))
-            except (EOFError, BrokenPipeError):
-                raise
-            except Exception:
+            except (BlockRobotError, LookupError):
                 if not done:
                     raise
                 break
@@ -216,6 +259,12 @@ class _Worker:
             raise BlockRobotError("REQUEST_INVALID", "The arguments are not an encoded list.")
         run = self._place.run_view
         return Viewed(run(state, message.height, message.time_ms, message.contract, message.view, arguments))
+
+
+def _is_exhaustion(error: BaseException | None) -> bool:
+    while error is not None and not isinstance(error, MemoryError):
+        error = error.__cause__
+    return error is not None
 
 
 def _read_transaction(txid: bytes, wire: bytes) -> Transaction:
@@ -233,6 +282,7 @@ def serve(pipe: Pipe, prepare: Callable[[Begin], Workplace]) -> None:
     place = prepare(begin)
     gc.collect()
     gc.freeze()
+    os.set_blocking(_NOTES_FD, False)  # the wall forbids it
     pipe.send(Hello(close_wall(place.kept_files, begin.memory_max_bytes)))
     worker = _Worker(pipe, place)
     while True:

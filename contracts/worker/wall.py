@@ -45,7 +45,7 @@ _PAGE_BYTES = resource.getpagesize()
 def close_wall(kept_files: tuple[Path, ...], memory_max_bytes: int) -> tuple[WallPart, ...]:
     """Close the wall; return its parts. What is open on `kept_files` stays, beside the three standard descriptors.
 
-    `memory_max_bytes` is what the process may take beyond what it has now.
+    `memory_max_bytes` is what the process may take beyond what it has now; 0 sets no limit.
     """
     libc = ctypes.CDLL(None, use_errno=True) if sys.platform == "linux" else None
     steps: tuple[Callable[[], str], ...] = (
@@ -103,6 +103,8 @@ def _limit_resources() -> str:
 
 def _limit_memory(memory_max_bytes: int) -> str:
     """Limit private memory by itself, and the address space, which holds the ledger's map too."""
+    if not memory_max_bytes:
+        return ""
     path = _PROC / "statm"
     if not path.is_file():
         return "the system does not say how much memory is taken"

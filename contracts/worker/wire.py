@@ -7,6 +7,7 @@ message; before that it may ask back for rows of the state that the node has and
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -27,7 +28,7 @@ class _Message(msgspec.Struct, array_like=True, frozen=True, forbid_unknown_fiel
 
 
 class Begin(_Message, frozen=True):
-    """The first message to a worker: the chain's genesis file, where its ledger lies, how much memory it may take."""
+    """The first message to a worker: the chain's genesis file, where its ledger lies, the memory it may take (0: all)."""
 
     genesis_json: str
     ledger_dir: str
@@ -51,8 +52,8 @@ class Hello(_Message, frozen=True):
 class Execute(_Message, frozen=True):
     """Execute these transactions (txid, wire bytes) on the state with this root.
 
-    `leader` builds a block, otherwise one is verified. `renew`: begin to read the ledger anew first. `careful`: say
-    before each transaction which it is.
+    `leader` builds a block, otherwise one is verified. `renew`: begin to read the ledger anew first. `gives_up_change`:
+    the version of a contract that is due fails.
     """
 
     parent_root: bytes
@@ -61,7 +62,7 @@ class Execute(_Message, frozen=True):
     transactions: tuple[tuple[bytes, bytes], ...]
     leader: bool
     renew: bool
-    careful: bool
+    gives_up_change: bool = False
 
 
 class Executed(_Message, frozen=True):
@@ -74,7 +75,6 @@ class Executed(_Message, frozen=True):
     receipt_root: bytes
     gas_used: int
     left_out: tuple[bytes, ...]
-    faulty: tuple[bytes, ...]
     base_height: int
     layers_count: int
 
@@ -116,15 +116,10 @@ class Refused(_Message, frozen=True):
 
 
 class Broken(_Message, frozen=True):
-    """The interpreter itself failed: no verdict."""
+    """The interpreter itself failed: no verdict. `exhausted`: its memory was full."""
 
     text: str
-
-
-class Doing(_Message, frozen=True):
-    """Only if asked to be careful: the place of the transaction that is executed next."""
-
-    place: int
+    exhausted: bool = False
 
 
 class Get(_Message, frozen=True):
@@ -140,9 +135,10 @@ class Page(_Message, frozen=True):
 
 
 class Scan(_Message, frozen=True):
-    """The worker asks for rows under a prefix of the parent's state."""
+    """The worker asks for rows of the parent's state, from `start` up to but without `end`."""
 
-    prefix: bytes
+    start: bytes
+    end: bytes
     limit: int
 
 
@@ -159,10 +155,22 @@ class Rows(_Message, frozen=True):
 
 
 FromNode = Begin | Execute | ExecuteRun | View | Value | Rows
-FromWorker = Hello | Executed | ExecutedRun | Viewed | Refused | Broken | Doing | Get | Page | Scan
+FromWorker = Hello | Executed | ExecutedRun | Viewed | Refused | Broken | Get | Page | Scan
 FROM_NODE: msgspec.msgpack.Decoder[FromNode] = msgspec.msgpack.Decoder(FromNode)
 FROM_WORKER: msgspec.msgpack.Decoder[FromWorker] = msgspec.msgpack.Decoder(FromWorker)
 _ENCODER = msgspec.msgpack.Encoder()
+_PLACES = re.compile(rb"@(-?[0-9]{1,6})\n")
+
+
+def pack_place(place: int) -> bytes:
+    """Return what a worker notes of how far it is, apart from its answers: read only if it does not come to one."""
+    return b"@%d\n" % place
+
+
+def newest_place(notes: bytes) -> int | None:
+    """Return the place in the last whole note, or None."""
+    found = _PLACES.findall(notes)
+    return int(found[-1]) if found else None
 
 
 def pack(message: Any) -> bytearray:

@@ -1,6 +1,6 @@
 """Plays the golden vectors, random programs both ways, and the hostile ones, in a process of its own; prints what came.
 
-Arguments: the folder of the vectors, how many programs, and `stand-ins` where the libraries are missing.
+Arguments: the folder of the vectors, and how many programs.
 """
 
 from __future__ import annotations
@@ -14,11 +14,6 @@ HERE = Path(__file__).resolve().parent
 
 def main() -> None:
     sys.path.insert(0, str(HERE.parents[1]))
-    if "stand-ins" in sys.argv:
-        sys.path.insert(0, str(HERE))
-        import stand_ins
-
-        stand_ins.install()
     from contracts import vectors
     from network.hostile.child import run_corpus
     from network.hostile.fuzzing import fuzz

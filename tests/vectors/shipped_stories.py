@@ -161,10 +161,46 @@ def officers_story() -> None:
     hospital.must(second, "officers", "erase", agreed, visit.owner, visit.records[1:])
     hospital.send(second, "officers", "erase", agreed, other.owner, other.records)
     hospital.must(first, "officers", "stop", agreed)
+    robot, frames = hospital.robot.identity.public_key, [bytes([number]) * 32 for number in range(3)]
+    hospital.send(hospital.robot.identity, "records", "approve_empty_frames", robot, frames)
+    hospital.must(first, "records", "approve_empty_frames", robot, frames)
+    hospital.must(hospital.admin, "records", "withdraw_empty_frames", robot, frames[:1])
+    hospital.send(second, "records", "withdraw_empty_frames", robot, frames[:1])
+    hospital.view("records", "empty_frames", robot)
     hospital.view("officers", "proposals", 0, 10)
     hospital.view("officers", "proposal", agreed)
     hospital.view("records", "of_visit", visit.owner)
     hospital.view("audit", "events", visit.owner, 0, 50)
+
+
+def mandates_story() -> None:
+    hospital = Hospital()
+    child, mother = hospital.enrol("child"), hospital.enrol("mother")
+    first, second = (hospital.enrol(name, "officer").identity for name in ("first", "second"))
+    until_ms = hospital.bucket() + 30 * 24 * 3_600_000
+    proposal = [child.handle, mother.handle, bytes(32), ["consent"], until_ms]
+    hospital.send(mother.identity, "mandates", "propose", *proposal)
+    hospital.send(first, "mandates", "propose", *proposal[:-1], until_ms + 1)
+    given = hospital.must(first, "mandates", "propose", *proposal).txid
+    hospital.send(first, "mandates", "approve", given)
+    hospital.must(second, "mandates", "approve", given)
+    hospital.send(child.identity, "mandates", "accept", given)
+    hospital.must(mother.identity, "mandates", "accept", given)
+    for purpose, end_ms in (("research", 0), ("research", until_ms), ("demo", until_ms)):
+        word = [child.handle, [purpose], ["depth"], 0, end_ms, 0, hospital.height]
+        hospital.send(mother.identity, "consent", "give", *word)
+    hospital.must(child.identity, "consent", "refuse", child.handle, ["demo"], [])
+    hospital.send(
+        mother.identity, "consent", "give", child.handle, ["demo"], ["depth"], 0, until_ms, 0, hospital.height
+    )
+    hospital.must(mother.identity, "rights", "object_to", child.handle, ["care"])
+    hospital.send(first, "mandates", "close", given)
+    hospital.must(child.identity, "mandates", "end", given)
+    hospital.send(mother.identity, "consent", "withdraw", child.handle, [], [])
+    hospital.view("mandates", "mandate", given)
+    hospital.view("mandates", "mandates", 0, 10)
+    hospital.view("mandates", "trail", given, 0, 10)
+    hospital.view("consent", "choices", child.handle)
 
 
 def hospital_story() -> None:
@@ -189,7 +225,8 @@ def hospital_story() -> None:
     hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records[:1])
     hospital.send(hospital.custodians[1], "access", "refused", asked.txid, "NOT_HELD")
     hospital.send(ben.identity, "access", "request", visit.records[:1], "care")
-    hospital.send(visit.key, "access", "verdict", visit.records[0], "authentic", 3)
+    hospital.send(visit.key, "access", "verdict", [[visit.records[0], "authentic", []]])
+    hospital.must(visit.key, "access", "verdict", [[name, "verified", []] for name in visit.records[:2]])
     hospital.must(hospital.robot.identity, "records", "close_visit", visit.owner, 3)
     erased = hospital.must(visit.key, "erasure", "request", visit.records[:2], [])
     hospital.receipts_of_all(erased.txid)
@@ -250,6 +287,7 @@ def documents() -> dict[str, dict[str, Any]]:
         "rights.json": rights_story,
         "sharing.json": sharing_story,
         "officers.json": officers_story,
+        "mandates.json": mandates_story,
         "consortium.json": consortium_story,
     }
     return {name: record(story) for name, story in stories.items()}

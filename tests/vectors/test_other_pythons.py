@@ -1,7 +1,6 @@
 """Golden vectors, random programs and hostile ones, in processes of their own: other hash seeds, other Pythons.
 
-Each gives the same outcomes and charges as this one. Where msgspec and coincurve cannot be installed for a Python, that
-is said out loud and stand-ins in plain Python take their place: the vectors were written with the real ones.
+Each gives the same outcomes and charges as this one. A Python that this machine does not have is not tested.
 """
 
 from __future__ import annotations
@@ -18,11 +17,14 @@ from typing import Any
 import pytest
 
 from contracts import vectors
+from tests.other_pythons import find_pythons
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 CACHE = ROOT / ".pytest_cache" / "pythons"
-LIBRARIES = ("msgspec", "coincurve")
+LOCK = ROOT / "requirements" / "runtime.txt"
+LIBRARIES = ("msgspec", "btclib-secp256k1", "cffi", "pycparser")
+"""What the contract machine imports; the rest of the lock is left out."""
 SEEDS = ("0", "1", "4242")
 PROGRAMS = 60
 THIS = sys.version_info[:2]
@@ -35,50 +37,34 @@ def run(*command: str | Path, **environment: str) -> subprocess.CompletedProcess
     )  # fmt: skip
 
 
-def find_pythons() -> dict[str, Path]:
-    """Return every other Python from 3.11 on that is on the path and answers, by version."""
-    found: dict[str, Path] = {}
-    for minor in range(11, 30):
-        name = f"python3.{minor}"
-        place = shutil.which(name)
-        if (3, minor) == THIS or place is None:
-            continue
-        told = run(place, "-c", "import sys; print('%d.%d' % sys.version_info[:2])")
-        if told.returncode == 0 and told.stdout.strip() == f"3.{minor}":
-            found[name] = Path(place)
-    return found
+def read_pins() -> str:
+    """Return the lock's lines of the contract machine's libraries, hashes included."""
+    pins = LOCK.read_text(encoding="utf-8").replace("\\\n", " ").splitlines()
+    wanted = [pin for pin in pins if pin.partition("==")[0] in LIBRARIES]
+    assert len(wanted) == len(LIBRARIES)
+    return "\n".join(["--only-binary :all:", *wanted, ""])
 
 
-PYTHONS = find_pythons()
-
-
-@cache
-def prepare(name: str) -> tuple[Path, str]:
-    """Return a Python that has the libraries, or the plain one and why it has not."""
-    folder = CACHE / name
-    python = folder / "bin" / "python"
-    if run(python, "-c", "import msgspec, coincurve").returncode == 0 if python.exists() else False:
-        return python, ""
-    made = run(PYTHONS[name], "-m", "venv", "--clear", folder)
-    if made.returncode:
-        return PYTHONS[name], f"no virtual environment can be made: {made.stderr[-200:]}"
+def prepare(version: str, interpreter: Path) -> Path:
+    """Return a Python of this version that has the pinned libraries, in an environment that is kept."""
+    folder, pins = CACHE / version, read_pins()
+    python, kept = folder / "bin" / "python", folder / "pins.txt"
+    if (
+        kept.exists()
+        and kept.read_text(encoding="utf-8") == pins
+        and run(python, "-c", "import msgspec").returncode == 0
+    ):
+        return python
+    made = run(interpreter, "-m", "venv", "--clear", folder)
+    assert made.returncode == 0, made.stderr[-2000:]
+    asked = folder / "asked.txt"
+    asked.write_text(pins, encoding="utf-8")
     settings = {key: value for key, value in os.environ.items() if key.startswith("PIP_")}
-    pip = (
-        python,
-        "-m",
-        "pip",
-        "install",
-        "--quiet",
-        "--disable-pip-version-check",
-        "--retries",
-        "0",
-        "--timeout",
-        "20",
-    )
-    done = run(*pip, "--constraint", ROOT / "constraints.txt", *LIBRARIES, **settings, HOME=str(Path.home()))
-    if done.returncode:
-        return PYTHONS[name], (done.stderr.strip().splitlines() or ["pip failed"])[-1]
-    return python, ""
+    pip = (python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--require-hashes")
+    done = run(*pip, "--requirement", asked, **settings, HOME=str(Path.home()))
+    assert done.returncode == 0, done.stderr[-2000:]
+    asked.rename(kept)
+    return python
 
 
 def play(python: Path | str, seed: str, *more: str) -> dict[str, Any]:
@@ -107,31 +93,25 @@ def test_every_hash_seed_gives_the_same(seed):
     expect_the_same(play(sys.executable, seed), THIS)
 
 
-def test_the_stand_ins_give_the_same():
-    expect_the_same(play(sys.executable, "0", "stand-ins"), THIS)
-
-
-@pytest.mark.timeout(900)
-def test_every_other_python_on_the_path_gives_the_same(capsys):
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_every_other_python_of_this_machine_gives_the_same():
     told = {THIS: here()}
-    for name in PYTHONS:
-        python, missing = prepare(name)
-        if missing:
-            with capsys.disabled():
-                sys.stdout.write(f"\n{name}: {' and '.join(LIBRARIES)} CANNOT BE INSTALLED: {missing}\n")
-                sys.stdout.write(f"{name}: the vectors are played with stand-ins in plain Python instead.\n")
+    others = {name: place for name, place in find_pythons().items() if name != f"{THIS[0]}.{THIS[1]}"}
+    for name, interpreter in others.items():
+        version = (3, int(name.partition(".")[2]))
+        python = prepare(name, interpreter)
         for seed in SEEDS:
-            version = (3, int(name.split(".")[1]))
-            told[version] = play(python, seed, *(["stand-ins"] if missing else []))
+            told[version] = play(python, seed)
             expect_the_same(told[version], version)
-    assert set(told) == {THIS, *((3, int(name.split(".")[1])) for name in PYTHONS)}
+    assert len(told) == 1 + len(others)
     assert len({(found["programs"], found["corpus"], found["fuzzed"]) for found in told.values()}) == 1
 
 
 def test_pythons_that_do_not_answer_are_not_taken_for_pythons(tmp_path, monkeypatch):
-    broken = tmp_path / "python3.29"
+    broken = tmp_path / "python3.14"
     broken.write_text("#!/bin/sh\nexit 127\n")
     broken.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    assert shutil.which("python3.29") == str(broken)
-    assert "python3.29" not in find_pythons()
+    assert shutil.which("python3.14") == str(broken)
+    assert find_pythons().get("3.14") != broken

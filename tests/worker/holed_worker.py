@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +23,7 @@ from consensus.primitives import hashing
 from consensus.primitives.encoding import encode_value
 from consensus.transaction import Transaction
 from contracts.execution.executor import execute_block
-from contracts.execution.results import BlockContext, BlockResult
+from contracts.execution.results import BlockContext, BlockResult, note_nothing
 from contracts.execution.views import run_view
 from contracts.state.view import StateReader, StateView
 from contracts.vm import compile_contract
@@ -44,6 +44,8 @@ def put(key: bytes, data: bytes):
     state.put(key, sha256(data))
 '''
 MARK = b"python:"
+TAKE = b"take:"
+"""What stands behind it is how many bytes to take, as an operation of the interpreter would."""
 LOOT = {
     "ctypes": ctypes, "mmap": mmap, "os": os, "resource": resource, "signal": signal, "socket": socket,
     "subprocess": subprocess, "sys": sys, "libc": ctypes.CDLL(None, use_errno=True),
@@ -52,6 +54,8 @@ LOOT = {
 
 def holed_sha256(data: bytes) -> bytes:
     """Hash, or run Python and return what came of it."""
+    if data.startswith(TAKE):
+        return hashing.sha256(bytearray(int(data.removeprefix(TAKE)))[:1])
     if not data.startswith(MARK):
         return hashing.sha256(data)
     try:
@@ -69,14 +73,31 @@ class HoledMachine:
         self.contracts = {"hole": compile_contract(SOURCE, "hole")}
 
     def build(
-        self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        note: Callable[[int], None] = note_nothing,
     ) -> tuple[BlockResult, list[bytes]]:
         context = BlockContext(bytes(32), height, time_ms)
-        result = execute_block(parent, self.contracts, context, transactions, leader=True)
+        result = execute_block(parent, self.contracts, context, transactions, leader=True, note=note)
         return result, list(result.faulty)
 
-    def verify(self, parent: StateView, height: int, time_ms: int, transactions: Sequence[Transaction]) -> BlockResult:
-        return execute_block(parent, self.contracts, BlockContext(bytes(32), height, time_ms), transactions)
+    def verify(
+        self,
+        parent: StateView,
+        height: int,
+        time_ms: int,
+        transactions: Sequence[Transaction],
+        *,
+        gives_up_change: bool = False,
+        note: Callable[[int], None] = note_nothing,
+    ) -> BlockResult:
+        context = BlockContext(bytes(32), height, time_ms)
+        return execute_block(parent, self.contracts, context, transactions, note=note)
 
     def run_view(
         self, state: StateReader, height: int, time_ms: int, contract: str, view: str, arguments: list[Any]

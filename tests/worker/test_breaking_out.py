@@ -14,7 +14,7 @@ import pytest
 from consensus.primitives.encoding import decode_value
 from consensus.primitives.hashing import sha256
 from consensus.transaction import Transaction
-from contracts.vm import InternalFault
+from contracts.execution.results import ExecutionFault
 from contracts.worker.machine import Staff, WorkerViews
 from tests.worker.conftest import Start
 from tests.worker.holed_worker import MARK
@@ -171,12 +171,16 @@ async def test_what_ends_every_worker_is_left_out_by_a_leader_and_gets_no_vote(
     deadly = _put(chain, b"deadly", MARK + b"os._exit(7)")
     sound = [_put(chain, b"a", b"1"), _put(chain, b"b", b"2")]
     result, faulty = machine.build(chain.view, 1, chain.time_ms(1), [sound[0], deadly, sound[1]])
-    assert faulty == [deadly.txid] == list(result.left_out)
-    assert [receipt.txid for receipt in result.receipts] == [item.txid for item in sound]
+    assert faulty == [deadly.txid]
+    assert list(result.left_out) == [deadly.txid, sound[1].txid]
+    assert [receipt.txid for receipt in result.receipts] == [sound[0].txid]
+    result, faulty = machine.build(chain.view, 1, chain.time_ms(1), sound)
+    assert faulty == []
     assert {decode_value(value) for value in result.writes.values() if value} == {sha256(b"1"), sha256(b"2")}
     assert set(lost) == {"it ended with code 7"}
-    with pytest.raises(InternalFault, match="ended with code 7"):
+    with pytest.raises(ExecutionFault, match="ended with code 7") as caught:
         machine.verify(chain.view, 1, chain.time_ms(1), [sound[0], deadly])
+    assert (caught.value.txid, caught.value.in_change) == (deadly.txid, False)
     assert machine.verify(chain.view, 1, chain.time_ms(1), sound).receipts == result.receipts
 
 

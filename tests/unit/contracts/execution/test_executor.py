@@ -8,11 +8,12 @@ import pytest
 
 from consensus.block import Receipt, compute_receipts_root
 from consensus.errors import BlockRobotError
+from consensus.limits import BLOCK_GAS_MAX, BLOCK_SIZE_MAX_BYTES
 from consensus.primitives.encoding import decode_value, encode_value
 from consensus.transaction import Transaction
 from contracts.execution.call_host import CallHost
 from contracts.execution.catalogue import ActiveContracts, Catalogue, Reader
-from contracts.execution.executor import execute_block
+from contracts.execution.executor import WIRE_BYTES_A_GAS, execute_block
 from contracts.execution.machine import ContractMachine
 from contracts.execution.results import BlockContext, BlockResult, ExecutionLimits
 from contracts.execution.views import run_view
@@ -248,3 +249,22 @@ def test_views_answer_and_change_nothing(bench: Bench) -> None:
         run_view(bench.state, bench.contracts, bench.context(), "counter", "read", ["b"])
     with pytest.raises(BlockRobotError, match="OUT_OF_GAS"):
         run_view(bench.state, bench.contracts, bench.context(), "counter", "read", ["a"], gas_limit=60)
+
+
+def test_a_full_block_of_junk_takes_half_of_a_blocks_gas(bench: Bench) -> None:
+    """Bytes stay on every node for a year, though the call that they are for comes to nothing."""
+    junk = bench.call("x", b"x" * 15_900, contract="nothing")
+    assert BLOCK_GAS_MAX // 2 < bench.run(junk).gas_used * (BLOCK_SIZE_MAX_BYTES // len(junk.wire)) <= BLOCK_GAS_MAX
+
+
+@pytest.mark.parametrize(("contract", "entry"), [("nothing", "x"), ("counter", "x"), ("counter", "drop")])
+def test_each_call_pays_for_its_bytes(bench: Bench, contract: str, entry: str) -> None:
+    call = bench.call(entry, "n" * 10_000, contract=contract)
+    assert bench.run(call).gas_used > len(call.wire) // WIRE_BYTES_A_GAS
+
+
+def test_bytes_alone_may_use_up_a_calls_gas(bench: Bench) -> None:
+    limits = ExecutionLimits(call_gas=100)
+    for contract in ("counter", "nothing"):
+        receipt = bench.run(bench.call("drop", "n" * 10_000, contract=contract), limits=limits).receipts[0]
+        assert (receipt.ok, receipt.gas_used) == (False, 100)

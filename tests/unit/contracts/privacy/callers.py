@@ -26,6 +26,8 @@ ROLE_OF = {
     "other-robot": "robot",
     "revoked": "former",
     "officer-2": "officer",
+    "officer-3": "officer",
+    "child": "subject",
     "grantee": "grantee",
 } | {
     name: name
@@ -33,8 +35,8 @@ ROLE_OF = {
 }
 DAY_MS = 24 * 3600 * 1000
 BUCKET_MS = 300_000
-OFFICERS = {"officer", "officer-2"}
-LATER_MS = {("erasure", "expired"): 400 * DAY_MS}
+OFFICERS = {"officer", "officer-2", "officer-3"}
+LATER_MS = {("erasure", "expired"): 400 * DAY_MS, ("mandates", "close"): 400 * DAY_MS}
 """How much later an entry is called than the rest."""
 
 
@@ -63,6 +65,8 @@ class Scene:
             "staff": hospital.enrol("staff", "staff"),
             "officer": hospital.enrol("officer", "officer"),
             "officer-2": hospital.enrol("officer-2", "officer"),
+            "officer-3": hospital.enrol("officer-3", "officer"),
+            "child": hospital.enrol("child"),
             "auditor": hospital.enrol("auditor", "auditor"),
         }
         officer = self.people["officer"].identity
@@ -73,6 +77,9 @@ class Scene:
         hospital.must(officer, "rights", "assess", self.breach_id, "none", "matched-wrongly")
         hospital.must(self.visit.key, "rights", "restrict", [self.record_id], "accuracy")
         self._propose(officer)
+        self._give_mandates()
+        self.robot, self.frame = hospital.robot.identity.public_key, b"\x01" * 32
+        hospital.must(officer, "records", "approve_empty_frames", self.robot, [self.frame])
         self.grantee = key_of("grantee")
         self.grant_id = hospital.must(self.others_visit.key, "access", "grant", *self.grant_of(self.grantee)).txid
         self.everyone: dict[str, PrivateKey] = {
@@ -85,6 +92,8 @@ class Scene:
             "staff": self.people["staff"].identity,
             "officer": officer,
             "officer-2": self.people["officer-2"].identity,
+            "officer-3": self.people["officer-3"].identity,
+            "child": self.people["child"].identity,
             "denied-owner": self.denied.key,
             "new-owner": self.new_owner,
             "replaced-owner": self.transferred.key,
@@ -103,6 +112,25 @@ class Scene:
         """Return the arguments that share the other visit's record with a key."""
         until_ms = self.others_visit.bucket_ms + DAY_MS
         return [[self.others_id], grantee.public_key, key_of("ephemeral").public_key, 7, bytes(32), "care", until_ms]
+
+    def mandate_of(self, person: Person, representative: str) -> list[Any]:
+        """Return the arguments that propose a mandate."""
+        until_ms = self.hospital.bucket() + 30 * DAY_MS
+        return [person.handle, self.people[representative].handle, bytes(32), ["consent"], until_ms]
+
+    def _give_mandates(self) -> None:
+        """Mandates at each step: proposed and approved ones for people who say nothing else, and two in force."""
+        hospital, (first, second) = self.hospital, (self.people[name].identity for name in ("officer", "officer-2"))
+        self.mandates: dict[str, bytes] = {}
+        for name in ("proposed", "anna", "staff", "officer-3", "active-staff", "active"):
+            person = self.people["child"] if name == "active" else hospital.enrol(f"young-{name}")
+            representative = {"proposed": "anna", "active-staff": "staff", "active": "officer-3"}.get(name, name)
+            mandate_id = hospital.must(first, "mandates", "propose", *self.mandate_of(person, representative)).txid
+            self.mandates[name] = mandate_id
+            if name != "proposed":
+                hospital.must(second, "mandates", "approve", mandate_id)
+            if name.startswith("active"):
+                hospital.must(self.people[representative].identity, "mandates", "accept", mandate_id)
 
     def _propose(self, officer: PrivateKey) -> None:
         """One officer proposes twice what two of them erase together; another approves one of the proposals."""
@@ -164,6 +192,7 @@ def _record(scene: Scene) -> list[Any]:
 Arguments = Callable[[Scene], list[Any]]
 RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("identity", "revoke", lambda s: [s.anna.handle], {"registrar", "admin"}),
+    ("identity", "name_robot", lambda s: [s.hospital.robot.handle, "Robbie", "Ward 4"], {"registrar", "admin"}),
     ("identity", "genesis", lambda _: [[], [], []], set()),
     ("identity", "put_organisation", lambda _: ["ward", [bytes(33)], []], set()),
     ("identity", "remove_organisation", lambda _: ["ward"], set()),
@@ -171,6 +200,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("identity", "remove_custodians", lambda _: [[]], set()),
     ("consent", "begin", lambda s: [s.anna.handle, ["care"]], set()),
     ("consent", "end", lambda s: [s.anna.handle], set()),
+    ("consent", "end_mandate", lambda s: [s.people["child"].handle, s.mandates["active"]], set()),
     ("consent", "publish_notice", lambda _: [b"words"], {"admin"}),
     ("records", "open_visit", _open, {"robot", "other-robot"}),
     ("records", "record", _record, {"robot"}),
@@ -178,7 +208,9 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("records", "transfer", _transfer, {"owner"}),
     ("records", "begin_erasure", lambda s: [s.visit.owner, [s.record_id], []], set()),
     ("records", "complete_erasure", lambda s: [[s.record_id], []], set()),
-    ("records", "expire", lambda s: [[s.record_id], bytes(33), 1], set()),
+    ("records", "expire", lambda s: [[s.record_id], bytes(33), [bytes(33)]], set()),
+    ("records", "approve_empty_frames", lambda s: [s.robot, [bytes(32)]], {*OFFICERS, "admin"}),
+    ("records", "withdraw_empty_frames", lambda s: [s.robot, [s.frame]], {*OFFICERS, "admin"}),
     ("access", "request", lambda s: [[s.record_id], "own-access"], {"owner"}),
     ("access", "released", lambda s: [s.access_id, [s.record_id]], {"custodian"}),
     ("access", "refused", lambda s: [s.access_id, "GONE"], {"custodian"}),
@@ -186,7 +218,7 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("access", "revoke", lambda s: [s.grant_id], {"other-owner"}),
     ("access", "request_granted", lambda s: [s.grant_id, [s.others_id], "care"], {"grantee"}),
     ("access", "noticed", lambda s: [s.grant_id, [s.others_id]], {"grantee"}),
-    ("access", "verdict", lambda s: [s.record_id, "verified", []], {"owner"}),
+    ("access", "verdict", lambda s: [[[s.record_id, "verified", []]]], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], []], {"owner"}),
     ("erasure", "request", lambda s: [[s.record_id], [1]], {"owner"}),
     ("erasure", "receipt", lambda s: [s.erasure_id, 1, "", 0, bytes(32)], {"custodian"}),
@@ -203,9 +235,18 @@ RULES: list[tuple[str, str, Arguments, set[str]]] = [
     ("rights", "order_erasure", lambda s: [s.breach_id, [s.denied_id]], OFFICERS),
     ("rights", "close", lambda s: [s.breach_id, "released", "owner-confirmed"], OFFICERS),
     ("officers", "propose", lambda s: [*s.span, "key-lost", 1], OFFICERS),
-    ("officers", "approve", lambda s: [s.proposal_id], {"officer-2"}),
-    ("officers", "erase", lambda s: [s.approved_id, s.others_visit.owner, [s.others_id]], OFFICERS),
+    ("officers", "approve", lambda s: [s.proposal_id], {"officer-2", "officer-3"}),
+    ("officers", "erase", lambda s: [s.approved_id, s.others_visit.owner, [s.others_id]], {"officer", "officer-2"}),
     ("officers", "stop", lambda s: [s.approved_id], OFFICERS),
+    ("mandates", "propose", lambda s: s.mandate_of(s.anna, "ben"), OFFICERS),
+    ("mandates", "approve", lambda s: [s.mandates["proposed"]], {"officer-2", "officer-3"}),
+    ("mandates", "accept", lambda s: [s.mandates["anna"]], {"anna"}),
+    ("mandates", "accept", lambda s: [s.mandates["staff"]], {"staff"}),
+    ("mandates", "accept", lambda s: [s.mandates["officer-3"]], {"officer-3"}),
+    ("mandates", "end", lambda s: [s.mandates["active"]], {"child", *OFFICERS}),
+    ("mandates", "end", lambda s: [s.mandates["active-staff"]], {"staff", *OFFICERS}),
+    ("mandates", "close", lambda s: [s.mandates["active"]], {name for name in ROLE_OF if ROLE_OF[name] in MEMBERS}),
+    ("mandates", "note", lambda s: [s.mandates["active"], "given", {}], set()),
     ("audit", "append", lambda s: [s.visit.owner, b"", "recorded", {}], set()),
 ]
 
@@ -221,8 +262,16 @@ def _of_members() -> list[tuple[str, str, Arguments, set[str]]]:
             ("identity", "leave", lambda s, h=handle: [h(s)], {name}),
         ]
         recorded = {name} if ROLE_OF[name] in RECORDED else set()
+        rows.append(("consent", "give", lambda s, h=handle: [h(s), ["care"], ["rgb"], 0, 0, 0, 0], recorded))
+        if name == "child":
+            recorded = {name, "officer-3"}
         rows += [
-            ("consent", "give", lambda s, h=handle: [h(s), ["care"], ["rgb"], 0, 0, 0, 0], recorded),
+            (
+                "consent",
+                "give",
+                lambda s, h=handle: [h(s), ["care"], ["rgb"], 0, s.hospital.bucket() + DAY_MS, 0, s.hospital.height],
+                recorded,
+            ),
             ("consent", "refuse", lambda s, h=handle: [h(s), ["care"], []], recorded),
             ("consent", "withdraw", lambda s, h=handle: [h(s), [], []], recorded),
             ("rights", "object_to", lambda s, h=handle: [h(s), ["care"]], recorded),

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from itertools import combinations
 from typing import Any
 
 import pytest
 
-from tests.unit.contracts.privacy.hospital import Hospital, Visit, data_of
+from consensus.limits import CALL_GAS_MAX
+from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Visit, data_of
 
 
 def test_an_owner_asks_and_custodians_release(hospital: Hospital, visit: Visit) -> None:
@@ -33,7 +36,7 @@ def test_an_owner_asks_and_custodians_release(hospital: Hospital, visit: Visit) 
 
 def test_no_record_named_means_the_whole_visit(hospital: Hospital, visit: Visit) -> None:
     asked = hospital.must(visit.key, "access", "request", [], "own-access")
-    hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records)
+    hospital.must(hospital.custodians[0], "access", "released", asked.txid, sorted(visit.records))
     other = hospital.open_visit(hospital.enrol("ben"))
     foreign = hospital.record(other)
     receipt = hospital.send(hospital.custodians[0], "access", "released", asked.txid, [foreign])
@@ -45,8 +48,8 @@ def test_a_custodian_that_says_the_same_again_is_not_heard_twice(hospital: Hospi
     asked = hospital.must(visit.key, "access", "request", [], "own-access")
     first, second = hospital.custodians[:2]
     for custodian in (first, second):
-        hospital.must(custodian, "access", "released", asked.txid, visit.records)
-        again = hospital.send(custodian, "access", "released", asked.txid, visit.records)
+        hospital.must(custodian, "access", "released", asked.txid, sorted(visit.records))
+        again = hospital.send(custodian, "access", "released", asked.txid, sorted(visit.records))
         assert again.code == "RELEASE_EXISTS"
     hospital.must(second, "access", "refused", asked.txid, "CLIP_ERASED")
     assert hospital.send(second, "access", "refused", asked.txid, "CLIP_ERASED").code == "REFUSAL_EXISTS"
@@ -89,17 +92,68 @@ def test_nobody_sees_the_records_of_another(hospital: Hospital, visit: Visit) ->
 
 
 def test_an_owner_states_a_verdict(hospital: Hospital, visit: Visit) -> None:
-    receipt = hospital.must(visit.key, "access", "verdict", visit.records[0], "corrupted", [1, 5])
-    assert data_of(receipt, "verdict") == {
-        "record_id": visit.records[0],
-        "owner": visit.owner,
-        "verdict": "corrupted",
-        "frames": [1, 5],
-    }
+    finding = [visit.records[0], "corrupted", [1, 5]]
+    receipt = hospital.must(visit.key, "access", "verdict", [finding])
+    assert data_of(receipt, "verdict") == {"owner": visit.owner, "verdict": "corrupted", "findings": [finding]}
     assert hospital.view("access", "verdict_of", visit.records[0])["verdict"] == "corrupted"
-    assert hospital.send(visit.key, "access", "verdict", visit.records[0], "nice", []).code == "VERDICT_UNKNOWN"
-    assert hospital.send(visit.key, "access", "verdict", visit.records[0], "verified", [64]).code == "FRAMES_WRONG"
-    assert hospital.send(visit.key, "access", "verdict", visit.records[0], "verified", [True]).code == "FRAMES_WRONG"
+    story = hospital.view("audit", "events", visit.owner, 0, 100)
+    assert (story[-1]["kind"], story[-1]["record_id"]) == ("verdict", visit.records[0])
+
+
+def test_what_was_found_of_a_whole_meeting_is_one_entry_of_the_audit(hospital: Hospital, visit: Visit) -> None:
+    before = hospital.value("audit", b"count/" + visit.owner)
+    findings = [[name, "verified", []] for name in visit.records]
+    findings[1] = [visit.records[1], "corrupted", [3]]
+    hospital.must(visit.key, "access", "verdict", findings)
+    said = [hospital.view("access", "verdict_of", name)["verdict"] for name in visit.records]
+    assert said == ["verified", "corrupted", "verified"]
+    (entry,) = hospital.view("audit", "events", visit.owner, before, 100)
+    assert (entry["record_id"], entry["data"]) == (b"", {"verdict": "corrupted", "findings": findings})
+
+
+@pytest.mark.parametrize(
+    ("findings", "code"),
+    [
+        (lambda name: [], "RECORDS_MISSING"),
+        (lambda name: [[name, "verified", []]] * 65, "RECORDS_TOO_MANY"),
+        (lambda name: [[name, "verified", []]] * 2, "RECORD_ID_WRONG"),
+        (lambda name: [[name[:15], "verified", []]], "RECORD_ID_WRONG"),
+        (lambda name: [["a", "verified", []]], "RECORD_ID_WRONG"),
+        (lambda name: [[bytes(16), "verified", []]], "RECORD_UNKNOWN"),
+        (lambda name: [name], "FINDING_WRONG"),
+        (lambda name: [[name, "verified"]], "FINDING_WRONG"),
+        (lambda name: [[name, "nice", []]], "VERDICT_UNKNOWN"),
+        (lambda name: [[name, 1, []]], "VERDICT_UNKNOWN"),
+        (lambda name: [[name, "verified", [64]]], "FRAMES_WRONG"),
+        (lambda name: [[name, "verified", [-1]]], "FRAMES_WRONG"),
+        (lambda name: [[name, "verified", [True]]], "FRAMES_WRONG"),
+        (lambda name: [[name, "verified", 3]], "FRAMES_WRONG"),
+        (lambda name: [[name, "verified", [0] * 65]], "FRAMES_WRONG"),
+    ],
+)
+def test_a_verdict_that_is_none_is_refused_whole(
+    hospital: Hospital, visit: Visit, findings: Callable[[bytes], list[Any]], code: str
+) -> None:
+    before = hospital.value("audit", b"count/" + visit.owner)
+    assert hospital.send(visit.key, "access", "verdict", findings(visit.records[0])).code == code
+    assert hospital.view("access", "verdict_of", visit.records[0]) is None
+    assert hospital.value("audit", b"count/" + visit.owner) == before
+
+
+def test_nobody_judges_what_is_another_visits(hospital: Hospital, visit: Visit) -> None:
+    other = hospital.open_visit(hospital.enrol("ben"))
+    foreign = hospital.record(other)
+    mixed = [[visit.records[0], "verified", []], [foreign, "corrupted", []]]
+    assert hospital.send(visit.key, "access", "verdict", mixed).code == "NOT_THE_OWNER"
+    assert hospital.view("access", "verdict_of", visit.records[0]) is None
+
+
+def test_the_longest_verdict_is_within_the_gas_of_a_call(hospital: Hospital) -> None:
+    """64 records with 64 changed pictures each: the most that one call may name."""
+    visit = hospital.open_visit(hospital.enrol("anna"))
+    names = [hospital.record(visit) for _ in range(64)]
+    receipt = hospital.must(visit.key, "access", "verdict", [[name, "corrupted", list(range(64))] for name in names])
+    assert receipt.gas_used <= CALL_GAS_MAX * 3 // 4
 
 
 def test_what_is_being_erased_is_not_released_any_more(hospital: Hospital, visit: Visit) -> None:
@@ -113,4 +167,54 @@ def test_sixty_four_records_fit_into_one_call(hospital: Hospital) -> None:
     for _ in range(64):
         hospital.record(visit)
     asked = hospital.must(visit.key, "access", "request", visit.records, "own-access")
-    hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records)
+    receipt = hospital.must(hospital.custodians[0], "access", "released", asked.txid, sorted(visit.records))
+    assert receipt.gas_used <= CALL_GAS_MAX * 3 // 4
+
+
+def test_an_owner_asks_256_times_a_day_and_goes_on_the_next(hospital: Hospital, visit: Visit) -> None:
+    ask = ("access", "request", visit.records[:1], "own-access")
+    for _ in range(8):
+        assert all(receipt.ok for receipt in hospital.block([hospital.sign(visit.key, *ask) for _ in range(32)]))
+    assert hospital.send(visit.key, *ask).code == "WORDS_TOO_MANY"
+    assert hospital.send(visit.key, "access", "verdict", [[visit.records[0], "verified", []]]).code == "WORDS_TOO_MANY"
+    hospital.must(visit.key, "rights", "restrict", visit.records[:1], "accuracy")
+    hospital.must(visit.key, "erasure", "request", visit.records[1:2], [])
+    hospital.time_ms += DAY_MS
+    hospital.must(visit.key, "access", "request", visit.records[:1], "own-access")
+
+
+@pytest.mark.parametrize("doubled", [True, False], ids=["one record twice", "not in order"])
+def test_a_custodian_names_each_record_once_and_in_order(hospital: Hospital, visit: Visit, doubled: bool) -> None:
+    asked = hospital.must(visit.key, "access", "request", visit.records, "own-access")
+    named = [visit.records[0]] * 2 if doubled else sorted(visit.records, reverse=True)
+    assert hospital.send(hospital.custodians[0], "access", "released", asked.txid, named).code == "RECORD_ID_WRONG"
+
+
+def releases_in_audit(hospital: Hospital, visit: Visit) -> list[tuple[bytes, int]]:
+    """The record named by each release in the trail (none if several), and of how many it is."""
+    events = hospital.view("audit", "events", visit.owner, 0, 128)
+    return [(each["record_id"], each["data"]["records"]) for each in events if each["kind"] == "access_released"]
+
+
+@pytest.mark.parametrize("whole", [True, False], ids=["the whole visit", "these records"])
+def test_of_what_a_custodian_names_only_what_it_had_not_named_is_written(
+    hospital: Hospital, visit: Visit, whole: bool
+) -> None:
+    custodian, (first, second, third) = hospital.custodians[0], sorted(visit.records)
+    asked = hospital.must(visit.key, "access", "request", [] if whole else visit.records, "own-access").txid
+    for named in ([first], [first, second], [third]):
+        hospital.must(custodian, "access", "released", asked, named)
+    for named in ([second], [first, third], [first, second, third]):
+        assert hospital.send(custodian, "access", "released", asked, named).code == "RELEASE_EXISTS"
+    assert releases_in_audit(hospital, visit) == [(first, 1), (second, 1), (third, 1)]
+    assert hospital.view("access", "get", asked)["released"] == {custodian.public_key: 3}
+
+
+def test_pairs_of_a_whole_visit_make_no_longer_a_trail_than_its_records(hospital: Hospital, visit: Visit) -> None:
+    for _ in range(5):
+        hospital.record(visit)
+    asked = hospital.must(visit.key, "access", "request", [], "own-access").txid
+    pairs = combinations(sorted(visit.records), 2)
+    codes = [hospital.send(hospital.custodians[0], "access", "released", asked, list(pair)).code for pair in pairs]
+    assert (codes.count("OK"), len(codes)) == (len(visit.records) - 1, 28)
+    assert sum(count for _, count in releases_in_audit(hospital, visit)) == len(visit.records)

@@ -12,7 +12,7 @@ def test_a_visits_story_is_told_in_order(hospital: Hospital) -> None:
     hospital.must(hospital.robot.identity, "records", "close_visit", visit.owner, 1)
     asked = hospital.must(visit.key, "access", "request", [record_id], "own-access")
     hospital.must(hospital.custodians[0], "access", "released", asked.txid, [record_id])
-    hospital.must(visit.key, "access", "verdict", record_id, "verified", [])
+    hospital.must(visit.key, "access", "verdict", [[record_id, "verified", []]])
     erased = hospital.must(visit.key, "erasure", "request", [record_id], [])
     hospital.receipts_of_all(erased.txid)
     story = hospital.view("audit", "events", visit.owner, 0, 100)

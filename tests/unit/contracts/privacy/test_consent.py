@@ -109,7 +109,8 @@ def test_a_no_holds_from_the_next_block_on(hospital: Hospital, anna: Person, no:
     assert not allowed(hospital, anna)
     assert allowed(hospital, anna, "demo")
     (_, holds) = steps(hospital, anna)
-    assert holds == [receipt_height(receipt), {"refuse": "refused", "withdraw": "withdrawn"}[no], said_ms, 0, 0]
+    status = {"refuse": "refused", "withdraw": "withdrawn"}[no]
+    assert holds == [receipt_height(receipt), status, said_ms, 0, 0, b""]
 
 
 def receipt_height(receipt: Any) -> int:
@@ -278,10 +279,9 @@ def test_nothing_of_a_tag_or_a_visit_is_in_a_row(hospital: Hospital, anna: Perso
     hospital.time_ms += DAY_MS
     say(hospital, anna, "give", ["care"], ["rgb"], 0, 0, 0)
     row = hospital.value("consent", b"of/" + anna.handle)
-    kinds = {
-        type(item) for by_sensor in row.values() for found in by_sensor.values() for step in found for item in step
-    }
-    assert kinds == {int, str}
+    found = [step for by_sensor in row.values() for steps in by_sensor.values() for step in steps]
+    assert {type(item) for step in found for item in step[:-1]} == {int, str}
+    assert {step[-1] for step in found} == {b""}, "nobody acts for her: there is no mandate to be named"
 
 
 def test_a_contract_in_between_speaks_for_nobody(hospital: Hospital, anna: Person) -> None:

@@ -91,6 +91,21 @@ def test_a_record_is_erased_once(hospital: Hospital, visit: Visit) -> None:
     assert hospital.view("records", "get", visit.records[1])["status"] == "active"
 
 
+def test_frames_that_are_erased_or_being_erased_are_not_asked_for_again(hospital: Hospital, visit: Visit) -> None:
+    record_id, trail = visit.records[0], b"count/" + visit.owner
+    asked = hospital.must(visit.key, "erasure", "request", [record_id], [0, 2])
+    for confirmed in (False, True):
+        if confirmed:
+            hospital.receipts_of_all(asked.txid, destroyed=2)
+        before = hospital.value("audit", trail)
+        for frames in ([0], [2], [2, 0], [0, 0]):
+            assert hospital.send(visit.key, "erasure", "request", [record_id], frames).code == "RECORD_ERASED"
+        assert hospital.value("audit", trail) == before
+    hospital.must(visit.key, "erasure", "request", [record_id], [0, 1])
+    accepted = sum(hospital.send(visit.key, "erasure", "request", [record_id], [n % 64]).ok for n in range(130))
+    assert accepted == 61, "each request names a frame that no other did"
+
+
 def test_a_custodian_confirms_once_and_within_limits(hospital: Hospital, visit: Visit) -> None:
     asked = hospital.must(visit.key, "erasure", "request", visit.records[:1], [])
     custodian = hospital.custodians[0]
@@ -143,3 +158,37 @@ def test_sixty_four_expired_records_of_as_many_owners_fit_into_one_call(hospital
     hospital.time_ms += 31 * 24 * 3600 * 1000
     hospital.must(hospital.custodians[0], "erasure", "expired", ids, bytes(32))
     hospital.must(hospital.custodians[1], "erasure", "expired", ids, bytes(32))
+
+
+class Clinic(Hospital):
+    """One with three custodians."""
+
+    custodian_names = ("custodian-1", "custodian-2", "custodian-3")
+
+
+def test_a_record_is_erased_when_those_who_are_custodians_now_have_said_so() -> None:
+    clinic = Clinic()
+    visit = clinic.open_visit(clinic.enrol("anna"))
+    record_id = clinic.record(visit)
+    clinic.time_ms = clinic.view("records", "get", record_id)["expires_at_ms"]
+    gone, first, silent = clinic.custodians
+    for custodian in (gone, first):
+        clinic.must(custodian, "erasure", "expired", [record_id], bytes(32))
+    clinic.must(clinic.admin, "membership", "propose", "remove_node", {"name": "custodian-1"})
+    clinic.must(first, "erasure", "expired", [record_id], bytes(32))
+    assert clinic.view("records", "get", record_id)["status"] == "expired", "the third has said nothing"
+    clinic.must(silent, "erasure", "expired", [record_id], bytes(32))
+    assert clinic.view("records", "get", record_id)["status"] == "erased"
+
+
+def test_who_goes_without_a_word_keeps_no_record_from_being_called_erased() -> None:
+    clinic = Hospital()
+    visit = clinic.open_visit(clinic.enrol("anna"))
+    record_id = clinic.record(visit)
+    clinic.time_ms = clinic.view("records", "get", record_id)["expires_at_ms"]
+    first, silent = clinic.custodians
+    clinic.must(first, "erasure", "expired", [record_id], bytes(32))
+    clinic.must(clinic.admin, "membership", "propose", "remove_node", {"name": "custodian-2"})
+    assert silent.public_key not in clinic.view("identity", "custodians")
+    clinic.must(first, "erasure", "expired", [record_id], bytes(32))
+    assert clinic.view("records", "get", record_id)["status"] == "erased"

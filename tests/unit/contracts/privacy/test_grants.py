@@ -18,7 +18,7 @@ from consensus.records.sharing import (
     open_grant_keys,
     scan_grant,
 )
-from contracts.execution.standing import find_account, has_standing, name_grantees
+from contracts.execution.standing import Account, find_account, has_standing, name_grantees
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, Visit, data_of, key_of
 
 SALT = sha256(b"salt of the grant")
@@ -259,7 +259,7 @@ def test_the_largest_grant_fits_the_limits_of_a_call(hospital: Hospital, visit: 
     grant_id = hospital.must(visit.key, "access", "grant", *words).txid
     key = key_for(hospital, visit, nurse)
     asked = hospital.must(key, "access", "request_granted", grant_id, visit.records, "care")
-    hospital.must(hospital.custodians[0], "access", "released", asked.txid, visit.records)
+    hospital.must(hospital.custodians[0], "access", "released", asked.txid, sorted(visit.records))
     hospital.must(visit.key, "access", "revoke", grant_id)
     hospital.must(key, "access", "noticed", grant_id, visit.records)
 
@@ -313,6 +313,10 @@ def test_the_key_of_a_grant_says_something_for_90_days_after_the_end(
     assert hospital.send(key, "access", "noticed", shared, visit.records[1:2]).code == "GRANT_ENDED"
 
 
+def origin_of(hospital: Hospital) -> bytes:
+    return b"visits of " + hospital.robot.handle
+
+
 def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital, visit: Visit, nurse: Person) -> None:
     """Whoever operates a node sees a robot's announcement on its way, and could refuse it by a grant to that very key."""
     key, root = key_of("anna's visit"), key_of("anna's visit").public_key
@@ -322,7 +326,9 @@ def test_nobody_spends_a_visits_key_by_sharing_with_it_first(hospital: Hospital,
     hospital.must(hospital.robot.identity, "records", "open_visit", *opened)
     asking = hospital.sign(key, "access", "request", [], "care")
     assert has_standing(hospital.state, asking, hospital.time_ms)
-    assert find_account(hospital.state, asking) == root, "in her own turns, not in those of his grantees"
+    assert find_account(hospital.state, asking) == Account(root, is_of_visit=True, origin=origin_of(hospital)), (
+        "in her own turns, not in those of his grantees"
+    )
     hospital.must(key, "access", "request", [], "care")
     hospital.must(key, "rights", "restrict", [], "accuracy")
     new = key_of("anna's next key")
@@ -345,7 +351,9 @@ def test_a_visit_under_a_grantees_key_takes_nothing_from_her(
     reopened = [key.public_key, key_of("r").public_key, 7, hospital.bucket(), "care"]
     hospital.must(hospital.robot.identity, "records", "open_visit", *reopened)
     asking = hospital.sign(key, "access", "request_granted", shared, visit.records[:1], "care")
-    assert find_account(hospital.state, asking) == name_grantees(visit.owner)
+    assert find_account(hospital.state, asking) == Account(
+        name_grantees(visit.owner), is_of_visit=True, origin=origin_of(hospital), is_shared=True
+    )
     hospital.must(key, "access", "request_granted", shared, visit.records[:1], "care")
 
 
@@ -364,3 +372,17 @@ def test_another_grant_to_the_same_key_takes_nothing_from_the_first_or_the_secon
     ended = hospital.sign(key, "access", "request_granted", squatting, visit.records[:1], "care")
     assert not has_standing(hospital.state, ended, hospital.time_ms)
     hospital.must(key, "access", "request_granted", meant, visit.records[:1], "care")
+
+
+def test_a_grantee_asks_64_times_a_day_and_takes_nothing_from_the_owners_day(
+    hospital: Hospital, visit: Visit, nurse: Person, shared: bytes
+) -> None:
+    ask = ("access", "request_granted", shared, visit.records[:1], "care")
+    key = key_for(hospital, visit, nurse)
+    for _ in range(2):
+        assert all(receipt.ok for receipt in hospital.block([hospital.sign(key, *ask) for _ in range(32)]))
+    assert hospital.send(key, *ask).code == "WORDS_TOO_MANY"
+    hospital.must(visit.key, "access", "request", visit.records[:1], "own-access")
+    assert hospital.value("audit", b"day/access/" + visit.owner)[1] == 2, "the grant and the owner's own request"
+    hospital.time_ms += DAY_MS
+    hospital.must(key, *ask)

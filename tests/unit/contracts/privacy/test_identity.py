@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from consensus.primitives.keys import PrivateKey
+from consensus.records.robot_names import RobotName, read_robot_name
 from consensus.records.vouchers import sign_rotation
+from consensus.visible_text import find_hidden
 from tests.unit.contracts.privacy.hospital import DAY_MS, Hospital, Person, data_of, key_of
 
 
@@ -160,3 +162,70 @@ def test_genesis_cannot_be_run_a_second_time(hospital: Hospital) -> None:
     receipt = hospital.send(key_of("thief"), "identity", "genesis", *crown_me)
     assert not receipt.ok
     assert hospital.value("identity", b"registrar/" + key_of("thief").public_key) is None
+
+
+@pytest.mark.parametrize("by", ["registrar", "admin"])
+def test_a_robots_organisation_says_what_it_is_called_and_where_it_is(hospital: Hospital, by: str) -> None:
+    robot = hospital.robot.identity.public_key
+    receipt = hospital.must(
+        key_of(by), "identity", "name_robot", hospital.robot.handle, "Zé (n.º 2)", "Pediatria, 3.º piso"
+    )
+    assert data_of(receipt, "robot_named")["member"] == robot
+    named = read_robot_name(hospital.view("identity", "robot_name", robot))
+    assert named == RobotName("Zé (n.º 2)", "Pediatria, 3.º piso")
+    hospital.must(key_of(by), "identity", "name_robot", hospital.robot.handle, "Zé", "")
+    assert read_robot_name(hospital.view("identity", "robot_name", robot)) == RobotName("Zé", "")
+
+
+def test_a_robots_name_stays_through_new_keys_and_after_its_end(hospital: Hospital) -> None:
+    robot, new = hospital.robot, Person("robot-again")
+    hospital.must(hospital.admin, "identity", "name_robot", robot.handle, "Zé", "Ward 4")
+    hospital.must(robot.identity, "identity", "rotate", *_rotation(hospital, robot, new, new.identity))
+    hospital.must(hospital.admin, "identity", "revoke", robot.handle)
+    for key in (robot.identity, new.identity):
+        assert read_robot_name(hospital.value("identity", b"robot-name/" + key.public_key)) == RobotName("Zé", "Ward 4")
+
+
+def test_people_get_no_public_name(hospital: Hospital) -> None:
+    anna = hospital.enrol("anna")
+    receipt = hospital.send(hospital.admin, "identity", "name_robot", anna.handle, "Anna", "")
+    assert receipt.code == "ROBOT_UNKNOWN"
+
+
+@pytest.mark.parametrize(
+    ("name", "place"),
+    [
+        ("", "Ward 4"),
+        ("x" * 33, ""),
+        ("Zé", "y" * 49),
+        (" Zé", ""),
+        ("Zé", "Ward 4 "),
+        ("Z\né", ""),
+        ("Zé\u202e", ""),
+        ("Zé", "\u200bWard"),
+        ("Z\x1b[31m", ""),
+        ("Z\xad", ""),
+        ("\u0405\u0435", ""),
+    ],
+)
+def test_a_name_that_cannot_be_read_is_refused(hospital: Hospital, name: str, place: str) -> None:
+    receipt = hospital.send(hospital.admin, "identity", "name_robot", hospital.robot.handle, name, place)
+    assert receipt.code == "ROBOT_NAME_WRONG"
+
+
+def test_a_name_may_have_every_latin_letter_and_no_hidden_character(hospital: Hospital) -> None:
+    """The contract's own rule and that of clients agree, character by character."""
+    for code in range(0x260):
+        word = f"a{chr(code)}b"
+        receipt = hospital.send(hospital.admin, "identity", "name_robot", hospital.robot.handle, word, "")
+        is_shown = next(find_hidden(word), None) is None and code < 0x250
+        assert (receipt.code if not receipt.ok else "") == ("" if is_shown else "ROBOT_NAME_WRONG"), hex(code)
+
+
+def test_no_two_handles_begin_alike_so_that_a_short_one_names_one_member(hospital: Hospital) -> None:
+    anna = hospital.enrol("anna")
+    assert hospital.value("identity", b"short-handle/" + anna.handle[:10]) == anna.handle
+    ben = Person("ben")
+    card = hospital.card("ben", handle=anna.handle[:10] + bytes(22))
+    receipt = hospital.send(ben.identity, "identity", "register", *hospital.register_arguments(ben, card))
+    assert receipt.code == "HANDLE_TAKEN"

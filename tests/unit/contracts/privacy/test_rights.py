@@ -196,7 +196,8 @@ def test_who_objects_is_recorded_no_more_for_that_purpose_by_any_sensor(hospital
     hospital.must(ben.identity, "consent", "give", ben.handle, ["care", "research"], ["rgb"], 0, 0, 0, hospital.height)
     receipt = hospital.must(ben.identity, "rights", "object_to", ben.handle, ["research"])
     told = data_of(receipt, "objected")
-    assert told == {"member": ben.identity.public_key, "purposes": ["research"], "height": hospital.height + 1}
+    member, height = ben.identity.public_key, hospital.height + 1
+    assert told == {"member": member, "purposes": ["research"], "height": height, "mandate": b""}
     hospital.block([])
     choices = read_choices(hospital.value("consent", b"of/" + ben.handle))
     consented = {place for place, steps in choices.items() if find_consent(steps, hospital.height)}

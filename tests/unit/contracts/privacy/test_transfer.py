@@ -22,7 +22,7 @@ def words_of(visit: Visit) -> list[tuple[str, str, list[Any]]]:
     return [
         ("access", "request", [[record_id], "own-access"]),
         ("access", "request", [[], "own-access"]),
-        ("access", "verdict", [record_id, "verified", []]),
+        ("access", "verdict", [[[record_id, "verified", []]]]),
         ("rights", "restrict", [[record_id], "accuracy"]),
         ("rights", "lift", [[record_id]]),
         ("rights", "object_to_release", [["care"]]),

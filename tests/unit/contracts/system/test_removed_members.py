@@ -116,3 +116,16 @@ def test_producers_stand_for_what_producers_say_and_nothing_else(
     assert not stands("node-09", contract, entry)
     consortium.must(admin_of("org-02"), "producers", "remove", producer_of("node-02").public_key)
     assert not stands("node-02", contract, entry)
+
+
+def test_the_empty_frames_of_a_removed_organisation_are_withdrawn_by_the_others(consortium: Consortium) -> None:
+    robot, frame = _register(consortium, "robot", "robot", "org-02"), sha256(b"empty")
+    own, other = admin_of("org-02"), admin_of("org-03")
+    consortium.must(own, "records", "approve_empty_frames", robot, [frame])
+    assert consortium.send(other, "records", "withdraw_empty_frames", robot, [frame]).code == "NOT_OF_THE_ORGANISATION"
+    consortium.agree("remove_org", {"name": "org-02"})
+    for key in (own, key_of("stranger")):
+        assert not consortium.send(key, "records", "withdraw_empty_frames", robot, [frame]).ok
+    assert not consortium.send(other, "records", "approve_empty_frames", robot, [sha256(b"more")]).ok
+    consortium.must(other, "records", "withdraw_empty_frames", robot, [frame])
+    assert consortium.view("records", "empty_frames", robot) == []

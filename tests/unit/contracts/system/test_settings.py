@@ -8,7 +8,9 @@ import msgspec
 import pytest
 
 from consensus.errors import BlockRobotError
+from consensus.primitives.encoding import encode_value
 from consensus.settings import ChainSettings, check_settings
+from consensus.upload_quotas import QUOTA_NAMES, QUOTA_PREFIX, UploadQuotas, read_quotas
 from tests.unit.contracts.system.consortium import Consortium, admin_of
 
 
@@ -30,12 +32,24 @@ def test_a_value_that_is_in_force_already_makes_no_new_epoch(consortium: Consort
 
 def test_every_setting_of_a_chain_may_be_changed(consortium: Consortium) -> None:
     names = consortium.view("settings", "names")
-    assert names == [*ChainSettings.__struct_fields__, "max_producers"]
+    assert names == [*ChainSettings.__struct_fields__, "max_producers", *QUOTA_NAMES]
     values = [600, 9000, 20_000, 7, 4000, 3, "interval:250"]
     for name, value in zip(ChainSettings.__struct_fields__, values, strict=True):
         consortium.agree_setting(name, value)
     assert msgspec.structs.astuple(consortium.epoch.settings) == tuple(values)
     assert consortium.epoch.number == len(values)
+
+
+def test_quotas_of_uploads_have_the_defaults_that_custodians_take_and_make_no_new_epoch(consortium: Consortium) -> None:
+    in_force = consortium.view("settings", "in_force")
+    assert {name: in_force[name] for name in QUOTA_NAMES} == msgspec.structs.asdict(UploadQuotas())
+    for number, name in enumerate(QUOTA_NAMES):
+        consortium.agree_setting(name, 7 + number)
+        assert consortium.view("settings", "in_force")[name] == 7 + number
+    assert consortium.boundaries == []
+    read = {QUOTA_PREFIX + name.encode(): encode_value(7 + number) for number, name in enumerate(QUOTA_NAMES)}
+    assert read_quotas(read.get) == UploadQuotas(*range(7, 7 + len(QUOTA_NAMES)))
+    assert read_quotas({}.get) == UploadQuotas()
 
 
 WRONG: list[tuple[str, Any]] = [
@@ -71,6 +85,7 @@ WRONG: list[tuple[str, Any]] = [
     ("production", "interval:3600000"),
     ("production", "interval:00000001"),
     ("production", "on-demand "),
+    *((name, value) for name in QUOTA_NAMES for value in (0, -1, "512", (1 << 30) + 1)),
 ]
 
 
@@ -110,7 +125,9 @@ def test_a_round_is_not_made_shorter_than_the_pause_between_two_blocks(consortiu
 WRONG_IN_A_FILE_TOO = [
     (name, value)
     for name, value in WRONG
-    if name != "max_producers" and value != "manual" and isinstance(value, str) == (name == "production")
+    if name not in ("max_producers", *QUOTA_NAMES)
+    and value != "manual"
+    and isinstance(value, str) == (name == "production")
 ]
 
 

@@ -54,10 +54,10 @@ def changed(name: str, old: str, new: str) -> str:
 
 def test_settings_are_upgraded_on_a_running_chain(chain: Consortium) -> None:
     chain.agree_setting("heartbeat_ms", 2000)
-    chain.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", "blocks_per_turn", 101)
-    deploy(chain, "settings", changed("settings", "[1, 100]", "[1, 200]"))
-    chain.agree_setting("blocks_per_turn", 101)
-    assert chain.epoch.settings.blocks_per_turn == 101
+    upgrade(chain, "settings", changed("settings", "[1, 100]", "[1, 50]"))
+    chain.refused("VALUE_WRONG", admin_of("org-01"), "settings", "propose", "blocks_per_turn", 51)
+    chain.agree_setting("blocks_per_turn", 50)
+    assert chain.epoch.settings.blocks_per_turn == 50
     assert chain.epoch.settings.heartbeat_ms == 2000
 
 

@@ -8,6 +8,7 @@ from consensus.primitives.encoding import decode_value, encode_value
 from consensus.primitives.hashing import sha256, tagged_hash
 from consensus.primitives.keys import PrivateKey
 from contracts.vm import CallContext, InternalFault, invoke
+from network.hostile.places import HOST_STEPS
 
 
 def test_state_is_kept_under_the_contracts_own_prefix(run, bench):
@@ -114,6 +115,15 @@ def test_recover_gives_the_signers_key_and_none_for_what_is_no_signature(value):
     assert value("recover('some/tag', a, b)", signature, b"another") != key.public_key
     assert value("recover('some/tag', a, b)", b"\x00" * 65, b"message") is None
     assert value("recover('some/tag', a, b)", b"short", b"message") is None
+
+
+@pytest.mark.parametrize("how", HOST_STEPS["recover"])
+def test_recover_costs_the_same_whatever_it_answers(run, how):
+    """A signature that leads to the point at infinity makes the library do all the work, and is known by nothing before."""
+    step = HOST_STEPS["recover"][how]
+    outcome = run(f"return {step}")
+    assert (outcome.result is not None) == (how in ("good", "of-another"))
+    assert outcome.gas_used >= run("return None").gas_used + 680
 
 
 class BrokenHost:

@@ -91,12 +91,13 @@ def test_the_verdict_on_what_python_cannot_parse_has_none_of_pythons_words():
 
 
 def test_a_parser_that_runs_out_of_stack_gives_no_verdict(monkeypatch):
-    def fail(source):
+    def fail(*_args, **_options):
         raise RecursionError
 
-    monkeypatch.setattr(reading.ast, "parse", fail)
-    with pytest.raises(InternalFault):
-        compile_contract("@export\ndef f():\n    pass\n", "it")
+    with monkeypatch.context() as patched:
+        patched.setattr(reading.ast, "parse", fail)
+        with pytest.raises(InternalFault):
+            compile_contract("@export\ndef f():\n    pass\n", "it")
 
 
 def test_a_problem_inside_an_f_string_is_told_at_the_f_string(problems):

@@ -1,0 +1,156 @@
+"""`python -I -m contracts.kit.worker`: executes chains of tests behind the wall that nodes have, as its parent asks.
+
+Sources of others run there alone: it is started with an empty environment and a pipe at each end. Must never run a
+contract before the wall is closed.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+import msgspec
+
+from consensus.errors import BlockRobotError
+from contracts.kit.engine import Call, Engine, Figures, Ran
+from contracts.kit.tracing import Trace
+from contracts.vm import InternalFault
+from contracts.vm.faults import ContractSourceError, Diagnostic
+from contracts.worker.wall import close_wall
+from contracts.worker.wire import Pipe, WallPart
+
+MEMORY_MAX_BYTES = 1024**3
+
+
+class CloseWall(msgspec.Struct, frozen=True, tag=True):
+    """The first request: close the wall, and say with which parts it stands."""
+
+
+class Deploy(msgspec.Struct, frozen=True, tag=True):
+    """Put a source into force on a chain. `chain` is a number of the parent's choice, here and below."""
+
+    chain: int
+    source: str
+    name: str
+
+
+class Withdraw(msgspec.Struct, frozen=True, tag=True):
+    """Go back to a contract's version before."""
+
+    chain: int
+    name: str
+
+
+class Run(msgspec.Struct, frozen=True, tag=True):
+    """Make a call."""
+
+    chain: int
+    call: Call
+    keep: bool
+
+
+class MakeTrace(msgspec.Struct, frozen=True, tag=True):
+    """Make a call again, watched, without keeping anything."""
+
+    chain: int
+    call: Call
+    who: str
+
+
+class ReadState(msgspec.Struct, frozen=True, tag=True):
+    """Say what a contract has stored, and the root of the whole state."""
+
+    chain: int
+    contract: str
+
+
+class ReadFigures(msgspec.Struct, frozen=True, tag=True):
+    """Say what all sources of a chain came to."""
+
+    chain: int
+
+
+class Forget(msgspec.Struct, frozen=True, tag=True):
+    """Forget a chain."""
+
+    chain: int
+
+
+class Answer(msgspec.Struct, frozen=True):
+    """The answer to a request, each of which fills in what it asks for."""
+
+    parts: tuple[WallPart, ...] = ()
+    migrates_by: str = ""
+    ran: Ran | None = None
+    trace: Trace | None = None
+    rows: list[tuple[bytes, bytes]] = []
+    state_root: bytes = b""
+    figures: list[Figures] = []
+    problems: list[Diagnostic] = []
+    refused: tuple[str, str] | None = None
+    """Code and detail of an error."""
+
+
+Request = CloseWall | Deploy | Withdraw | Run | MakeTrace | ReadState | ReadFigures | Forget
+REQUESTS: msgspec.msgpack.Decoder[Request] = msgspec.msgpack.Decoder(Request)
+ANSWERS: msgspec.msgpack.Decoder[Answer] = msgspec.msgpack.Decoder(Answer)
+
+
+def answer(engines: dict[int, Engine], request: Request) -> Answer:
+    """Do what is asked; an error is an answer too."""
+    try:
+        return _answer(engines, request)
+    except ContractSourceError as error:
+        return Answer(problems=list(error.diagnostics))
+    except BlockRobotError as error:
+        return Answer(refused=(error.code, error.detail))
+    except InternalFault as error:
+        return Answer(refused=("CONTRACT_WORKER_FAILED", str(error)))
+
+
+def _answer(engines: dict[int, Engine], request: Request) -> Answer:
+    if isinstance(request, CloseWall):
+        return Answer(parts=close_wall((), MEMORY_MAX_BYTES))
+    if isinstance(request, Forget):
+        engines.pop(request.chain, None)
+        return Answer()
+    engine = engines.get(request.chain)
+    if engine is None:
+        engine = engines[request.chain] = Engine()
+    found = Answer()
+    match request:
+        case Deploy():
+            found = Answer(migrates_by=engine.deploy(request.source, request.name))
+        case Withdraw():
+            engine.withdraw(request.name)
+        case Run():
+            found = Answer(ran=engine.run(request.call, keep=request.keep))
+        case MakeTrace():
+            found = Answer(trace=engine.trace(request.call, request.who))
+        case ReadState():
+            rows, root = engine.read_state(request.contract)
+            found = Answer(rows=rows, state_root=root)
+        case ReadFigures():
+            found = Answer(figures=engine.figures())
+    return found
+
+
+def main() -> int:
+    """Serve whoever is at the other end of the standard input and output; return the exit code."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.umask(0o077)
+    pipe, engines, is_walled = Pipe(0, 1), dict[int, Engine](), False
+    try:
+        while True:
+            request = pipe.receive(REQUESTS)
+            is_walled = is_walled or isinstance(request, CloseWall)
+            if not is_walled:
+                return 2
+            pipe.send(answer(engines, request))
+    except EOFError:
+        return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
